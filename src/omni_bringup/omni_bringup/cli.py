@@ -15,11 +15,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
-from omni_bringup import command_report, commands, exit_codes
+from omni_bringup import command_report, commands
 from omni_bringup.interruption import leave_at_once_on_signals
 from omni_bringup.progress_bar import at_work
 from omni_bringup.workspace import Workspace, workspace_folder
 from omni_platform import command_options, configuration
+from omni_platform.exit_codes import ExitCode
 from omni_ros.start import start_lightly
 
 _DESCRIPTION = "Simulate, measure and tune the braking of omnidirectional vehicles."
@@ -35,10 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except KeyboardInterrupt as interruption:
         print(": ".join(("interrupted", *map(str, interruption.args))), file=sys.stderr)
-        code = exit_codes.EXIT_INTERRUPTED
+        code = ExitCode.INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = exit_codes.EXIT_FAILED
+        code = ExitCode.FAILED
     sys.exit(code)
 
 
@@ -61,7 +62,7 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
     try:
         return program, command, command_options.parse_options(command.Options, rest, parser)
     except configuration.InputError as error:
-        parser.exit(exit_codes.EXIT_REFUSED, f"{program}: {error}\n")
+        parser.exit(ExitCode.REFUSED, f"{program}: {error}\n")
 
 
 def _run(words: Sequence[str]) -> int:
@@ -76,12 +77,12 @@ def _run(words: Sequence[str]) -> int:
     except BrokenPipeError:
         raise
     except configuration.InputError as error:
-        code, problem = exit_codes.EXIT_REFUSED, str(error)
+        code, problem = ExitCode.REFUSED, str(error)
     except configuration.WorkError as error:
-        code, problem = exit_codes.EXIT_FAILED, str(error)
+        code, problem = ExitCode.FAILED, str(error)
     except OSError as error:
         place = "" if error.filename is None else f" to {error.filename}"
-        code, problem = exit_codes.EXIT_FAILED, f"cannot write{place}: {error.strerror or error}"
+        code, problem = ExitCode.FAILED, f"cannot write{place}: {error.strerror or error}"
     _complain(program, problem)
     if as_json:
         _print_json(_failure(program, problem, code))
@@ -104,7 +105,7 @@ def _publish(report: command_report.Report, program: str, *, as_json: bool) -> i
             print(line)
     for problem in report.problems:
         _complain(program, problem)
-    return exit_codes.EXIT_OK if report.ok and not report.problems else exit_codes.EXIT_FAILED
+    return ExitCode.OK if report.ok and not report.problems else ExitCode.FAILED
 
 
 def _print_part(part: Any) -> None:

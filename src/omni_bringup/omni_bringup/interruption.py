@@ -3,7 +3,7 @@
 import os
 import signal
 
-from omni_bringup.exit_codes import EXIT_TERMINATED
+from omni_platform.exit_codes import ExitCode
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -38,4 +38,4 @@ def _leave(number: int, _: object) -> None:
 
 
 def _terminate(*_: object) -> None:
-    raise SystemExit(EXIT_TERMINATED)
+    raise SystemExit(ExitCode.TERMINATED)

@@ -16,10 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omni_platform.quantities import FloatArray, IntArray
-
-# A component that the odometry could not measure carries this variance or more.
-UNMEASURED_VARIANCE = 1e6
-
+from omni_platform.signals import UNMEASURED_VARIANCE
 
 PER_WHEEL = "per wheel"
 

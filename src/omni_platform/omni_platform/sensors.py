@@ -15,6 +15,9 @@ import numpy as np
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
+OVERLAP = 0.6
+"""Least share of a line's view that the next one shows again (section 4.4) [1]."""
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Mount(Configuration):
@@ -62,6 +65,11 @@ class LineSensor(Mount):
     def pixel_pitch(self) -> float:
         """Length of a pixel's footprint along the axis [m]."""
         return self.length / self.pixels
+
+    @property
+    def sideways_speed(self) -> float:
+        """Fastest motion across the axis at which consecutive lines have the overlap [m/s]."""
+        return (1.0 - OVERLAP) * self.width * self.line_rate
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

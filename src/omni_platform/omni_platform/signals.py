@@ -17,6 +17,9 @@ from omni_platform.quantities import FloatArray
 VALID, MISSING, INVALID = range(3)
 """Validity of a sample: MISSING if none has been received, INVALID if it cannot be read."""
 
+UNMEASURED_VARIANCE = 1e6
+"""Variance of a component that is not measured, or more, in the square of its unit."""
+
 
 class TwistSample(NamedTuple):
     """A measured twist of `base_link` in its own axes.

@@ -14,6 +14,7 @@ from typing import Any
 
 import yaml
 
+from omni_platform.quantities import SECOND_NS
 from omni_recording import mcap
 from omni_recording.error import BagError
 
@@ -27,7 +28,7 @@ _VEHICLE_TOPIC = re.compile(
     r"|line_scan/[^/]+/lines)"
 )
 _INFORMATION = "rosbag2_bagfile_information"
-_WINDOW_NS = 1_000_000_000  # [ns] by which a message may be out of order in the file
+_WINDOW_NS = SECOND_NS  # [ns] by which a message may be out of order in the file
 _MOST_WAITING = 1 << 27  # [B] of messages held back at a time
 
 

@@ -27,13 +27,14 @@ from std_msgs.msg import Header
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.signals import UNMEASURED_VARIANCE
 
 LineArray = NDArray[Any]  # uint8 or uint16
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
 # A status is published again after this time even if unchanged, for late subscriptions.
-DIAGNOSTICS_PERIOD_NS = 1_000_000_000
+DIAGNOSTICS_PERIOD_NS = SECOND_NS
 
 _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
 _STAMP_OFFSET = 4  # after the encapsulation header
@@ -41,8 +42,6 @@ _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
-UNMEASURED_VARIANCE = 1e6
-"""Variance of an axis that is not measured, in the square of its unit."""
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
 

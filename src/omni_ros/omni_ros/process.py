@@ -26,11 +26,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.exit_codes import ExitCode
 from omni_ros import environment, parameters
-
-EXIT_OK = 0
-EXIT_FAILED = 1
-EXIT_BAD_CONFIGURATION = 2
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
@@ -85,7 +82,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     _end_with_parent()
     stop = StopFlag()
     # A node that is still being made has nothing to finish, and may take seconds.
-    _on_signals(lambda *_: os._exit(EXIT_OK))
+    _on_signals(lambda *_: os._exit(ExitCode.OK))
     node: Node | None = None
     try:
         _initialize_ros()
@@ -94,16 +91,16 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
         run(node, Spinner(node, stop))
     except ConfigurationError as error:
         print(error, file=sys.stderr, flush=True)
-        return EXIT_BAD_CONFIGURATION
+        return ExitCode.REFUSED
     except NodeError as error:
         print(error, file=sys.stderr, flush=True)
-        return EXIT_FAILED
+        return ExitCode.FAILED
     finally:
         if node is not None:
             _flush_publishers(node, stop)
             node.destroy_node()
         rclpy.try_shutdown()
-    return EXIT_OK
+    return ExitCode.OK
 
 
 def _on_signals(handler: Callable[..., None]) -> None:
@@ -224,7 +221,7 @@ def _end_with_parent() -> None:
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
     if os.getppid() != int(parent):  # it died before the request was made
-        sys.exit(EXIT_FAILED)
+        sys.exit(ExitCode.FAILED)
 
 
 def _flush_publishers(node: Node, stop: StopFlag) -> None:

@@ -11,7 +11,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform import quantities, signals
-from omni_ros.messages import BASE_FRAME, UNMEASURED_VARIANCE, WORLD_FRAME, header
+from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation
@@ -54,7 +54,7 @@ def flow_message(name: str, flow: signals.Flow) -> TwistWithCovarianceStamped:
     """Return the measurement of a flow sensor in its own axes as a message."""
     message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
-    matrix = UNMEASURED_VARIANCE * np.eye(6)
+    matrix = signals.UNMEASURED_VARIANCE * np.eye(6)
     matrix[:2, :2] = flow.covariance
     message.twist.covariance = matrix.ravel()
     return message

@@ -20,7 +20,6 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import FloatArray
 
 SPRING, PROPORTIONAL, TORQUE, VELOCITY = KINDS = ("spring", "proportional", "torque", "velocity")
-_HALF = 0.5  # enable from which on an on-off brake is applied
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -100,7 +99,7 @@ class BrakeAdapter:
     ) -> FloatArray:
         self._applied_for += dt
         dwelt = self._applied_for >= self.configuration.minimum_dwell_time
-        wanted = share >= _HALF
+        wanted = share >= 0.5
         applied = wanted | (self._applied & ~dwelt)
         self._applied_for[applied & ~self._applied] = 0.0
         self._applied = applied

@@ -21,7 +21,7 @@ from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import RECENT, advertise, listen
-from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_vehicle.brake_adapter import (
     TORQUE,
     BrakeAdapter,
@@ -30,7 +30,6 @@ from omni_vehicle.brake_adapter import (
 )
 
 _PEDALS = {"joint_state": JointState, "bool": Bool, "float": Float64, "twist": Twist}
-_OK, _ERROR = 0, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -83,7 +82,7 @@ class BrakeAdapterNode(Node):
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(_ERROR, "no enables yet: all brakes on"),
+            Status(ERROR, "no enables yet: all brakes on"),
         )
         self._stepped = time.monotonic()
         self.create_timer(topics.period, self._step, clock=steady_clock())
@@ -179,7 +178,7 @@ class BrakeAdapterNode(Node):
         else:
             self._command.publish(joint_state(stamp_ns, self._joints, effort=command))
         words = f"{problem}: brakes on" if problem else "follows the enables"
-        self._status.update(stamp_ns, problem, Status(_ERROR if problem else _OK, words))
+        self._status.update(stamp_ns, problem, Status(ERROR if problem else OK, words))
 
 
 def main() -> None:

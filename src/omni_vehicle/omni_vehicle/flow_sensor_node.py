@@ -12,11 +12,20 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 
 from omni_platform.configuration import Configuration, parameter
-from omni_ros.messages import UNMEASURED_VARIANCE, header
+from omni_platform.signals import UNMEASURED_VARIANCE
+from omni_ros.messages import header
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import advertise
-from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_ros.status import (
+    ERROR,
+    OK,
+    WARN,
+    Status,
+    StatusConfiguration,
+    StatusReporter,
+    steady_clock,
+)
 from omni_vehicle.flow_chips import (
     CountingChip,
     FlowChip,
@@ -26,7 +35,6 @@ from omni_vehicle.flow_chips import (
     open_chip,
 )
 
-_OK, _WARN, _ERROR = 0, 1, 2
 _RETRY = 1.0  # [s] between two attempts to open a chip
 _PLACES = (0, 1, 5)  # of v_x, v_y and yaw rate in a twist of six components
 
@@ -55,7 +63,7 @@ class FlowSensorNode(Node):
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(_ERROR, "no reading yet"),
+            Status(ERROR, "no reading yet"),
         )
         self.create_timer(node.period, self._step, clock=steady_clock())
 
@@ -72,14 +80,14 @@ class FlowSensorNode(Node):
         except FlowChipError as error:
             # Silence: who listens brakes all wheels after its timeout.
             self._chip = None
-            self._status.update(stamp_ns, "lost", Status(_ERROR, f"{error}; trying again"))
+            self._status.update(stamp_ns, "lost", Status(ERROR, f"{error}; trying again"))
             return
         self._twist.publish(_message(stamp_ns, self._frame, sample))
         values = {"sensor": self._frame}
         if isinstance(self._chip, CountingChip):
             values["counts"] = " ".join(map(str, self._chip.counts))
         words = sample.problem or "measures"
-        level = _WARN if sample.problem else _OK
+        level = WARN if sample.problem else OK
         self._status.update(stamp_ns, bool(sample.problem), Status(level, words, values))
 
 

@@ -17,14 +17,13 @@ from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, advertise, listen
-from omni_ros.status import Status, StatusConfiguration, StatusReporter
+from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter
 
 _TYPES = {
     "odometry": Odometry,
     "twist_stamped": TwistStamped,
     "twist_with_covariance": TwistWithCovarianceStamped,
 }
-_OK, _ERROR = 0, 2
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class TwistAdapterNode(Node):
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(_ERROR, "no twist yet"),
+            Status(ERROR, "no twist yet"),
         )
 
     def _on_input(self, message: Any) -> None:
@@ -84,7 +83,7 @@ class TwistAdapterNode(Node):
             problem = "the source has no covariance; set deviation"
         if not problem:
             self._twist.publish(planar_twist_with_covariance(stamp_ns, twist, covariance))
-        words = Status(_ERROR if problem else _OK, problem or "passes the twist on")
+        words = Status(ERROR if problem else OK, problem or "passes the twist on")
         self._status.update(stamp_ns, problem, words)
 
 

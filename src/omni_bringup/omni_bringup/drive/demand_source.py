@@ -15,7 +15,6 @@ import math
 
 Twist = tuple[float, float, float]  # forward, left [m/s], counter-clockwise [rad/s]
 
-FULL_BRAKING = 1.0
 REST: Twist = (0.0, 0.0, 0.0)
 
 
@@ -34,7 +33,7 @@ class Demand:
     source: str
 
 
-_NO_SOURCE = Demand(FULL_BRAKING, REST, "none")
+_NO_SOURCE = Demand(1.0, REST, "none")
 
 
 class DemandSource:

@@ -13,7 +13,8 @@ from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_messages, in_time_order
 from omni_ros.messages import line_image
 
-_DEPTH = 200
+DEPTH = 200
+"""Depth of the queues of the publishers of recorded lines and outputs."""
 
 
 def write_lines(
@@ -44,7 +45,7 @@ def write_lines(
             newest = start_ns + round(1e9 * (first + len(part) - 1) / rate)
             messages.append((newest, name, part))
     messages.sort(key=lambda message: message[0])
-    definition, qos = find_message_definition(topics.IMAGE), metadata.RecordedQos(_DEPTH)
+    definition, qos = find_message_definition(topics.IMAGE), metadata.RecordedQos(DEPTH)
     recorded = [metadata.RecordedTopic(topics.lines(name).path, definition, qos) for name in lines]
     with write.Rosbag2Writer(folder, recorded, compression="zstd") as writer:
         for stamp_ns, name, part in messages:

@@ -12,6 +12,7 @@ from linescan_odometry.messages import flow_of, line_batch_of
 from linescan_odometry.sideslip.meter import SideslipMonitor, angles
 from omni_brake_assist import brake_assist, step_pairing
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
+from omni_bringup.replay import lines as replay_lines
 from omni_bringup.replay.plan import (
     BRAKE_ASSIST,
     ODOMETRY,
@@ -31,8 +32,6 @@ from omni_ros.messages import (
     planar_twist_with_covariance,
     to_nanoseconds,
 )
-
-_DEPTH = 200  # of the nodes' own publishers
 
 Result = tuple[str, int, Any]  # topic, stamp [ns], message
 
@@ -54,8 +53,9 @@ def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
     store = get_typestore(Stores.ROS2_JAZZY)
     decoder = decode.MessageDecoder()
     cores = _Cores(plan)
+    qos = metadata.RecordedQos(replay_lines.DEPTH)
     outputs = [
-        metadata.RecordedTopic(topic, find_message_definition(kind), metadata.RecordedQos(_DEPTH))
+        metadata.RecordedTopic(topic, find_message_definition(kind), qos)
         for topic, kind in plan.outputs.items()
     ]
     with write.Rosbag2Writer(folder, outputs) as writer:

@@ -275,25 +275,12 @@ def _planks(size: float, generator: np.random.Generator) -> Layers:
 
 
 MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
-    "cork": _cork,
-    "asphalt": _asphalt,
-    "stone": _stone,
-    "wood": _wood,
-    "plastic": _plastic,
-    "metal": _metal,
-    "walking_tile": _walking_tile,
-    "dry_earth": _dry_earth,
-    "worn_asphalt": _worn_asphalt,
-    "concrete": _concrete,
-    "wet_concrete": _wet_concrete,
-    "gravel": _gravel,
-    "sand": _sand,
-    "grass": _grass,
-    "bark": _bark,
-    "brick": _brick,
-    "cobble": _cobble,
-    "planks": _planks,
-}
+    layers.__name__.removeprefix("_"): layers
+    for layers in (
+        _cork, _asphalt, _stone, _wood, _plastic, _metal, _walking_tile, _dry_earth, _worn_asphalt,
+        _concrete, _wet_concrete, _gravel, _sand, _grass, _bark, _brick, _cobble, _planks,
+    )
+}  # fmt: skip
 """Layers of each ground, lowest first, for a period [m] and a random generator."""
 
 

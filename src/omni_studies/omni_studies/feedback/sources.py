@@ -17,7 +17,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Observation
 
 MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
-_UNMEASURED = 1e6  # variance
+_UNMEASURED = signals.UNMEASURED_VARIANCE * np.eye(3)
 _SMALLEST = 1e-4  # deviation that a source without noise states
 
 
@@ -144,7 +144,7 @@ class SourceEstimator:
         while self._waiting and self._waiting[0][0] <= now_ns:
             self._last = self._waiting.popleft()[1]
         if self._last is None:
-            return signals.TwistSample(now_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(now_ns, np.zeros(3), _UNMEASURED)
         return self._last
 
     def _measure(self, observation: Observation) -> signals.TwistSample:
@@ -155,7 +155,7 @@ class SourceEstimator:
         lost = self._random.random() < source.lost
         noise = self._random.standard_normal(3)
         if lost or speed > source.maximum_speed:
-            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED)
         linear = max(math.hypot(source.linear, source.relative * speed), _SMALLEST)
         deviation = np.array([linear, linear, max(source.turning, _SMALLEST)])
         scale = np.array([self._scale, self._scale, 1.0])
@@ -167,6 +167,6 @@ class SourceEstimator:
     def _by_wheels(self, observation: Observation) -> signals.TwistSample:
         stamp_ns = observation.stamp_ns
         if self._source.kind == INERTIAL and observation.pedal > 0.0:
-            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED * np.eye(3))
+            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED)
         twist = self._kinematics.twist(observation.encoder_speed)
         return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)

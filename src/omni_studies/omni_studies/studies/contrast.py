@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
+from omni_platform.sensors import OVERLAP
 from omni_studies.line_trials.options import LineOptions, kinds_option, pairs_option
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.errors import ERROR_COLUMNS
@@ -24,7 +25,6 @@ _LENGTH = 0.05  # m
 _SHAPES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0)
 _NARROW, _WIDE = 0.2, 1.0  # of the two pairs of lines that are drawn
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
-_ENOUGH = 0.6  # overlap
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +63,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     found = {kind: _trials(kind, options) for kind in options.kinds}
     metrics: dict[str, Metric] = {}
     for kind, trials in found.items():
-        enough = [trial for trial in trials if trial.overlap >= _ENOUGH]
+        enough = [trial for trial in trials if trial.overlap >= OVERLAP]
         metrics |= {
             f"contrast.{kind}_{100 * trial.shape:.0f}": Metric(
                 trial.contrast, "1", note="gray levels"

@@ -36,7 +36,6 @@ _HARDER = (
 _TEXELS = 8192  # of these: two a pixel
 _COLORS = (style.BLUE, style.ORANGE, style.GREEN)
 _RADIUS = 0.6  # m
-_OVERLAP = 0.6
 _BATCHES = 8
 _CAMERAS = {
     "generic": LineSensor(x=0.0, y=0.0, heading_deg=0.0),
@@ -199,7 +198,7 @@ def _drive(name: str, kind: str, options: Options) -> list[Case]:
     texture = ground(kind, _TEXELS) if kind in _HARDER else ground(kind)
     rig = Rig(sensors, texture, options.noise, options.seed)
     generator = np.random.default_rng(options.seed)
-    largest = (1.0 - _OVERLAP) * camera.width * camera.line_rate
+    largest = camera.sideways_speed
     cases = []
     for motion, shares in _MOTIONS.items():
         twist = largest * np.array(shares) / np.array([1.0, 1.0, _RADIUS])

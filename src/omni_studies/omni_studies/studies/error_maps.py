@@ -20,6 +20,7 @@ from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
+from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
 from omni_studies.line_trials import tables, view_grid
@@ -46,7 +47,6 @@ CASES = {
 _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s, of Figure 62
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m, of Figure 62
 _SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
-_ENOUGH = 0.6  # overlap that the dissertation calls sufficient
 _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
 _ERROR = 0.01  # of the speed, beyond which a velocity is wrong
 
@@ -257,7 +257,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
     overlap = np.array([motion.overlap for motion, _ in found])
     right = np.array([float(np.mean(m.right)) for _, m in found])
     exact = np.array([float(np.mean(m.pixel_error == 0.0)) for _, m in found])
-    enough = overlap >= _ENOUGH
+    enough = overlap >= OVERLAP
     needed = {
         "overlap_needed": (right, "95 % of pairs right"),
         # The text's own measure is a mean over pairs, not a share of them.
@@ -268,7 +268,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
         needed["overlap_needed_median_10"] = (medians, "95 % of medians right")
     metrics = {
         f"{quantity}.{case}": Metric(
-            view_grid.needed_overlap(overlap, np.array(shares)), "1", reference=_ENOUGH, note=note
+            view_grid.needed_overlap(overlap, np.array(shares)), "1", reference=OVERLAP, note=note
         )
         for quantity, (shares, note) in needed.items()
     }
@@ -305,7 +305,7 @@ def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
 
 
 def _texture_metrics(case: str, found: Found) -> dict[str, Metric]:
-    enough = [matches for motion, matches in found if motion.overlap >= _ENOUGH]
+    enough = [matches for motion, matches in found if motion.overlap >= OVERLAP]
     usable = float(np.mean([m.usable for m in enough]))
     return {
         f"mean_error.{case}": Metric(float(np.mean([m.mean_error for m in enough])), "px"),

@@ -37,7 +37,6 @@ _PRESETS = {"lis770i": "lis_770i", "s3901": "s3901"}
 _TITLES = {"lis770i": "LIS-770i", "s3901": "S3901"}
 _TABLE_4 = {"lis770i": 3.0, "s3901": 120.0}  # [m/s]
 _PITCH = {"lis770i": 0.15, "s3901": 0.39}  # of Table 4 [mm]
-_OVERLAP = 0.6
 _SHARES = np.arange(0.2, 2.301, 0.05)  # speeds tried, over the computed one
 _NEEDED = 0.95
 _SECOND = "lis_770i_full"  # mode of Table 3
@@ -64,7 +63,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute and simulate the speeds; write figure, data and metrics."""
     grounds = grounds_of(options, study.experiments)
     sensors = {name: _preset(study.experiments, preset) for name, preset in _PRESETS.items()}
-    computed = {name: (1.0 - _OVERLAP) * s.width * s.line_rate for name, s in sensors.items()}
+    computed = {name: sensor.sideways_speed for name, sensor in sensors.items()}
     speeds = {name: _SHARES * value for name, value in computed.items()}
     hard = dataclasses.replace(options, ground=options.hard)
     found: dict[str, dict[str, list[Matches]]] = {name: {} for name in sensors}
@@ -134,7 +133,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             metrics |= _driven(f"{name}_{ground}", sensor, computed[name], texture, options)
     second = _preset(study.experiments, _SECOND)
     metrics["computed_speed.lis770i_full"] = Metric(
-        (1.0 - _OVERLAP) * second.width * second.line_rate, "m/s", note="770 px at 1300 lines/s"
+        second.sideways_speed, "m/s", note="770 px at 1300 lines/s"
     )
     titled = {_TITLES[name]: name for name in sensors}
     figure = speed_figures.draw_speed_limits(

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.sensors import LineSensor, Mount
+from omni_platform.sensors import OVERLAP, LineSensor, Mount
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -25,7 +25,6 @@ _WEAK_BRAKE, _STRONG_BRAKE = 1.0, 6.0  # torque over what the ground can take
 _STRONG_DRIVE = 12.0  # the same; beyond it that of another vehicle
 _NARROW, _WIDE = 0.2, 4.0  # yaw inertia over that of a plate of the chassis' size
 _HEAVY_WHEEL = 0.5  # inertia over radius squared, in shares of the mass that a wheel carries
-_OVERLAP = 0.6  # of two consecutive lines, which the dissertation asks for
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +78,7 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
     """
     angle = direction - math.radians(sensor.heading_deg)
     steps = (abs(math.cos(angle)) / sensor.length, abs(math.sin(angle)) / sensor.width)
-    return (1.0 - _OVERLAP) * sensor.line_rate / max(*steps, 1e-12)
+    return (1.0 - OVERLAP) * sensor.line_rate / max(*steps, 1e-12)
 
 
 def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from omni_recording.folder import Bag
     from omni_recording.mcap import McapSummary
 
-_MEGABYTE = 1e6  # [B]
 
 WORK = "reading the recording"
 
@@ -73,6 +72,6 @@ def _text(
     yield f"{total} messages in {duration:.3f} s from {start:.3f} s on"
     packed = ", ".join(printable(word or "uncompressed") for word in summary.compressions)
     yield (
-        f"{metrics['size'][0] / _MEGABYTE:.1f} MB in {len(found.files)} file(s), "
+        f"{metrics['size'][0] / 1e6:.1f} MB in {len(found.files)} file(s), "
         f"{summary.chunks} chunks, {packed or 'empty'}"
     )
