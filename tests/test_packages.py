@@ -13,6 +13,8 @@ import pytest
 import yaml
 from omni_process import WORKSPACE
 
+from setup import release
+
 # Keys of rosdep for what is no ROS package of the same name.
 KEYS = {
     "PIL": "python3-pil",
@@ -123,7 +125,8 @@ def test_every_python_package_has_a_key(package: Path) -> None:
 
 def test_all_packages_carry_one_version_and_a_license() -> None:
     roots = [ElementTree.parse(package / "package.xml").getroot() for package in PACKAGES]
-    assert len({root.findtext("version") for root in roots}) == 1
+    assert {root.findtext("version") for root in roots} == {release.version()}
+    assert release.outdated() == {}
     for root in roots:
         assert root.findtext("license") == "Apache-2.0"
         assert root.find("maintainer") is not None

@@ -247,7 +247,15 @@ class ExperimentLibrary:
         Raises:
             ConfigurationError: the name, a key or a value does not fit.
         """
-        return from_mapping(_VehicleAlone, self._resolve({"vehicle": name})).vehicle
+        return from_mapping(_VehicleAlone, {"vehicle": self.vehicle_values(name)}).vehicle
+
+    def vehicle_values(self, name: str) -> dict[str, Any]:
+        """Return the values in the file of a vehicle, with the content of files that it names.
+
+        Args:
+            name: name of the vehicle, as for `vehicle`.
+        """
+        return _plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
         """Read line cameras alone, without a check that their placement is regular.
@@ -386,6 +394,10 @@ def _nest(path: str, value: Any) -> dict[str, Any]:
     for part in reversed(path.split(".")):
         value = {part: value}
     return dict(value)
+
+
+def _plain(tree: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: _plain(one) if isinstance(one, Mapping) else one for key, one in tree.items()}
 
 
 def _take_names(

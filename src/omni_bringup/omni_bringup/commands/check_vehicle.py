@@ -15,7 +15,7 @@ import yaml
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, parameter, to_mapping
+from omni_platform.configuration import Configuration, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,13 +32,13 @@ class Options(Configuration):
     angle: float = parameter(90.0, unit="deg", above=0.0)
     """measured angle of the motion counter-clockwise"""
     out: Path | None = option(None, metavar="FILE")
-    """corrected wheels, as YAML (default: results/check-vehicle/RECORDING.yaml)"""
+    """corrected file of the vehicle (default: results/check-vehicle/RECORDING.yaml)"""
     json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Find the mistakes, and write corrected wheels where those are wrong."""
-    from omni_tools.commissioning.mistakes import find_mistakes
+    """Find the mistakes, and write a corrected file of the vehicle if its values are wrong."""
+    from omni_tools.commissioning.mistakes import corrected, find_mistakes
     from omni_tools.commissioning.signals import motions_of, read_signals
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
@@ -51,15 +51,16 @@ def run(options: Options, workspace: Workspace) -> Report:
         angle=math.radians(options.angle),
         dead_time=vehicle.brake.dead_time,
     )
+    values = workspace.experiment_library().vehicle_values(options.vehicle)
+    changed = corrected(values, mistakes)
     files = []
-    for mistake in mistakes:
-        if mistake.wheels is not None:
-            name = f"{options.recording.resolve().name}.yaml"
-            path = options.out or workspace.results(None, "check-vehicle") / name
-            wheels = {name: to_mapping(mount) for name, mount in mistake.wheels.items()}
-            head = f"# Corrected by ./omni check-vehicle: {mistake.name}. Copy into the file.\n"
-            text = yaml.safe_dump({"wheels": wheels}, sort_keys=False, default_flow_style=None)
-            files.append(write_text(path, head + text))
+    if changed != values:
+        name = f"{options.recording.resolve().name}.yaml"
+        path = options.out or workspace.results(None, "check-vehicle") / name
+        head = f"# {options.vehicle}, corrected by ./omni check-vehicle:\n"
+        head += "".join(f"# - {one.name}: {one.remedy}\n" for one in mistakes)
+        text = yaml.safe_dump(changed, sort_keys=False, default_flow_style=None)
+        files.append(write_text(path, head + text))
     return Report(
         name="check-vehicle",
         metrics={"mistakes.all": {"value": len(mistakes), "unit": "1"}},

@@ -9,7 +9,8 @@ the enables that they should follow.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -77,6 +78,24 @@ def find_mistakes(
     if slips:
         found += _brake_mistakes(wheels, signals, motions.stop, dead_time)
     return found
+
+
+def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
+    """Return the values of a vehicle's file with its mistakes corrected.
+
+    Args:
+        vehicle: values of the file.
+        mistakes: mistakes found; those outside the file change nothing.
+    """
+    changed = dict(vehicle)
+    for mistake in mistakes:
+        if mistake.wheels is not None:
+            changed["wheels"] = {
+                name: configuration.to_mapping(mount) for name, mount in mistake.wheels.items()
+            }
+        if mistake.dead_time is not None:
+            changed["brake"] = {**changed.get("brake", {}), "dead_time": mistake.dead_time}
+    return changed
 
 
 def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArray:

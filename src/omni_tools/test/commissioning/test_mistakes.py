@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_loop.experiment import ExperimentLibrary
@@ -18,7 +19,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
-from omni_tools.commissioning.mistakes import find_mistakes
+from omni_tools.commissioning.mistakes import corrected, find_mistakes
 from omni_tools.commissioning.signals import Motions, Signals, motions_of
 
 CONFIG = Path(__file__).parents[4] / "config"
@@ -130,6 +131,9 @@ def delayed(seconds: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda enable: np.roll(enable, -round(seconds / 0.01), axis=0)
 
 
+delayed_by_60_ms = of_signal("enable", delayed(0.06))
+
+
 def dead(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
     """Let the wheel that is braked most roll on as the twist says."""
     speed, braking = signals.wheel_speed.copy(), signals.pedal > 0.0
@@ -189,6 +193,34 @@ def test_a_single_mistake_is_named(
     names = found(wheels, signals, known)
     assert any(words in name for name in names), names
     assert len(names) == 1, names
+
+
+def test_the_corrected_file_of_a_vehicle_has_no_mistake(
+    forklift: tuple[Wheels, Signals, tuple[float, float]], tmp_path: Path
+) -> None:
+    wheels, signals, known = forklift
+    described, _ = of_wheel("front_left", radius=1.12)(wheels, signals)
+    _, late = delayed_by_60_ms(wheels, signals)
+    library = ExperimentLibrary(CONFIG)
+    values = library.vehicle_values("mecanum_forklift")
+    for wrong, drive_of in ((described, signals), (wheels, late)):
+        mistakes = find_mistakes(
+            wrong, drive_of, motions_of(drive_of), distance=known[0], angle=known[1]
+        )
+        file = tmp_path / "vehicle.yaml"
+        file.write_text(yaml.safe_dump(corrected(values, mistakes), sort_keys=False))
+        vehicle = library.vehicle(str(file))
+        again = find_mistakes(
+            vehicle.wheels,
+            drive_of,
+            motions_of(drive_of),
+            distance=known[0],
+            angle=known[1],
+            dead_time=vehicle.brake.dead_time,
+        )
+        assert mistakes
+        assert again == []
+        assert vehicle.body == library.vehicle("mecanum_forklift").body
 
 
 def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
