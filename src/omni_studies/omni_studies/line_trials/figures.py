@@ -67,14 +67,8 @@ def draw_error_maps(
             axes.set_title(name)
         for axes in own[first + len(row) :]:
             axes.set_visible(False)
-    bar = figure.colorbar(
-        ScalarMappable(_NORM, _COLORS),
-        ax=grid.ravel().tolist(),
-        spacing="uniform",
-        ticks=_EDGES,
-        shrink=0.9,
-        pad=0.01,
-    )
+    scale, every = ScalarMappable(_NORM, _COLORS), grid.ravel().tolist()
+    bar = figure.colorbar(scale, ax=every, ticks=_EDGES, shrink=0.9, pad=0.01)
     bar.ax.set_yticklabels(["", "0", *(f"{edge:g}" for edge in _EDGES[2:])])
     bar.set_label("mean error [px], Eq. (84)")
     return figure

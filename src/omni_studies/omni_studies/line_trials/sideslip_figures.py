@@ -30,10 +30,13 @@ def draw_sideslip(
         speed: the one whose errors are drawn over the angle [m/s].
         slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
     """
-    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    style.draw_title(
-        figure, "Sideslip angle of a wheel from one line camera along its axis of rotation"
+    figure, ((left, right),) = style.panels(
+        "Sideslip angle of a wheel from one line camera along its axis of rotation",
+        1,
+        2,
+        size=(12.0, 5.6),
+        x=("speed of the wheel [m/s]", "true sideslip angle [deg]"),
+        width_ratios=(1.15, 1.0),
     )
     grounds = list(dict.fromkeys(ground for ground, _ in trials))
     sensors = list(dict.fromkeys(sensor for _, sensor in trials))
@@ -48,11 +51,7 @@ def draw_sideslip(
     level = math.degrees(math.sqrt(float(np.mean(np.radians(slip) ** 2))))
     left.axhline(level, color=style.BLACK, linewidth=1.2, linestyle="--", label=f"RMS of {share}")
     for axes in (left, right):
-        axes.legend(
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.13),
-            ncols=1,
-        )
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=1)
     return figure
 
 
@@ -78,26 +77,15 @@ def _draw_speeds(
         )
     for sensor, speed in fastest.items():
         axes.axvline(speed, color=style.GRAY, linewidth=1.0)
-        axes.annotate(
-            f"{sensor}: 60 %\noverlap",
-            (speed, 0.02),
-            xycoords=("data", "axes fraction"),
-            xytext=(-4, 0),
-            textcoords="offset points",
-            ha="right",
-            color=style.BLACK,
-        )
+        words, units = f"{sensor}: 60 %\noverlap", ("data", "axes fraction")
+        style.note(axes, words, (speed, 0.02), (-4, 0), xycoords=units, ha="right")
     speeds = [angles.speed for angles in next(iter(trials.values()))]
     axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
     axes.minorticks_off()
     errors = [math.degrees(angles.rms_error) for found in trials.values() for angles in found]
     axes.set_ylim(0.01, max([2.0, *(1.3 * error for error in errors if math.isfinite(error))]))
     axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    axes.set_title(
-        "RMS over -15 to 15 deg, batches of 10 ms; no point: not measured",
-        loc="left",
-    )
-    axes.set_xlabel("speed of the wheel [m/s]")
+    axes.set_title("RMS over -15 to 15 deg, batches of 10 ms; no point: not measured")
     axes.set_ylabel("RMS error [deg]")
 
 
@@ -124,5 +112,4 @@ def _draw_angles(
             label=f"{ground}, {sensor}",
         )
     axes.set_title(f"every batch at {speed:g} m/s")
-    axes.set_xlabel("true sideslip angle [deg]")
     axes.set_ylabel("measured less true angle [deg]")

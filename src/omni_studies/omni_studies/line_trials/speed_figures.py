@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from omni_figures.style import BLACK, panels, wheel_color
+from omni_figures.style import BLACK, note, panels, wheel_color
 from omni_platform.quantities import FloatArray
 
 
@@ -36,12 +36,8 @@ def draw_speed_limits(
             axes.plot(tried, share, color=wheel_color(i), label=ground, linewidth=1.6)
         axes.axvline(computed[sensor], color=BLACK, linewidth=1.0, linestyle="--")
         axes.axhline(needed, color=BLACK, linewidth=0.8, linestyle=":")
-        axes.annotate(
-            f"60 % overlap:\n{computed[sensor]:.3g} m/s",
-            (computed[sensor], 0.06),
-            xytext=(5, 0),
-            textcoords="offset points",
-        )
+        words = f"60 % overlap:\n{computed[sensor]:.3g} m/s"
+        note(axes, words, (computed[sensor], 0.06), (5, 0))
         axes.set_title(sensor)
         axes.set_ylim(0.0, 1.03)
         axes.set_xlim(left=0.0)

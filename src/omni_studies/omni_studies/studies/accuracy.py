@@ -13,14 +13,7 @@ from matplotlib.figure import Figure
 
 from linescan_odometry.matching.search import METRICS
 from linescan_odometry.odometry import OdometryConfiguration
-from omni_figures.data_table import write_table
-from omni_figures.style import (
-    BLACK,
-    GRAY,
-    WHEEL_COLORS,
-    draw_title,
-    save_figure,
-)
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.command_options import option
 from omni_platform.configuration import Configuration, parameter
@@ -109,50 +102,32 @@ class Options(Configuration):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Match pairs of lines of every case; write figure, data and metrics."""
     cases = [
-        trial(
-            pixels,
-            noise,
-            kind,
-            options.metric,
-            options.pairs,
-            options.seed,
-            options.peak_recovery,
-        )
+        trial(pixels, noise, kind, options)
         for kind in _GROUNDS
         for pixels in _VIEWS
         for noise in _NOISES
     ]
     metrics = _metrics(cases)
-    files = (
-        save_figure(_draw(cases), study.folder / "accuracy.png"),
-        write_table(
-            study.folder / "accuracy.csv",
-            (
-                "metric", "ground", "pixels", "noise", "rmse_px", "bound_px", "rmse_over_bound",
-                "rmse_mm", "rmse_percent_of_10_m_per_s", "bias_px", "locking_px",
-                "off_by_a_pixel", "error2_over_variance",
-            ),
-            (_row(case) for case in cases),
-        ),
+    header = (
+        "metric", "ground", "pixels", "noise", "rmse_px", "bound_px", "rmse_over_bound", "rmse_mm",
+        "rmse_percent_of_10_m_per_s", "bias_px", "locking_px", "off_by_a_pixel",
+        "error2_over_variance",
     )  # fmt: skip
-    return StudyResult(metrics, files, _findings(cases, metrics))
+    study.figure("accuracy.png", _draw(cases))
+    study.table("accuracy.csv", header, map(_row, cases))
+    return study.result(metrics, *_findings(cases, metrics))
 
 
-def trial(
-    pixels: int, noise: int, kind: str, metric: str, pairs: int, seed: int, recovery: int
-) -> Case:
+def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
     """Render and match pairs of lines at random displacements with evenly spread fractions.
 
     Args:
         pixels: pixels of a line; gives the field of view, too.
         noise: standard deviation [gray levels].
         kind: kind of ground.
-        metric: name of the distance.
-        pairs: how many.
-        seed: seed of positions, displacements and noise.
-        recovery: distance within which a peak displaced by noise is searched again [px].
+        options: distance, number of pairs, and seed of positions, displacements and noise.
     """
-    view = _VIEWS[pixels]
+    view, pairs, seed = _VIEWS[pixels], options.pairs, options.seed
     generator = np.random.default_rng([seed, pixels, noise])
     eye = camera(view, ground(kind), noise, seed)
     fraction = np.arange(pairs) % _FRACTIONS / _FRACTIONS
@@ -163,12 +138,14 @@ def trial(
     poses[1::2] = poses[::2]
     poses[1::2, 0] += displacement * view.pitch
     lines = eye.lines(poses, 0)
-    matches = every_second(match(view, poses, lines, metric, recovery=recovery))
+    matches = every_second(
+        match(view, poses, lines, options.metric, recovery=options.peak_recovery)
+    )
     return Case(
         pixels,
         noise,
         kind,
-        metric,
+        options.metric,
         fraction,
         matches.error,
         float(np.mean(matches.pixel_error != 0.0)),
@@ -268,16 +245,19 @@ def _findings(cases: list[Case], metrics: dict[str, Metric]) -> tuple[str, ...]:
 
 
 def _draw(cases: list[Case]) -> Figure:
-    figure = Figure(figsize=(13.0, 7.2), layout="constrained")
-    panels = figure.subplots(2, len(_VIEWS), sharey="row", squeeze=False)
-    draw_title(
-        figure,
+    figure, panels = style.panels(
         "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
         "2 gray levels, and the fitted pull",
+        2,
+        len(_VIEWS),
+        size=(13.0, 7.2),
+        x="fraction of the displacement [px]",
+        y=("RMS error [px]", "mean error [px]"),
+        sharey="row",
     )
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]
-        for kind, color in zip(_GROUNDS, WHEEL_COLORS, strict=False):
+        for kind, color in zip(_GROUNDS, style.WHEEL_COLORS, strict=False):
             own = [case for case in cases if (case.pixels, case.ground) == (pixels, kind)]
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
             over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=color, label=kind)
@@ -287,24 +267,15 @@ def _draw(cases: list[Case]) -> Figure:
             means = [float(np.mean(judged.error[judged.fraction == f])) for f in places]
             over_fraction.plot(places, means, "o", color=color, markersize=4, alpha=0.5)
             over_fraction.plot(*_pull(judged.fraction, judged.error), color=color, linewidth=1.8)
-        over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=GRAY)
-        over_noise.annotate(
-            "whole pixels",
-            (_NOISES[0], math.sqrt(1.0 / 12.0)),
-            (0, -3),
-            textcoords="offset points",
-            va="top",
-            color=GRAY,
-        )
+        over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=style.GRAY)
+        place = _NOISES[0], math.sqrt(1.0 / 12.0)
+        style.note(over_noise, "whole pixels", place, (0, -3), va="top", color=style.GRAY)
         size = f"{pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm"
         over_noise.set_title(size)
         over_noise.set_yscale("log")
         over_noise.set_xlabel("noise [gray levels]")
         for side in (-_LARGEST_LOCKING, _LARGEST_LOCKING):
-            over_fraction.axhline(side, color=BLACK, linewidth=1.0, linestyle=":")
+            over_fraction.axhline(side, color=style.BLACK, linewidth=1.0, linestyle=":")
         over_fraction.set_ylim(-1.6 * _LARGEST_LOCKING, 1.6 * _LARGEST_LOCKING)
-        over_fraction.set_xlabel("fraction of the displacement [px]")
-    panels[0, 0].set_ylabel("RMS error [px]")
-    panels[1, 0].set_ylabel("mean error [px]")
     panels[0, -1].legend(loc="lower right")
     return figure

@@ -141,13 +141,15 @@ def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
 
 
 def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
-    figure = Figure(figsize=(13.0, 7.5), layout="constrained")
-    grid = figure.add_gridspec(2, 2)
     kind = next(iter(found))
-    style.draw_title(
-        figure,
+    figure, grid = style.panels(
         f"Wider views see less contrast and share more of it (Figure 69; lines of {kind} without "
         "noise)",
+        2,
+        2,
+        size=(13.0, 7.5),
+        x=("place on the ground [mm]", "width over length [%]"),
+        y="gray level less mean",
     )
     for row, (shape, name) in enumerate(((_WIDE, "a"), (_NARROW, "b"))):
         view = _view(shape)
@@ -156,41 +158,23 @@ def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
         old, new = eye.grays(poses).astype(np.float64)
         place = 1e3 * view.pitch * np.arange(view.pixels)
         step = 1e3 * float(poses[1, 0] - poses[0, 0])
-        axes = figure.add_subplot(grid[row, 0])
-        axes.plot(place, old - old.mean(), color=style.GRAY, linewidth=1.2, label="older line")
-        axes.plot(
-            place + step,
-            new - old.mean(),
-            color=style.BLUE,
-            linewidth=1.2,
-            label="newer line, moved",
-        )
-        axes.set_title(
-            f"{name}) {1e3 * view.length:g} x {1e3 * view.width:g} mm",
-            loc="left",
-        )
+        axes = grid[row, 0]
+        axes.plot(place, old - old.mean(), color=style.GRAY, linewidth=1.2, label="older")
+        moved = place + step
+        axes.plot(moved, new - old.mean(), color=style.BLUE, linewidth=1.2, label="newer, moved")
+        axes.set_title(f"{name}) {1e3 * view.length:g} x {1e3 * view.width:g} mm")
         axes.set_ylim(-45.0, 45.0)
-        axes.set_ylabel("gray level less mean")
-        axes.set_xlabel("place on the ground [mm]")
         if row == 0:
             axes.legend(loc="upper right", ncols=2)
-    contrast, correlation = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+    contrast, correlation = grid[:, 1]
     for (name, trials), color in zip(found.items(), style.WHEEL_COLORS, strict=False):
         shapes = [100.0 * trial.shape for trial in trials]
         contrast.loglog(shapes, [t.contrast for t in trials], "o-", color=color, label=name)
         correlation.semilogx(shapes, [t.correlation for t in trials], "o-", color=color)
         correlation.semilogx(shapes, [t.right_share for t in trials], "s:", color=color, mfc="w")
     contrast.axhline(options.noise, color=style.GRAY, linestyle="--", linewidth=1.0)
-    contrast.annotate(
-        "noise",
-        (100.0 * _SHAPES[0], options.noise),
-        (0, 3),
-        textcoords="offset points",
-        color=style.GRAY,
-    )
+    style.note(contrast, "noise", (100.0 * _SHAPES[0], options.noise), (0, 3), color=style.GRAY)
     contrast.set_ylabel("contrast [gray levels]")
     correlation.set_ylabel("correlation (full),\nshare of right pairs (dotted)")
-    for axes in (contrast, correlation):
-        axes.set_xlabel("width over length [%]")
     contrast.legend(loc="upper right")
     return figure

@@ -141,19 +141,19 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
 
 
 def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
-    figure = Figure(figsize=(11.0, 2.5 * len(curves) + 0.8), layout="constrained")
-    panels = figure.subplots(len(curves), 1, sharex=True, squeeze=False)[:, 0]
-    style.draw_title(
-        figure,
+    figure, grid = style.panels(
         f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
         "true displacement dashed, other places in gray",
+        len(curves),
+        size=(11.0, 2.5 * len(curves) + 0.8),
+        x="shift [px]",
+        y="distance",
+        sharex=True,
     )
-    for axes, (kind, every) in zip(panels, curves.items(), strict=True):
+    for axes, (kind, every) in zip(grid[:, 0], curves.items(), strict=True):
         for curve in every[1:4]:
             axes.plot(curve.shift, curve.distance, color=style.GRAY, linewidth=0.7, alpha=0.6)
         axes.plot(every[0].shift, every[0].distance, color=style.BLUE, linewidth=1.2)
         axes.axvline(every[0].truth, color=style.VERMILLION, linewidth=1.0, linestyle="--")
         axes.set_title(kind.replace("_", " "))
-        axes.set_ylabel("distance")
-    panels[-1].set_xlabel("shift [px]")
     return figure

@@ -245,11 +245,13 @@ def _row(case: Case) -> tuple[str | float, ...]:
 
 
 def _draw(cases: list[Case]) -> Figure:
-    figure = Figure(figsize=(13.0, 4.8), layout="constrained")
-    panels = figure.subplots(1, len(_CAMERAS), sharey=True, squeeze=False)[0]
-    style.draw_title(
-        figure,
+    figure, (panels,) = style.panels(
         "Error squared of the twist over its expectation; bars: standard error",
+        1,
+        len(_CAMERAS),
+        size=(13.0, 4.8),
+        y="error squared over its expectation [1]",
+        sharey=True,
     )
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):
@@ -263,14 +265,11 @@ def _draw(cases: list[Case]) -> Figure:
                 places + 0.2 * (i - 1), mean, spread, fmt="o", color=color, label=kind, capsize=2
             )
         view = _CAMERAS[name]
-        axes.set_title(
-            f"{name}: {view.pixels} px, {1e3 * view.length:g} x {1e3 * view.width:g} mm",
-            loc="left",
-        )
+        size = f"{1e3 * view.length:g} x {1e3 * view.width:g} mm"
+        axes.set_title(f"{name}: {view.pixels} px, {size}")
         axes.set_xticks(places, list(_MOTIONS), rotation=35, ha="right")
         axes.set_yscale("log")
         axes.set_yticks([0.5, 0.8, 1.0, 1.25, 2.0], ["0.5", "0.8", "1", "1.25", "2"])
         axes.minorticks_off()
-    panels[0].set_ylabel("error squared over its expectation [1]")
     panels[0].legend(loc="upper left")
     return figure

@@ -128,39 +128,32 @@ def _look(texture: GroundTexture, seed: int) -> Look:
 
 def _plate(looks: dict[str, Look]) -> Figure:
     rows = math.ceil(len(looks) / _COLUMNS)
-    figure = Figure(figsize=(2.2 * _COLUMNS, 2.65 * rows + 0.5), layout="constrained")
-    style.draw_title(
-        figure,
+    figure, panels = style.panels(
         "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm",
+        rows,
+        _COLUMNS,
+        size=(2.2 * _COLUMNS, 2.65 * rows + 0.5),
     )
-    panels = figure.subplots(rows, _COLUMNS, squeeze=False)
     for axes in panels.flat:
         axes.set_axis_off()
     for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
-        axes.imshow(
-            look.patch,
-            cmap="gray",
-            vmin=0.0,
-            vmax=255.0,
-            origin="lower",
-            interpolation="antialiased",
-        )
-        axes.set_title(
-            f"{name.replace('_', ' ')}: {look.contrast:.1f}",
-            loc="left",
-            pad=3.0,
-        )
+        axes.imshow(look.patch, cmap="gray", vmin=0.0, vmax=255.0, origin="lower")
+        axes.set_title(f"{name.replace('_', ' ')}: {look.contrast:.1f}", pad=3.0)
     return figure
 
 
 def _spectra(looks: dict[str, Look]) -> Figure:
     rows = math.ceil(len(looks) / _COLUMNS)
-    figure = Figure(figsize=(2.3 * _COLUMNS, 2.0 * rows + 0.7), layout="constrained")
-    style.draw_title(
-        figure,
+    figure, panels = style.panels(
         "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power",
+        rows,
+        _COLUMNS,
+        size=(2.3 * _COLUMNS, 2.0 * rows + 0.7),
+        x="cycles per mm",
+        y="levels² mm",
+        sharex=True,
+        sharey=True,
     )
-    panels = figure.subplots(rows, _COLUMNS, squeeze=False, sharex=True, sharey=True)
     for axes in list(panels.flat)[len(looks) :]:
         axes.set_axis_off()
     for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
@@ -168,9 +161,5 @@ def _spectra(looks: dict[str, Look]) -> Figure:
         axes.axhline(0.5 / look.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9)
         axes.axvline(look.median_frequency, color=style.VERMILLION, linewidth=0.9)
         axes.set_xlim(*_DECADES)
-        axes.set_title(name.replace("_", " "), loc="left", pad=3.0)
-    for axes in panels[-1]:
-        axes.set_xlabel("cycles per mm")
-    for row in panels:
-        row[0].set_ylabel("levels² mm")
+        axes.set_title(name.replace("_", " "), pad=3.0)
     return figure

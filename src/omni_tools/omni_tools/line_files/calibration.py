@@ -252,9 +252,14 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
         calibrations: calibrations by camera.
         title: title of the figure.
     """
-    figure = Figure(figsize=(12.0, 1.0 + 2.3 * len(calibrations)), layout="constrained")
-    style.draw_title(figure, title)
-    panels = figure.subplots(len(calibrations), 2, squeeze=False, width_ratios=(2.2, 1.0))
+    figure, panels = style.panels(
+        title,
+        len(calibrations),
+        2,
+        size=(12.0, 1.0 + 2.3 * len(calibrations)),
+        x=("batch, drives one after the other (between orange lines)", "residual [mm/s]"),
+        width_ratios=(2.2, 1.0),
+    )
     for (line, spread), (name, calibration) in zip(panels, calibrations.items(), strict=True):
         after = np.concatenate(calibration.residual)
         before = np.concatenate(calibration.before)
@@ -271,6 +276,4 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
             f"configured {1e3 * float(np.sqrt(np.mean(before**2))):.3g} mm/s", loc="left",
         )  # fmt: skip
     panels[0][0].legend(loc="best", fontsize=8)
-    panels[-1][0].set_xlabel("batch, drives one after the other (between orange lines)")
-    panels[-1][1].set_xlabel("residual [mm/s]")
     return figure

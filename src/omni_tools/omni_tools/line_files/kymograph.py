@@ -84,9 +84,14 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
         sights: line of sight by camera.
         title: title of the figure.
     """
-    figure = Figure(figsize=(13.0, 0.8 + 3.6 * len(sights)), layout="constrained")
-    style.draw_title(figure, title)
-    panels = figure.subplots(len(sights), 3, squeeze=False, width_ratios=(1.5, 1.0, 0.7))
+    figure, panels = style.panels(
+        title,
+        len(sights),
+        3,
+        size=(13.0, 0.8 + 3.6 * len(sights)),
+        y="time [s]",
+        width_ratios=(1.5, 1.0, 0.7),
+    )
     for (seen, moved, alike), (name, sight) in zip(panels, sights.items(), strict=True):
         step = -(-len(sight.lines) // _MOST_ROWS)
         begin, end = float(sight.time[0]), float(sight.time[-1])
@@ -96,7 +101,6 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
             extent=(0.0, 1e3 * sight.sensor.length, end, begin),
         )  # fmt: skip
         seen.set_xlabel("along the axis [mm]")
-        seen.set_ylabel("time [s]")
         seen.set_title(f"{name}: lines over time")
         _draw_displacements(moved, sight)
         alike.plot(sight.correlation, sight.time[1:], ".", ms=2.0, color=style.BLUE)
@@ -108,14 +112,8 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
 
 
 def _draw_displacements(axes: Axes, sight: Sight) -> None:
-    axes.plot(
-        sight.displacement,
-        sight.time[1:],
-        ".",
-        ms=2.0,
-        color=style.GRAY,
-        label="of each pair of lines",
-    )
+    label = "of each pair of lines"
+    axes.plot(sight.displacement, sight.time[1:], ".", ms=2.0, color=style.GRAY, label=label)
     scale = sight.sensor.pixel_pitch * sight.sensor.line_rate
     measured = [
         reading.velocity / scale if reading.measured else np.nan for reading in sight.readings
