@@ -20,11 +20,9 @@ from omni_figures import style
 from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
-_WIDTH = 14.0  # [inch]
-_LEFT, _RIGHT, _GAP, _ROW_GAP, _BOTTOM = 1.15, 1.45, 0.22, 0.18, 0.6  # [inch]
+_WIDTH, _MARGINS = 14.0, 1.6  # of the figure, and above, below and between its rows [inch]
 _ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
 _STRIP = 0.22  # height of one wheel's brake [inch]
-_SCALE_GAP = 0.65  # between columns where a panel between them has its own scale [inch]
 _V_X, _V_Y, _YAW_RATE = style.BLUE, style.ORANGE, style.GREEN
 _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
 _BEFORE = 0.3  # shown before the start of braking [s]
@@ -51,46 +49,29 @@ def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figu
     wheels = list(dict.fromkeys(name for h in histories.values() for name in h.wheel_names))
     runs = list(histories.values())
     scales = _choose_scales(runs)
-    figure, columns = _lay_out(list(histories), len(wheels), title, scales)
-    for panels, history in zip(columns, histories.values(), strict=True):
+    heights = (*_ROWS, _STRIP * len(wheels))
+    figure, grid = style.panels(
+        title,
+        len(heights),
+        len(runs),
+        size=(_WIDTH, sum(heights) + _MARGINS),
+        x=[f"{style.time_label([history])} [s]" for history in runs],
+        y=("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]", ""),
+        sharex=True,
+        height_ratios=heights,
+    )
+    columns = [list(panels) for panels in grid.T]
+    for panels, (name, history) in zip(columns, histories.items(), strict=True):
+        panels[0].set_title(name)
+        panels[-1].tick_params(labelleft=panels is columns[0])
         _draw_twist(panels, history)
         _draw_errors(panels[2], history, wheels)
         _draw_brakes(panels[3], history, wheels)
-        panels[-1].set_xlabel(f"{style.time_label([history])} [s]")
         for axes in panels if history.brake_start is not None else ():
             axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
     _set_scales(columns, runs, scales)
-    _label_rows(columns[0])
     _add_legends(columns[-1], wheels)
     return figure
-
-
-def _lay_out(
-    names: Sequence[str], wheels: int, title: str, scales: Sequence[Sequence[Limits]]
-) -> tuple[Figure, list[list[Axes]]]:
-    """Return a figure with one column of panels per name, placed in inches."""
-    heights = (*_ROWS, _STRIP * wheels)
-    top = 0.75 if title else 0.4
-    total = top + sum(heights) + (len(heights) - 1) * _ROW_GAP + _BOTTOM
-    gap = _GAP if all(len(set(row)) == 1 for row in scales) else _SCALE_GAP
-    width = (_WIDTH - _LEFT - _RIGHT - (len(names) - 1) * gap) / len(names)
-    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
-    columns = []
-    for place, name in enumerate(names):
-        panels: list[Axes] = []
-        left, lower = _LEFT + place * (width + gap), total - top
-        for row, height in enumerate(heights):
-            lower -= height
-            box = (left / _WIDTH, lower / total, width / _WIDTH, height / total)
-            axes = figure.add_axes(box)
-            axes.tick_params(labelbottom=row == len(heights) - 1, labelleft=place == 0)
-            panels.append(axes)
-            lower -= _ROW_GAP
-        panels[0].set_title(name)
-        columns.append(panels)
-    if title:
-        figure.suptitle(title, y=1.0 - 0.12 / total, va="top")
-    return figure, columns
 
 
 def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
@@ -192,14 +173,6 @@ def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Li
     low, high = float(np.min(everything)), float(np.max(everything))
     margin = 0.08 * (high - low) or 1.0
     return low - margin, high + margin
-
-
-def _label_rows(panels: Sequence[Axes]) -> None:
-    labels = ("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]")
-    for axes, label in zip(panels, labels, strict=False):
-        axes.set_ylabel(label)
-        inches = axes.get_position().width * _WIDTH
-        axes.yaxis.set_label_coords(-0.55 / inches, 0.5)
 
 
 def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:

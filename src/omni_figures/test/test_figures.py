@@ -131,10 +131,10 @@ def test_time_series_rows_share_one_scale(
     assert overlapping_texts(figure) == []
     assert len(figure.axes) == 4 * count
     for row in range(4):
-        panels = figure.axes[row::4]
+        panels = figure.axes[row * count : (row + 1) * count]
         assert len({axes.get_ylim() for axes in panels}) == 1
         assert len({axes.get_xlim() for axes in panels}) == 1
-    units = [axes.get_ylabel().rpartition("[")[2] for axes in figure.axes[:3]]
+    units = [axes.get_ylabel().rpartition("[")[2] for axes in figure.axes[: 3 * count : count]]
     assert units == ["m/s]", "rad/s]", "m/s]"]
 
 
@@ -157,7 +157,7 @@ def test_errors_get_their_own_scale_only_where_sharing_hides_them(
 ) -> None:
     large = make_history()
     figure = time_series({"large": large, "other": make_history(error=scale * large.error)})
-    left, right = figure.axes[2], figure.axes[6]
+    left, right = figure.axes[4:6]
     shared = left.get_ylim() == right.get_ylim()
     assert shared == (scale > 0.1)
     filled = 2.0 * scale * np.max(np.abs(large.error)) / np.ptp(right.get_ylim())
@@ -168,7 +168,7 @@ def test_errors_get_their_own_scale_only_where_sharing_hides_them(
     assert right.yaxis.get_tick_params()["labelleft"] == (not shared)
     assert left.yaxis.get_tick_params()["labelleft"]
     for row in (0, 1, 3):
-        assert figure.axes[row].get_ylim() == figure.axes[4 + row].get_ylim()
+        assert figure.axes[2 * row].get_ylim() == figure.axes[2 * row + 1].get_ylim()
 
 
 def test_both_figures_count_time_from_the_pedal(make_history: MakeHistory) -> None:
@@ -177,7 +177,7 @@ def test_both_figures_count_time_from_the_pedal(make_history: MakeHistory) -> No
         "late": make_history(brakes_at=1.5, deceleration=4.0),
     }
     figure = time_series(histories)
-    for panels in (figure.axes[:4], figure.axes[4:]):
+    for panels in (figure.axes[::2], figure.axes[1::2]):
         assert panels[-1].get_xlabel() == "time since braking [s]"
         time, speed = np.asarray(panels[0].lines[1].get_xydata()).T
         braking = time[speed < 10.0 - 1e-9]
