@@ -65,7 +65,11 @@ class ConfigurationError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """Properties of a parameter besides its value; a missing bound is None."""
+    """Properties of a parameter besides its value; a missing bound is None.
+
+    The description is the one given in the declaration, else the string below the field, which is
+    read from the source when it is shown.
+    """
 
     given: str | None
     unit: str = ""

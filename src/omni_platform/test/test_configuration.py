@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
+    declared_parameters,
     from_mapping,
     parameter,
     section,
@@ -37,10 +38,38 @@ class Machine(Configuration):
     locked: bool = parameter(False, description="Locked")
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Damper(Configuration):
+    damping: float = parameter(unit="N s/m", above=0.0)
+    """Damping at low
+    speed"""
+    bare: float = parameter(0.0)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LongDamper(Damper):
+    stroke: float = parameter(0.1, unit="m")
+    """Stroke"""
+    bare: float = parameter(1.0)
+    """Described here"""
+
+
 GOOD: dict[str, Any] = {
     "main": {"stiffness": 10, "tags": ["a", "b"]},
     "spares": {"left": {"stiffness": 1.0, "coils": 3}},
 }
+
+
+def test_the_string_below_a_field_describes_it_in_derived_classes_too() -> None:
+    words = {name: info.description for name, _, info in declared_parameters(LongDamper)}
+    assert words == {
+        "damping": "Damping at low speed",
+        "bare": "Described here",
+        "stroke": "Stroke",
+    }
+    (_, (_, _, bare)) = declared_parameters(Damper)
+    with pytest.raises(TypeError, match=r"Damper\.bare has no description"):
+        _ = bare.description
 
 
 def test_round_trip_keeps_every_value() -> None:
