@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 _METADATA = "omni_parameter"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # ROS parameters and seeds are 64-bit integers.
-_SMALLEST_INTEGER, _LARGEST_INTEGER = -(2**63), 2**63 - 1
+_SMALLEST_INTEGER, LARGEST_INTEGER = -(2**63), 2**63 - 1
 
 C = TypeVar("C", bound="Configuration")
 
@@ -350,11 +350,11 @@ def _check_names(name: str, value: Any) -> None:
 
 def _check_range(name: str, value: float, info: ParameterInfo) -> None:
     unit = f" {info.unit}" if info.unit else ""
-    if isinstance(value, int) and not _SMALLEST_INTEGER <= value <= _LARGEST_INTEGER:
+    if isinstance(value, int) and not _SMALLEST_INTEGER <= value <= LARGEST_INTEGER:
         raise ConfigurationError(
             name,
             f"the whole number has more than 64 bits, must be from {_SMALLEST_INTEGER} to "
-            f"{_LARGEST_INTEGER}",
+            f"{LARGEST_INTEGER}",
         )
     if not math.isfinite(value):
         raise ConfigurationError(name, f"{value}{unit} is not a finite number")

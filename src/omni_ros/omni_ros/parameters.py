@@ -15,12 +15,15 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omni_platform.configuration import Configuration, ConfigurationError, ParameterInfo
+from omni_platform.configuration import (
+    LARGEST_INTEGER,
+    Configuration,
+    ConfigurationError,
+    ParameterInfo,
+)
 from omni_ros.flat_parameters import unflatten
 
 C = TypeVar("C", bound=Configuration)
-
-_LARGEST_INTEGER = 2**63 - 1
 
 # Parameters of rclpy, which are declared only where they are used.
 _OF_RCLPY = ("use_sim_time", "start_type_description_service")
@@ -141,8 +144,8 @@ def _descriptor(kind: Any, info: ParameterInfo, read_only: bool) -> ParameterDes
     elif kind is int:
         descriptor.integer_range = [
             IntegerRange(
-                from_value=int(lower) if lower is not None else -_LARGEST_INTEGER,
-                to_value=int(info.maximum) if info.maximum is not None else _LARGEST_INTEGER,
+                from_value=int(lower) if lower is not None else -LARGEST_INTEGER,
+                to_value=int(info.maximum) if info.maximum is not None else LARGEST_INTEGER,
             )
         ]
     return descriptor

@@ -6,7 +6,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
-_FULL_SCALE = 255.0  # gray levels
+FULL_SCALE = 255.0
+"""The brightest of the 8-bit gray levels."""
 _MOST_WIDENING = 1.25  # of a view by the heave of the camera, beyond which it is no sharp one
 
 
@@ -65,7 +66,7 @@ class CameraConfiguration(Configuration):
     def noise_deviation(self) -> float:
         """Standard deviation of the noise [gray levels of an 8-bit scale]."""
         if self.signal_to_noise_db > 0.0:
-            return float(_FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
+            return float(FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
         return self.noise
 
     @property

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-from omni_sim.camera.configuration import CameraConfiguration
+from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
 _SAMPLES_PER_PIXEL = 4  # of a blurred line, along the axis
 _SAMPLES_PER_WIDTH = 16  # and across it
 _MOST_SAMPLES = 128
 _TAPS = 8  # amplifiers that read out a line
-_WHITE = 255.0
 _PENUMBRA = 0.002  # width of a shadow's soft edge [m]
 
 
@@ -111,7 +110,7 @@ def pixel_faults(
     hot = order[: configuration.hot_pixels]
     offset[hot] += levels[hot]
     stuck = order[::-1][: configuration.stuck_pixels]
-    offset[stuck], sight[stuck] = np.where(stuck % 2 == 0, 2.0 * _WHITE, -_WHITE), 0.0
+    offset[stuck], sight[stuck] = np.where(stuck % 2 == 0, 2.0 * FULL_SCALE, -FULL_SCALE), 0.0
     if not offset.any() and sight.all():
         return None
     return PixelFaults(offset.astype(np.float32), sight.astype(np.float32))

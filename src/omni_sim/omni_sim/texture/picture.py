@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from omni_platform.configuration import ConfigurationError
-from omni_sim.texture.texture import BLOCK, INCH, MOST_TEXELS, GroundTexture
+from omni_sim.texture.texture import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS, GroundTexture
 
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
 _MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
-_FEWEST_TEXELS = 256
 _LEAST_SIZE = 0.02  # [m]
 _LEAST_CONTRAST = 0.3  # standard deviation [gray levels]: what rounding alone makes of a plain one
 _WHITE_16 = 65535
@@ -94,15 +93,15 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
     if width * height > _MOST_PIXELS:
         raise ConfigurationError(_KEY, f"{size}, more than {_MOST_PIXELS} px in all")
     edge = min(width, height)
-    if edge < _FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
+    if edge < FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
         remedy = "take a picture of a larger area"
-        if edge >= _FEWEST_TEXELS:
+        if edge >= FEWEST_TEXELS:
             remedy += (
                 f", or check its scale: up to {edge * INCH / _LEAST_SIZE:.0f} dpi it is enough"
             )
         raise ConfigurationError(
             _KEY,
-            f"{size}; both edges must have at least {_FEWEST_TEXELS} px and {_LEAST_SIZE} m: "
+            f"{size}; both edges must have at least {FEWEST_TEXELS} px and {_LEAST_SIZE} m: "
             f"{remedy}",
         )
 

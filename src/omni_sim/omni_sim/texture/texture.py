@@ -29,7 +29,9 @@ BLOCK = 32
 MOST_TEXELS = 20480
 """Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""
 
-_FEWEST_TEXELS = 256
+FEWEST_TEXELS = 256
+"""Fewest texels per period."""
+
 _BAND = 128  # rows drawn at a time
 _THREADS = 2
 
@@ -63,11 +65,11 @@ class TextureConfiguration(Configuration):
                 raise ConfigurationError(
                     "picture", f"goes with the kind {PICTURE}, not {self.kind}"
                 )
-            if self.dpi > 0.0 and not _FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
+            if self.dpi > 0.0 and not FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
                 raise ConfigurationError(
                     "dpi",
                     f"{self.dpi:g} are {self.extent[0]} texels on {self.size:g} m, must be "
-                    f"{_FEWEST_TEXELS} to {MOST_TEXELS}",
+                    f"{FEWEST_TEXELS} to {MOST_TEXELS}",
                 )
         elif not self.picture:
             raise ConfigurationError("picture", f"the kind {PICTURE} needs the name of a file")

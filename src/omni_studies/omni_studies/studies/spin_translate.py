@@ -15,6 +15,7 @@ from omni_figures.run_figures import scene_of
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
+from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
@@ -26,7 +27,7 @@ _TITLES = {
     "mecanum": ("Mecanum forklift", "Figure 19", "Figure 20"),
     "three_wheel": ("Three-wheeled robot", "Figure 21", "Figure 22"),
 }
-_PERIOD = 0.01  # time between two commands [s]
+_PERIOD = SimulationConfiguration.control_period  # time between two commands [s]
 # The vehicle counts as following its command below these.
 _POSITION_LIMIT, _HEADING_LIMIT, _SPEED_LIMIT = 0.05, 1.0, 0.05  # [m], [deg], [rad/s]
 

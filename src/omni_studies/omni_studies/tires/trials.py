@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from omni_platform.quantities import FloatArray
+from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
@@ -19,7 +20,7 @@ _STOPPING_TIME = 4.0  # [s]
 _SETTLING_TIME = 2.0  # of the tires of a vehicle that is parked [s]
 _MINUTE = 60.0  # [s]
 _RAMP = 0.5  # from this speed to the opposite one [m/s, rad/s], in as many seconds times 4
-_PERIOD = 0.01  # of the drive's commands [s]
+_PERIOD = SimulationConfiguration.control_period  # of the drive's commands [s]
 
 
 def stopping_distance(vehicle: VehicleConfiguration, direction: float, step: float) -> float:

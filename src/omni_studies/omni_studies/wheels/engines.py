@@ -17,7 +17,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
 from omni_sim.vehicle.vehicle import Vehicle
 
-PERIOD = 0.01
+PERIOD = SimulationConfiguration.control_period
 """Control period [s]."""
 
 _LONGEST = 10.0  # [s]

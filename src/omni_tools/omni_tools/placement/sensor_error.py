@@ -28,10 +28,11 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, batch_lines
 
-MOST_CROSSED = 0.4
+MOST_CROSSED = 1.0 - OVERLAP
 """Largest displacement across the axis between lines as a share of the width (section 4.4)."""
 
 ORIENTATIONS = 24
