@@ -79,7 +79,7 @@ from omni_brake_assist.observer.state import (
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import new_valves, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.kernels import kernel, lean, lean_inline
+from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import VALID, ImuSample, TwistSample, WheelSample
 
@@ -265,7 +265,8 @@ def new_memory(wheels: int) -> Memory:
     )
 
 
-@lean_inline
+@linked
+@lean
 def assist_step(
     constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -308,7 +309,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.law_speeds)
 
 
-@lean_inline
+@inlined
 def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
     """Return whether a law may act in this step, and its `Motion` but for pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
@@ -360,7 +361,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     return ready, (first, dt, v_x, v_y, yaw_rate, p_x, p_y)
 
 
-@lean_inline
+@inlined
 def _watch(
     constants: Constants,
     memory: Memory,
@@ -395,7 +396,7 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
     return bool(imu.validity == VALID and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
 
 
-@lean_inline
+@inlined
 def _ask_observer(
     constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
 ) -> int:
@@ -475,7 +476,7 @@ def act(
     return int(outcome)
 
 
-@lean_inline
+@inlined
 def _outcome(
     constants: Constants,
     memory: Memory,

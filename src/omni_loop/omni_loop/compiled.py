@@ -30,7 +30,7 @@ from omni_brake_assist.laws.registry import own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory
 from omni_platform.configuration import ConfigurationError
-from omni_platform.kernels import kernel, lean, njit
+from omni_platform.kernels import inlined, kernel, lean
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
 from omni_sim.driver.scripted import ScriptedDriver
@@ -337,7 +337,7 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does."""
     pedal, twist = loop.pedal[stamp], scratch.command
@@ -369,7 +369,7 @@ class _Run(NamedTuple):
     record: Record
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _listen(run: _Run, stamp: int) -> Inputs:
     """Return the inputs of the assistant at a stamp; record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
@@ -443,7 +443,7 @@ def _receive(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
     return inputs, ready, motion
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record a stamp and advance unless the run is over; return the outcome so far."""
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record

@@ -25,6 +25,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
+from omni_platform.kernel_calls import CompiledKernel, compilation, linked_kernels, publish
+
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _DEPTH = 3  # of modules in modules, as in numpy.linalg
 _KEPT_VERSIONS = 3  # of a kernel on disk, so that going back to another branch compiles nothing
@@ -33,16 +35,21 @@ _KEPT_VERSIONS = 3  # of a kernel on disk, so that going back to another branch 
 class KernelCache(FunctionCache):
     """numba's cache, with a digest instead of a line number in the names of its files."""
 
+    _impl_class = CompiledKernel
+
     def __init__(self, dispatcher: Dispatcher) -> None:
         super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
         del self._cache_file  # until the first call, when all that the kernel refers to is defined
 
     @functools.cached_property
+    def _digest(self) -> str:
+        return kernel_digest(self._dispatcher)[:16]
+
+    @functools.cached_property
     def _cache_file(self) -> IndexDataCacheFile:
-        digest = kernel_digest(self._dispatcher)[:16]
-        version = f"{digest}.py{sys.version_info[0]}{sys.version_info[1]}"
-        return IndexDataCacheFile(self._cache_path, f"{self._prefix()}{version}", digest)
+        version = f"{self._digest}.py{sys.version_info[0]}{sys.version_info[1]}"
+        return IndexDataCacheFile(self._cache_path, f"{self._prefix()}{version}", self._digest)
 
     def _prefix(self) -> str:
         name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
@@ -50,12 +57,19 @@ class KernelCache(FunctionCache):
 
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super()._load_overload(sig, target_context)
+            result = super()._load_overload(sig, target_context)
         except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
             self.flush()
             return None
+        if result is not None:
+            publish(self._dispatcher, result, self._digest)
+        return result
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return *super()._index_key(sig, codegen), compilation.bare
 
     def _save_overload(self, sig: Any, data: Any) -> None:
+        publish(self._dispatcher, data, self._digest)
         super()._save_overload(sig, data)
         folder = Path(self._cache_path)
         with contextlib.suppress(FileNotFoundError):  # another process deletes them, too
@@ -112,7 +126,8 @@ def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
     """Return a text that changes with a value; append the functions in it to `callees`."""
     if isinstance(value, Dispatcher):
         callees.append(value.py_func)
-        return f"{value.py_func.__qualname__} {_describe(value.targetoptions, callees)}"
+        options = _describe(value.targetoptions, callees)
+        return f"{value.py_func.__qualname__} {options} {value in linked_kernels}"
     if isinstance(value, _Intrinsic):
         value = value._defn
     if isinstance(value, FunctionType):

@@ -5,7 +5,7 @@ the state of a vehicle or an assistant as a tuple of dozens of arrays would spen
 their run time and of their compilation on it. A `lean` kernel does not count references. It may
 therefore neither create an array (slices assigned from other arrays create one) nor return one,
 also not in a tuple; its caller provides all arrays. A kernel that creates arrays is a `kernel`, and
-short.
+short. The largest ones are `linked`.
 """
 
 from importlib.metadata import entry_points
@@ -17,6 +17,9 @@ from numba.core.dispatcher import Dispatcher
 from numba.np import linalg
 
 from omni_platform.kernel_cache import KernelCache
+from omni_platform.kernel_calls import linked, omit_entries_for_python
+
+__all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 njit = numba.njit
 """numba's own decorator; modules import it from here, so that their caches follow the content."""
@@ -53,6 +56,7 @@ def _defer_transforms() -> None:
 
 
 setattr(Dispatcher, "enable_caching", _enable_caching)  # noqa: B010 - of `njit(cache=True)`
+omit_entries_for_python()
 _defer_blas()
 _defer_transforms()
 
@@ -64,3 +68,6 @@ lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
 
 lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
 """As `lean` and inlined, for kernels with many arguments and few callers."""
+
+inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always", _nrt=False)
+"""As `lean_inline`, and never compiled alone: numba takes it for a part of its callers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from omni_platform.kernels import kernel, linked, njit
 
 KERNEL = '''
 """Kernels over two files."""
@@ -36,7 +39,7 @@ def of_tuple(pair):
 SHARED = """
 from typing import NamedTuple
 from numba.extending import overload
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, linked
 
 LIMITS = (1.0, 2.0)
 
@@ -44,6 +47,7 @@ class Gains(NamedTuple):
     gain: float
     offset: float
 
+@linked
 @kernel
 def times(x):
     return 2.0 * x
@@ -136,3 +140,17 @@ def test_kernels_are_kept_otherwise(folder: Path) -> None:
 def test_a_kernel_called_with_a_class_that_is_gone(folder: Path) -> None:
     (folder / "moved.py").write_text("")
     assert call(folder) == ["107.0 0.0 5.0", "cached", "cached", "compiled"]
+
+
+@linked
+@kernel
+def _root(x: float) -> float:
+    return math.sqrt(x)
+
+
+def test_a_caller_of_a_linked_kernel_does_not_contain_its_code() -> None:
+    caller = njit(lambda x: _root(x) + 1.0)
+    assert caller(4.0) == 3.0
+    (code,) = caller.inspect_llvm().values()
+    assert "_root-" in code
+    assert "sqrt" not in code

@@ -32,11 +32,11 @@ from omni_brake_assist.observer.state import (
     PassedTwist,
     Sensed,
 )
-from omni_platform.kernels import lean, lean_inline
+from omni_platform.kernels import inlined, lean
 from omni_platform.quantities import FloatArray
 
 
-@lean_inline
+@inlined
 def observe(
     constants: ObserverConstants,
     memory: ObserverMemory,

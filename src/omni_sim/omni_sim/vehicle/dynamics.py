@@ -17,7 +17,7 @@ the time. Kernels with several callers are not inlined, which keeps compilation 
 
 import math
 
-from omni_platform.kernels import lean, lean_inline
+from omni_platform.kernels import lean, lean_inline, linked
 from omni_platform.quantities import FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
@@ -79,7 +79,8 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
     body.yaw_rate += d_rate
 
 
-@lean_inline
+@linked
+@lean
 def advance(state: State, control: Control, log: Log) -> None:
     """Advance a vehicle in place.
 
