@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -30,8 +31,10 @@ def build(workspace: Workspace, steps: Steps) -> None:
     libraries = environment_stamp["libraries"]
     environment = venv_environment(workspace, libraries)
     environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    compiler = None if workspace.kernels.exists() else start_compiling(workspace, steps, libraries)
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
-    steps.stage(f"building {len(packages)} packages with colcon")
+    beside = " and compiling beside" if compiler else ""
+    steps.stage(f"building {len(packages)} packages with colcon{beside}")
     # From nothing, so that no file of a deleted package stays; the stamp goes first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
@@ -60,19 +63,25 @@ def build(workspace: Workspace, steps: Steps) -> None:
                 f"(details in {workspace.log})."
             )
         mend_first_lines(prefix / "lib")
-    if not workspace.kernels.exists():
-        compile_kernels(workspace, steps, libraries)
+    if compiler is not None:
+        finish_compiling(workspace, steps, compiler)
     write_stamp(workspace.install, build_identity(environment_stamp), state=state)
 
 
-def compile_kernels(workspace: Workspace, steps: Steps, libraries: Sequence[str]) -> None:
-    """Compile all kernels into their cache."""
+def start_compiling(
+    workspace: Workspace, steps: Steps, libraries: Sequence[str]
+) -> subprocess.Popen[str] | None:
+    """Start to compile all kernels into their cache."""
     if not (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
-        return
-    steps.stage("compiling the kernels")
-    environment = final_environment(workspace, libraries)
+        return None
     warm_up = [workspace.python, "-m", "omni_bringup.warm_up"]
-    code, output = steps.run(warm_up, environment, lambda line: line)
+    return steps.start(warm_up, final_environment(workspace, libraries))
+
+
+def finish_compiling(workspace: Workspace, steps: Steps, compiler: subprocess.Popen[str]) -> None:
+    """Wait until all kernels are compiled."""
+    steps.stage("compiling the kernels")
+    code, output = steps.finish(compiler, lambda line: line)
     if code:
         # The command that needs the kernel will say more about it than this step can.
         say(

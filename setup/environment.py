@@ -63,10 +63,6 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
         raise SetupError(explain_install(output, workspace.log, "making the environment"))
     install_packages(workspace, steps, environment)
     site = next((workspace.venv / "lib").glob("python3.*")) / "site-packages"
-    steps.stage("preparing the packages")
-    # Side by side and without the packages' own tests, unlike pip's.
-    compiling = ["-m", "compileall", "-q", "-j", "0", "-x", "/(tests?|testing)/", site]
-    steps.run([workspace.python, *compiling], environment)
     libraries = [str(path) for path in sorted(site.glob("ros_*.libs"))]
     libraries = [str(workspace.venv / "lib"), *libraries]
     check = "import rclpy, numba, sensor_msgs.msg, matplotlib.font_manager"

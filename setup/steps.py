@@ -14,7 +14,7 @@ from setup.pythons import say
 from setup.workspace import Workspace
 
 # What the stages take of the whole on two cores, with packages that come fast [1].
-_SHARES = {"installing": 0.3, "preparing": 0.15, "building": 0.1, "compiling": 0.45}
+_SHARES = {"installing": 0.4, "building": 0.2, "compiling": 0.4}
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LIBC = ctypes.CDLL(None)  # loaded here: a child between fork and exec should not
@@ -59,50 +59,64 @@ class Steps:
         whole = ends[-1] - self._stages[0][1]
         return f"ready after {whole:.0f} s; longest: {longest}, {took[longest]:.0f} s"
 
+    def start(
+        self, command: Sequence[object], environment: Mapping[str, str]
+    ) -> subprocess.Popen[str]:
+        """Start a command, for `finish`.
+
+        Args:
+            command: Program and arguments.
+            environment: All its variables.
+        """
+        # The child inherits the lock: should this process be killed, it is asked to end, and the
+        # next start waits until it has before it touches the same folders.
+        return subprocess.Popen(
+            [str(word) for word in command],
+            env=environment,
+            cwd=str(self.workspace.root),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+            errors="replace",
+            pass_fds=[self.lock] if self.lock is not None else [],
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 - there is one thread
+        )
+
+    def finish(
+        self, program: subprocess.Popen[str], note: Callable[[str], str | None] = lambda _: None
+    ) -> tuple[int, str]:
+        """Wait for the end of a program, with its output in the log; return exit code and output.
+
+        Args:
+            program: of `start`.
+            note: Turns a line of output into the progress to show after the step, if any.
+        """
+        output = []
+        with open(self.workspace.log, "a", errors="replace") as log, program:
+            log.write("$ {}\n".format(" ".join(map(str, program.args))))  # type: ignore[arg-type]
+            log.flush()
+            try:
+                for line in program.stdout or ():
+                    log.write(line)
+                    output.append(line)
+                    self.show(note(line.rstrip()))
+            except BaseException:
+                program.terminate()
+                raise
+            finally:
+                self.show("")
+            log.write(f"[exit code {program.wait()}]\n")
+        return program.returncode, "".join(output)
+
     def run(
         self,
         command: Sequence[object],
         environment: Mapping[str, str],
         note: Callable[[str], str | None] = lambda _: None,
     ) -> tuple[int, str]:
-        """Run a command with its output in the log; return its exit code and output.
-
-        Args:
-            command: Program and arguments.
-            environment: All its variables.
-            note: Turns a line of output into the progress to show after the step, if any.
-        """
-        words = [str(word) for word in command]
-        output = []
-        with open(self.workspace.log, "a", errors="replace") as log:
-            log.write("$ {}\n".format(" ".join(words)))
-            log.flush()
-            # The child inherits the lock: should this process be killed, it is asked to end, and
-            # the next start waits until it has before it touches the same folders.
-            with subprocess.Popen(
-                words,
-                env=environment,
-                cwd=str(self.workspace.root),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                universal_newlines=True,
-                errors="replace",
-                pass_fds=[self.lock] if self.lock is not None else [],
-                preexec_fn=_end_with_parent,  # noqa: PLW1509 - there is one thread
-            ) as process:
-                try:
-                    for line in process.stdout or ():
-                        log.write(line)
-                        output.append(line)
-                        self.show(note(line.rstrip()))
-                except BaseException:
-                    process.terminate()
-                    raise
-                finally:
-                    self.show("")
-            log.write(f"[exit code {process.returncode}]\n")
-        return process.returncode, "".join(output)
+        """Do `start` and `finish`."""
+        return self.finish(self.start(command, environment), note)
 
     def show(self, progress: str | None) -> None:
         """Overwrite the live line on a terminal; an empty one wipes it."""
