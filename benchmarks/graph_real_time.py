@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from omni_bringup.graph.run_variant import run_variant
+from omni_bringup.graph.run_variant import finish_runs, run_variant
 from omni_bringup.workspace import workspace_folder
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.loop import run_closed_loop
@@ -22,7 +22,7 @@ from omni_sim.simulator import Simulator
 def graph_factor(configuration: ExperimentConfiguration, variant: str) -> float:
     """Return the real-time factor of a run over the graph."""
     with tempfile.TemporaryDirectory() as folder:
-        result = run_variant(configuration, variant, Path(folder) / variant)
+        (result,) = finish_runs([run_variant(configuration, variant, Path(folder) / variant)])
     return result.history.real_time_factor
 
 

@@ -6,9 +6,10 @@ the results and draw the figures.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -137,43 +138,56 @@ def _run_variants(
     options: Options,
     workspace: Workspace,
 ) -> list[VariantResult]:
-    """Run the variants one after the other over real processes; keep the results of each.
+    """Run the variants over real processes; keep the results of each.
 
     Raises:
         WorkError: a run did not come to its end; names what is left of its recording.
     """
     from omni_bringup.graph.nodes import RecordingOptions
     from omni_bringup.graph.run_folder import write_summary
-    from omni_bringup.graph.run_variant import run_variant
+    from omni_bringup.graph.run_variant import finish_runs, run_variant
 
     interruption.clean_up_on_signals()
-    results = []
     # Printed while the first run is under way, whose start it would delay.
     note = cache(lambda: workspace.check(configurations.values()))
+    shares = dict.fromkeys(configurations, 0.0)
+    results = {}
     try:
-        for variant, configuration in configurations.items():
-            with progress_bar(variant) as show:
+        with progress_bar(Path(options.experiment).stem) as show:
 
-                def on_progress(report: Mapping[str, float]) -> None:
-                    words = f"t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
-                    show(report["share"], words)
-                    note()
+            def on_progress(variant: str, report: Mapping[str, float]) -> None:
+                shares[variant] = report["share"]
+                words = f"{variant}, t = {report['time']:.2f} s, {report['speed']:.2f} m/s"
+                show(sum(shares.values()) / len(shares), words)
+                note()
 
-                result = run_variant(
+            runs = [
+                run_variant(
                     configuration,
                     variant,
                     folder / variant,
                     lockstep=not options.real_time,
-                    on_progress=on_progress,
+                    on_progress=partial(on_progress, variant),
                     recording=RecordingOptions(options.compression, options.fsync),
                     external=options.external,
                 )
-            write_summary(_document(options.experiment, [result]), result.folder)
-            results.append(result)
+                for variant, configuration in configurations.items()
+            ]
+            for result in finish_runs(runs, at_once=_runs_at_once(options)):
+                write_summary(_document(options.experiment, [result]), result.folder)
+                results[result.variant] = result
     except (InputError, WorkError) as error:
         note()
         raise WorkError("\n".join((str(error), *_left_behind(folder)))) from error
-    return results
+    return [results[variant] for variant in configurations]
+
+
+def _runs_at_once(options: Options) -> int:
+    """Return how many variants run at the same time: the nodes of one start while another runs."""
+    from omni_ros.environment import chosen_domain
+
+    alone = options.real_time or options.replace or chosen_domain(os.environ) is not None
+    return 1 if alone else 2
 
 
 def _left_behind(folder: Path) -> Iterator[str]:

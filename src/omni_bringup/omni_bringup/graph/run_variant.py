@@ -1,10 +1,15 @@
-"""One variant of an experiment over the real graph: start, follow, stop, measure."""
+"""Variants of an experiment over the real graph: start, follow, stop, measure.
 
+A run is a generator, which yields while it waits for its processes, so that several can go on at
+once.
+"""
+
+import contextlib
 import dataclasses
 import math
 import tempfile
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +73,36 @@ class VariantResult:
         )
 
 
+Run = Generator[None, None, VariantResult]
+"""A run under way; each step takes note of what its processes have done meanwhile."""
+
+
+def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
+    """Take runs to their ends and yield the result of each.
+
+    If one fails, or the iterator is closed, all processes of the others are ended.
+
+    Args:
+        runs: not begun yet.
+        at_once: how many go on at the same time.
+
+    Raises:
+        RunError: of the first run that failed.
+    """
+    waiting, running = list(runs), list[Run]()
+    with contextlib.ExitStack() as stack:
+        while waiting or running:
+            while waiting and len(running) < at_once:
+                running.append(stack.enter_context(contextlib.closing(waiting.pop(0))))
+            for run in tuple(running):
+                try:
+                    next(run)
+                except StopIteration as end:
+                    running.remove(run)
+                    yield end.value
+            time.sleep(_POLL)
+
+
 def run_variant(
     configuration: ExperimentConfiguration,
     variant: str,
@@ -77,7 +112,7 @@ def run_variant(
     on_progress: Progress = lambda _: None,
     recording: graph.RecordingOptions = _PLAIN_RECORDING,
     external: Collection[str] = (),
-) -> VariantResult:
+) -> Run:
     """Run one variant over real processes in a ROS domain of its own and record it.
 
     Args:
@@ -89,6 +124,9 @@ def run_variant(
         recording: how it is recorded.
         external: nodes that are not started, because a user's node replaces them.
 
+    Returns:
+        The run, for `finish_runs`.
+
     Raises:
         RunError: a node ended, stopped sending or lost data; the message names it.
     """
@@ -97,7 +135,7 @@ def run_variant(
             configuration, folder, Path(scratch), lockstep=lockstep, recording=recording
         )
         nodes = [node for node in nodes if node.name not in external]
-        report = _run_graph(nodes, configuration, folder, domain, on_progress)
+        report = yield from _run_graph(nodes, configuration, folder, domain, on_progress)
     return measured(report, variant, folder, configuration)
 
 
@@ -135,13 +173,16 @@ def _run_graph(
     folder: Path,
     domain: int,
     on_progress: Progress,
-) -> dict[str, Any]:
+) -> Generator[None, None, dict[str, Any]]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
     try:
         with process_group(node_environment(domain)) as group:
             recorder, *_, simulator = [group.start(node) for node in nodes]
+            while not folder.is_dir():
+                group.raise_if_ended()
+                yield
             write_beside_bag(configuration, folder, recorder)
-            report = _follow(group, simulator, on_progress)
+            report = yield from _follow(group, simulator, on_progress)
             check_report(report)
         _check_life(group)  # the recorder listens to their end
     except ProcessError as error:
@@ -168,7 +209,7 @@ def write_beside_bag(
 
 def _follow(
     group: ProcessGroup, simulator: RunningProcess, on_progress: Progress
-) -> dict[str, Any]:
+) -> Generator[None, None, dict[str, Any]]:
     """Wait for the end of the simulator and return its last report.
 
     Raises:
@@ -177,7 +218,8 @@ def _follow(
     report: dict[str, Any] = {}
     received = running = time.monotonic()
     halted = False
-    while wait_for(simulator, _POLL) is None:
+    while simulator.returncode is None:
+        yield
         group.raise_if_ended(besides=simulator)
         now = time.monotonic()
         for report in simulator.new_reports():
