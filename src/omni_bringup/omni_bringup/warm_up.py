@@ -15,13 +15,9 @@ from multiprocessing import get_context
 import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry
-from omni_brake_assist.assist_step import make_constants, new_memory
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_brake_assist.laws import built_in
-from omni_brake_assist.laws.law import Motion
 from omni_bringup.workspace import workspace_folder
 from omni_loop import compiled, experiment, loop
-from omni_platform.geometry import PlatformGeometry
 from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"
@@ -29,24 +25,20 @@ _DURATION = 0.1  # [s] simulated; long enough to brake
 _OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # as one from outside is asked
 
 
-def _vehicle_and_laws(configuration: experiment.ExperimentConfiguration) -> None:
-    geometry = PlatformGeometry.from_wheels(configuration.brake_assist.wheels)
-    wheels = len(geometry.names)
-    constants, memory = make_constants(configuration.brake_assist, geometry), new_memory(wheels)
-    motion = Motion(True, 0.01, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, np.ones(wheels))
-    built_in.step(constants.laws, memory.laws, motion, np.zeros(wheels), np.ones(wheels))
+def _assistant(configuration: experiment.ExperimentConfiguration) -> None:
+    for law in (_OWN_LAW, configuration.brake_assist.law):
+        BrakeAssist(dataclasses.replace(configuration.brake_assist, law=law))
+
+
+def _vehicle_and_odometry(configuration: experiment.ExperimentConfiguration) -> None:
     simulator = Simulator(configuration)
     simulator.observe()
-    simulator.advance(np.ones(wheels))
+    simulator.advance(np.ones(len(configuration.vehicle.wheels)))
     simulator.observe()
-
-
-def _fail_safe_and_observer(configuration: experiment.ExperimentConfiguration) -> None:
-    BrakeAssist(dataclasses.replace(configuration.brake_assist, law=_OWN_LAW))
-
-
-def _line_odometry(configuration: experiment.ExperimentConfiguration) -> None:
     LineScanOdometry(configuration.odometry).warm_up()
+
+
+def _loop_of_lines(configuration: experiment.ExperimentConfiguration) -> None:
     # Lines of 16 bits take other kernels.
     deep = dataclasses.replace(configuration.camera, bit_depth=16)
     for camera in (configuration.camera, deep):
@@ -54,14 +46,13 @@ def _line_odometry(configuration: experiment.ExperimentConfiguration) -> None:
 
 
 def _loop_of_campaigns(configuration: experiment.ExperimentConfiguration) -> None:
-    BrakeAssist(configuration.brake_assist)
     compiled.run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
 
 
 # One after the other; the tasks of a stage side by side.
 _STAGES: tuple[tuple[Callable[[experiment.ExperimentConfiguration], None], ...], ...] = (
-    (_fail_safe_and_observer, _vehicle_and_laws),
-    (_loop_of_campaigns, _line_odometry),
+    (_vehicle_and_odometry, _assistant),
+    (_loop_of_campaigns, _loop_of_lines),
 )
 
 
