@@ -40,9 +40,9 @@ class Layout(NamedTuple):
     """Sizes of a batch.
 
     Attributes:
-        lines: m.
-        pixels: n of a line.
-        size: of the transform [px].
+        lines: number of lines m.
+        pixels: pixels per line n.
+        size: size of the transform [px].
         limit: largest displacement per line [px].
     """
 

@@ -28,7 +28,7 @@ _REORDER = {"reassoc", "contract", "nsz"}
 
 
 def steps(pixels: int) -> tuple[int, int]:
-    """Return the numbers of pixels of the means, fine and coarse, for lines of n pixels."""
+    """Return how many pixels the fine and the coarse mean of a line of n pixels average."""
     fine = 4 if pixels > 512 else 2
     return fine, max(2 * fine, pixels // 100)
 

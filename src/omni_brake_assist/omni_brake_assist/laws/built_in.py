@@ -19,7 +19,7 @@ class LawConstants(NamedTuple):
     """Constants of every built-in law; a branch is cheaper to compile than a kernel for each.
 
     Attributes:
-        kind: which one is asked.
+        kind: number of the chosen law.
         sliding_mode: constants of that law.
         allocation: constants of that law.
     """

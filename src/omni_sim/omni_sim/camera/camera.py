@@ -45,7 +45,7 @@ def _place(poses: FloatArray, x: float, y: float, heading: float, footprints: Fl
 
 
 class LineCamera:
-    """One line camera.
+    """A line camera above a ground.
 
     Attributes:
         sensor: mounting and field of view.

@@ -306,7 +306,7 @@ def _add_noise(
 
 @njit(cache=True, nogil=True)
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
-    """Set each texel to the profile at its own y plus its shift [periods]."""
+    """Write a texture: each texel is the value of the profile at y plus its shift [periods]."""
     texels = band.shape[1]
     count = len(profile)
     for row in range(len(band)):

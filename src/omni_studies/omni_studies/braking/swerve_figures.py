@@ -154,7 +154,7 @@ def draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fig
 
 
 def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
-    """Draw one weighting and return its shades."""
+    """Draw the panel of one weighting and return its color mesh."""
     across = np.array([0.0, 1.0])
     drift = np.linspace(-_LARGEST_DRIFT, _LARGEST_DRIFT, 81)
     turn = np.linspace(-_LARGEST_TURN, _LARGEST_TURN, 81)
