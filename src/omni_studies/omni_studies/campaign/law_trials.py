@@ -2,17 +2,17 @@
 
 A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, without
 sensor failures, and in addition deviations that a law may not know: brake lag, nominal or
-    unmodeled, and
-errors of the nominal torque, mass and wheel inertia.
+unmodeled, and errors of the nominal torque, mass and wheel inertia.
 """
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from omni_brake_assist.configuration import AllocationConfiguration
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import Metric
@@ -25,6 +25,22 @@ _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # in place of a law
 _LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # of the brakes [s]
 _LARGEST_ERROR = 1.6  # factor between true and nominal torque, mass and inertia [1]
+_SETS = ("first", "second")  # independent sets of stops of an ablation
+
+NEUTRAL = {
+    "target_slip": 1.0,
+    "observer_time": 0.001,
+    "growth_time": 100.0,
+    "slip_time": 0.001,
+    "relaxation_speed": 0.0,
+    "return_share": 10.0,
+    "line_time": 100.0,
+    "heading_weight": 0.0,
+    "line_weight": 0.0,
+    "locked_share": 0.0,
+}
+"""Values of the fields of `AllocationConfiguration` at which each has no effect: no filter, no
+growth, no limit, no cost."""
 
 
 class LawTrial(NamedTuple):
@@ -103,6 +119,48 @@ class LawTrials:
         return dataclasses.replace(base, vehicle=vehicle, brake_assist=assist)
 
 
+def ablations() -> dict[str, str]:
+    """Return the law `allocation` with each parameter at half, double and neutral, by label."""
+    laws = {"allocation": "allocation"}
+    for field, neutral in NEUTRAL.items():
+        value = getattr(AllocationConfiguration(), field)
+        for word, other in (("half", 0.5 * value), ("double", 2.0 * value), ("neutral", neutral)):
+            laws[f"{field}_{word}"] = f"allocation@{field}={other:g}"
+    return laws
+
+
+def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
+    """Return what the laws cost against the first one, in two independent sets of stops.
+
+    Args:
+        trials: of an even number of whole seeds, in the order of `LawTrials`.
+        laws: their names.
+    """
+    middle = len(trials) // 2
+    metrics: dict[str, Metric] = {}
+    for name, part in zip(_SETS, (trials[:middle], trials[middle:]), strict=True):
+        found = compare(part, laws)
+        metrics |= {f"{key}_{name}": m for key, m in found.items() if "_change" in key}
+    return metrics
+
+
+def unpaid(metrics: Mapping[str, Metric]) -> list[str]:
+    """Return the parameters without which no quantity is worse in both sets, from their costs."""
+
+    def worse(key: str) -> bool:
+        return metrics[key].value > 2.0 * metrics[key.replace("_change", "_change_error")].value
+
+    return [
+        field
+        for field in NEUTRAL
+        if not any(
+            all(worse(f"{quantity}_change.{field}_neutral_{kind}_{name}") for name in _SETS)
+            for quantity in ("distance", "rotation")
+            for kind in _KINDS
+        )
+    ]
+
+
 def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
     """Return how the laws compare with the first one and with all brakes on.
 
@@ -132,9 +190,11 @@ def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric
                 "violations": Metric(float(np.sum(broken)), "1"),
             }
             if j > 1:
-                change: FloatArray = 100.0 * (distance[:, k, j] / distance[:, k, 1] - 1.0)
-                error = float(np.std(change)) / math.sqrt(max(change.size - 1, 1))
-                found["distance_change"] = Metric(float(np.mean(change)), "%")
-                found["distance_change_error"] = Metric(error, "%")
+                longer: FloatArray = 100.0 * (distance[:, k, j] / distance[:, k, 1] - 1.0)
+                turning: FloatArray = rotation[:, k, j] - rotation[:, k, 1]
+                for name, change, unit in (("distance", longer, "%"), ("rotation", turning, "deg")):
+                    error = float(np.std(change)) / math.sqrt(max(change.size - 1, 1))
+                    found[f"{name}_change"] = Metric(float(np.mean(change)), unit)
+                    found[f"{name}_change_error"] = Metric(error, unit)
             metrics |= {f"{name}.{law}_{kind}": metric for name, metric in found.items()}
     return metrics

@@ -28,8 +28,15 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
-from omni_platform.configuration import parameter, to_mapping
-from omni_studies.campaign.law_trials import LawTrial, LawTrials, compare
+from omni_platform.configuration import ConfigurationError, parameter, to_mapping
+from omni_studies.campaign.law_trials import (
+    LawTrial,
+    LawTrials,
+    ablation_costs,
+    ablations,
+    compare,
+    unpaid,
+)
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
@@ -111,6 +118,19 @@ class Options(CampaignOptions):
     one (default: allocation alone)"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
+    ablate: bool = parameter(False)
+    """set each parameter of the law allocation to half, double and neutral on two independent sets
+    of --random stops"""
+
+    def check_consistency(self) -> None:
+        """Refuse an ablation without random stops or with laws.
+
+        Raises:
+            ConfigurationError: there are no random stops, or laws are named.
+        """
+        super().check_consistency()
+        if self.ablate and (not self.random or self.law):
+            raise ConfigurationError("--ablate", "needs --random N, and no --law")
 
 
 class _Case(NamedTuple):
@@ -247,16 +267,24 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _run_random(options: Options, study: StudyRun) -> StudyResult:
     """Compare the laws on random stops."""
-    laws = options.law or ("allocation",)
-    work = LawTrials(study.experiments, laws, options.seed)
+    if options.ablate:
+        laws = ablations()
+    else:
+        given = options.law or ("allocation",)
+        labels = [_label(law) for law in given]
+        laws = dict(zip(labels if len(set(labels)) == len(given) else given, given, strict=True))
+    work = LawTrials(study.experiments, tuple(laws.values()), options.seed)
     path = study.folder / "trials.csv"
-    numbers = range(options.random * len(work.cases))
-    given = options, path, work.fingerprint, study.report
-    trials = run_campaign(work, numbers, LawTrial, *given)
+    numbers = range((1 + options.ablate) * options.random * len(work.cases))
+    fingerprint, report = work.fingerprint, study.report
+    trials = run_campaign(work, numbers, LawTrial, options, path, fingerprint, report)
     if len(trials) < len(numbers):
         return StudyResult({}, (path,), (f"{len(trials)} of {len(numbers)} stops were run.",))
-    labels = [_label(law) for law in laws]
-    return StudyResult(compare(trials, labels if len(set(labels)) == len(laws) else laws), (path,))
+    if not options.ablate:
+        return StudyResult(compare(trials, tuple(laws)), (path,))
+    costs = ablation_costs(trials, tuple(laws))
+    words = ", ".join(unpaid(costs)) or "none"
+    return StudyResult(costs, (path,), (f"Parameters that do not pay in both sets: {words}.",))
 
 
 def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
@@ -285,8 +313,19 @@ def _columns(metrics: Mapping[str, Metric]) -> dict[str, list[str] | list[float]
     return {
         "case": names,
         "stopping distance [m]": [metrics[f"stopping_distance.{name}"].value for name in names],
+        "bound [m]": [_bound(metrics, name) for name in names],
         "orientation change [deg]": [math.nan if m is None else m.value for m in turned],
     }
+
+
+def _bound(metrics: Mapping[str, Metric], case: str) -> float:
+    """Return the bound of the stop of a case if it keeps its heading, NaN if there is none [m]."""
+    for law in ("_unassisted", "_sliding_mode", "_allocation"):
+        maneuver, found, change = case.partition(law)
+        bound = metrics.get(f"stopping_distance.{maneuver}_bound")
+        if found and bound and not any(word in change for word in _UNKNOWN):
+            return bound.value
+    return math.nan
 
 
 def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
@@ -336,5 +375,17 @@ def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
     sentences.append(
         f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its "
         f"heading is shorter than {bound:.2f} m."
+    )
+    shorter = [
+        f"{case.removesuffix('_unassisted')} ({metric.value:.2f} m, bound {bound:.2f} m)"
+        for key, metric in metrics.items()
+        for quantity, _, case in (key.partition("."),)
+        if quantity == "stopping_distance" and case.endswith("_unassisted")
+        for bound in (_bound(metrics, case),)
+        if metric.value < bound
+    ]
+    sentences.append(
+        "With all brakes on the stop is shorter than any that keeps its heading: "
+        f"{', '.join(shorter) or 'nowhere'}."
     )
     return tuple(sentences)

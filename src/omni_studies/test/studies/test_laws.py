@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from omni_brake_assist.configuration import AllocationConfiguration
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
+from omni_platform.configuration import ConfigurationError
+from omni_studies.campaign.law_trials import NEUTRAL, LawTrials, compare
 from omni_studies.studies import laws
 from omni_studies.study import StudyRun
 from omni_tools.limit.bounds import maneuver_of, straight_bound
@@ -178,3 +182,21 @@ def test_random_stops_compare_laws_in_pairs(tmp_path: Path) -> None:
         change = metrics[f"distance_change.allocation_{kind}"].value
         assert change == pytest.approx(100.0 * (allocation / mode - 1.0))
     assert metrics["worst_ratio.sliding_mode_on_off"].value > 0.5
+
+
+def test_an_ablation_changes_every_parameter_of_the_law_in_two_sets(tmp_path: Path) -> None:
+    assert set(NEUTRAL) == {field.name for field in dataclasses.fields(AllocationConfiguration)}
+    options = laws.Options(random=1, seed=3, workers=1, ablate=True)
+    metrics = laws.run(options, StudyRun(LIBRARY, tmp_path)).metrics
+    work = LawTrials(LIBRARY, ("allocation", "allocation@heading_weight=0"), 4)
+    stops = [work(number) for number in range(len(work.cases))]  # the second set is seed 4
+    expected = compare(stops, ("allocation", "free"))["rotation_change.free_on_off"].value
+    assert metrics["rotation_change.heading_weight_neutral_on_off_second"].value == expected
+    assert metrics["distance_change.target_slip_half_proportional_first"].value != 0.0
+
+
+def test_an_ablation_needs_random_stops_and_no_other_law() -> None:
+    with pytest.raises(ConfigurationError, match="ablate"):
+        laws.Options(ablate=True)
+    with pytest.raises(ConfigurationError, match="ablate"):
+        laws.Options(ablate=True, random=1, law=("sliding_mode",))
