@@ -122,12 +122,12 @@ def test_it_plays_to_the_end_and_everything_follows(opened: Chromium, sample: Re
     row = int(np.searchsorted(history.braking_time, now))
     assert legend(opened, "velocity")[0] == pytest.approx(history.twist[row, 0], abs=0.2)
     expected = (now - first) / (last - first)
-    assert cursors(opened) == pytest.approx([expected] * 10, abs=0.01)
+    assert cursors(opened) == pytest.approx([expected] * 11, abs=0.01)
     opened.run("document.getElementById('speed').value = '2'")
     opened.click("#play")
     opened.wait("document.getElementById('play').textContent === 'Play'")
     assert clock(opened) == pytest.approx(last, abs=0.005)
-    assert cursors(opened) == pytest.approx([1.0] * 10, abs=0.001)
+    assert cursors(opened) == pytest.approx([1.0] * 11, abs=0.001)
     assert legend(opened, "velocity") == pytest.approx(history.twist[-1, :2], abs=0.0051)
     assert len({*seen, top_view(opened)}) == 3
 
@@ -140,9 +140,9 @@ def test_zooming_shows_the_plots_about_the_time(opened: Chromium, sample: Report
     shown = opened.run("player.window")
     assert shown[1] - shown[0] == pytest.approx((span[1] - span[0]) / 5.0, rel=1e-5)
     assert sum(shown) / 2.0 == pytest.approx(0.5, abs=1e-5)
-    assert cursors(opened) == pytest.approx([0.5] * 10, abs=0.01)
+    assert cursors(opened) == pytest.approx([0.5] * 11, abs=0.01)
     opened.run(f"player.seek({span[1]})")  # the window follows
-    assert cursors(opened) == pytest.approx([1.0] * 10, abs=0.01)
+    assert cursors(opened) == pytest.approx([1.0] * 11, abs=0.01)
     opened.press("-", "Minus")
     opened.press("-", "Minus")
     assert opened.run("player.window") == pytest.approx(span.tolist(), abs=1e-5)
@@ -153,7 +153,7 @@ def test_a_drag_in_a_plot_moves_all_of_them(opened: Chromium, sample: ReportedRu
     opened.click("#plot-load .curves", across=0.4)
     row = int(np.searchsorted(history.time, opened.run("player.time") - history.braking_time[0]))
     places = cursors(opened)
-    assert places == pytest.approx([places[0]] * 10, abs=1e-3)
+    assert places == pytest.approx([places[0]] * 11, abs=1e-3)
     assert legend(opened, "velocity") == pytest.approx(history.twist[row - 1, :2], abs=0.0051)
     assert legend(opened, "error") == pytest.approx(history.error[row - 1], abs=0.00051)
     on = [

@@ -15,9 +15,11 @@ from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric, RestCriterion, run_metrics
 from omni_loop.stops import stops_of
 from omni_platform.configuration import InputError, from_mapping
+from omni_platform.quantities import BoolArray, IntArray
 from omni_recording.folder import read_plain_yaml
 from omni_tools.limit.share import limit_share
 from omni_tools.report.forces import WheelForces, read_wheel_forces
+from omni_tools.report.source_ratios import SourceRatios, read_test_ratios
 
 CONFIGURATION = "configuration.yaml"
 
@@ -41,6 +43,7 @@ class ReportedRun:
         history: time histories.
         metrics: metrics by quantity.
         forces: forces of the wheels on the vehicle, if the recording shows them.
+        test_ratios: test ratios of fault detection, if they were recorded.
         configuration: configuration of the whole loop, if it is stored with the recording and has
             all its wheels.
         values: the configuration as texts by dotted key, as far as available.
@@ -51,6 +54,7 @@ class ReportedRun:
     history: RunHistory
     metrics: Mapping[str, Metric]
     forces: WheelForces | None = None
+    test_ratios: SourceRatios | None = None
     configuration: experiment.ExperimentConfiguration | None = None
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -116,18 +120,25 @@ def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
     """Return a stop of a recording as a run of its own."""
     if history is whole.history:
         return whole
-    forces = whole.forces
+    forces, ratios = whole.forces, whole.test_ratios
     if forces is not None:
-        stamps = forces.stamp_ns
-        shown = (stamps >= history.stamp_ns[0]) & (stamps <= history.stamp_ns[-1])
-        forces = WheelForces(stamps[shown], forces.force[shown]) if np.any(shown) else None
+        shown = _during(history, forces.stamp_ns)
+        forces = WheelForces(forces.stamp_ns[shown], forces.force[shown]) if any(shown) else None
+    if ratios is not None:
+        shown = _during(history, ratios.stamp_ns)
+        ratios = SourceRatios(ratios.names, ratios.stamp_ns[shown], ratios.ratio[shown])
     return dataclasses.replace(
         whole,
         name=name,
         history=history,
         metrics=_measured(history, whole.configuration),
         forces=forces,
+        test_ratios=ratios,
     )
+
+
+def _during(history: RunHistory, stamp_ns: IntArray) -> BoolArray:
+    return np.asarray((stamp_ns >= history.stamp_ns[0]) & (stamp_ns <= history.stamp_ns[-1]))
 
 
 def read_reported_run(path: Path, name: str) -> ReportedRun:
@@ -151,6 +162,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
         history=history,
         metrics=_measured(history, configuration),
         forces=forces,
+        test_ratios=read_test_ratios(path),
         configuration=configuration,
         values=values,
         notes=tuple(notes),

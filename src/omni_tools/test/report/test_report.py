@@ -23,7 +23,12 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_tools.report.derived import flat_ground_loads, rim_slips
 from omni_tools.report.document import report_document
 from omni_tools.report.page import report_page
-from omni_tools.report.recording import ReportedRun, read_configuration, run_names
+from omni_tools.report.recording import (
+    ReportedRun,
+    read_configuration,
+    read_reported_run,
+    run_names,
+)
 
 MakeHistory = Callable[..., RunHistory]
 WORKSPACE = Path(__file__).resolve().parents[4]
@@ -109,6 +114,17 @@ def test_columns_carry_the_history(make_history: MakeHistory) -> None:
     assert {row["label"]: row["values"] for row in document["metrics"]}["stopping distance"] == [
         "10.00"
     ]
+
+
+def test_test_ratios_carry_what_the_assistant_published() -> None:
+    run = read_reported_run(SAMPLE, "run")
+    shown = report_document("", [run])["runs"][0]["testRatios"]
+    wheels = [name.replace("_", " ") for name in run.history.wheel_names]
+    assert shown["names"][:3] == ["twist", "gyro", "accelerometer"]
+    assert sorted(shown["names"][3:]) == sorted(wheels)
+    twist = decoded(shown["values"][0])
+    assert len(twist) == len(decoded(shown["time"]))
+    assert np.nanmax(twist) < 1.0  # no fault in this run
 
 
 def test_values_that_no_float_holds_do_no_harm(make_history: MakeHistory) -> None:

@@ -15,6 +15,8 @@ const PLOTS = [
     curves: (run) => byComponent(run, "heading", ["heading"]) },
   { name: "error", title: "Distance from the sliding manifold, s_i", unit: "m/s", digits: 3,
     curves: (run) => byWheel(run, run.columns.error) },
+  { name: "test-ratio", title: "Fault detection: test ratio of each source", unit: "squared innovation over its gate; rejected above 1; cut off at 4", digits: 2, gate: 1, largest: 4,
+    curves: ratioCurves },
   { name: "enable", title: "Brake enables", unit: "filled as far as the brake is on", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
   { name: "slip", title: "Wheel slip", unit: "0 rolls, ±1 locked; computed", digits: 2,
@@ -44,6 +46,11 @@ function forceCurves(run) {
     const values = x.map((force, i) => force * alongX + y[i] * alongY);
     return { label: run.wheels[wheel], color: wheel, times: run.forces.times, values };
   });
+}
+
+function ratioCurves(run) {
+  const { names, times, values } = run.testRatios || { names: [] };
+  return names.map((label, color) => ({ label, color, times, values: values[color] }));
 }
 
 class Plot {
@@ -79,7 +86,8 @@ class Plot {
   valueRange() {
     const found = finiteRange(this.curves.flat().map((curve) => curve.values));
     if (!found || this.kind.lanes) return found;
-    const [low, high] = found;
+    const [low, high] = [found[0], Math.min(found[1], this.kind.largest ?? Infinity)];
+    if (this.kind.gate) return [0, Math.max(1.1 * high, 1.2 * this.kind.gate)];
     const room = 0.06 * (high - low) || 0.5 * Math.abs(high) || 1;
     return [low - room, high + room];
   }
@@ -135,6 +143,11 @@ class Plot {
     }
     pen.strokeStyle = colors.quiet; // zero, and the start of braking
     if (this.range[0] < 0 && this.range[1] > 0) stroke(pen, [0, this.y(0)], [this.width, this.y(0)]);
+    if (!this.kind.gate) return;
+    pen.strokeStyle = colors.ink;
+    pen.setLineDash([6, 4]);
+    stroke(pen, [0, this.y(this.kind.gate)], [this.width, this.y(this.kind.gate)]);
+    pen.setLineDash([]);
   }
 
   drawCurves(pen, run, colors) {
