@@ -8,6 +8,7 @@ the braking QP for the forces (`braking_qp`); make them brake torques or a patte
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -33,7 +34,7 @@ def make_constants(
 ) -> Constants:
     """Return a configuration in the layout of the kernel."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    brake, parameters = configuration.brake, configuration.allocation
+    brake = configuration.brake
     rolling = np.sum(geometry.active * geometry.rolling, axis=1)
     return Constants(
         n_x=n_x,
@@ -47,16 +48,7 @@ def make_constants(
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.max_torque, brake.dead_time, brake.time_constant, brake.grain),
-        target_slip=parameters.target_slip,
-        observer_time=parameters.observer_time,
-        growth_time=parameters.growth_time,
-        slip_time=parameters.slip_time,
-        relaxation_speed=parameters.relaxation_speed,
-        return_share=parameters.return_share,
-        line_time=parameters.line_time,
-        heading_weight=parameters.heading_weight,
-        line_weight=parameters.line_weight,
-        locked_share=parameters.locked_share,
+        **dataclasses.asdict(configuration.allocation),
     )
 
 
