@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.matching.median import average, mark_inliers
+from linescan_odometry.matching.median import average, find_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
@@ -49,22 +49,15 @@ class PairsMethod:
         settings = self._settings
         pairs = self._matcher.match(lines)
         implausible = plausibility.mark(stamp_ns, pairs)
-        inlier = np.empty(len(pairs.usable), np.bool_)
-        mark_inliers(
-            pairs.displacement,
-            pairs.usable,
-            settings.median_lines,
-            settings.median_tolerance,
-            inlier,
+        inlier, share = find_inliers(
+            pairs.displacement, pairs.usable, settings.median_lines, settings.median_tolerance
         )
-        count = int(np.count_nonzero(inlier))
-        share = count / len(inlier)
-        if count == 0 or share < settings.minimum_inlier_share:
+        if share == 0.0 or share < settings.minimum_inlier_share:
             raise Unmeasured(self._describe(pairs, implausible), share)
         weight = np.empty(len(inlier))
         value = average(pairs.displacement, inlier, weight)
         variance = self._matcher.mean_variance(pairs.displacement, weight)
-        correlation = float(pairs.similarity @ inlier) / count
+        correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
         return Displacement(value, variance, correlation, share)
 
     def _describe(self, pairs: PairDisplacements, implausible: int) -> str:

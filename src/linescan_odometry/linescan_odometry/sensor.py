@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.matching.median import average, mark_inliers
+from linescan_odometry.matching.median import average, find_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher, count_identical
 from linescan_odometry.matching.search import METRICS, ShiftSearch, make_search
 from linescan_odometry.matching.smoothed_peak import correlation
@@ -411,17 +411,10 @@ class SensorOdometry:
     ) -> _Mean:
         """Average the pairs that agree with the median of their group (section 4.6)."""
         settings = self._configuration
-        inlier = np.empty(len(pairs.usable), np.bool_)
-        mark_inliers(
-            pairs.displacement,
-            pairs.usable,
-            settings.median_lines,
-            settings.median_tolerance,
-            inlier,
+        inlier, share = find_inliers(
+            pairs.displacement, pairs.usable, settings.median_lines, settings.median_tolerance
         )
-        count = int(np.count_nonzero(inlier))
-        share = count / len(inlier)
-        if count == 0 or share < settings.minimum_inlier_share:
+        if share == 0.0 or share < settings.minimum_inlier_share:
             seen = frozen < _FROZEN_PAIRS and int(lines.min()) < int(lines.max())
             unlike = seen and frozen == implausible == 0
             reason = self._describe(lines, pairs, frozen, implausible)

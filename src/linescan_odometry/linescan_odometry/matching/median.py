@@ -60,6 +60,21 @@ def mark_inliers(
             inlier[first:last] = False
 
 
+def find_inliers(
+    displacement: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    group_lines: int,
+    tolerance: float,
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which displacements agree with the median of their group, and their share (0 to 1).
+
+    The arguments are those of `mark_inliers`.
+    """
+    inlier = np.empty(len(usable), np.bool_)
+    mark_inliers(displacement, usable, group_lines, tolerance, inlier)
+    return inlier, np.count_nonzero(inlier) / len(inlier)
+
+
 @njit(cache=True)
 def average(
     displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
