@@ -163,8 +163,9 @@ class MethodOdometry:
         span = len(lines) - 1
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
-        loss = 1.0 - correlation(lines[-2], lines[-1], 0)
-        least = max(0.0, 1.0 - 2.0 * loss - _STATIC_TOLERANCE)
+        near = correlation(lines[-2], lines[-1], 0)
+        # At least half of the correlation of neighbors: less is chance.
+        least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(correlation(line, lines[-1], 0) <= least for line in older):
             return 0.0
@@ -181,5 +182,5 @@ def _check(lines: Lines) -> None:
     if low == int(lines.max()):
         raise Unmeasured(f"no contrast: every pixel is at gray level {low}")
     frozen: int = count_identical(lines, np.empty(len(lines) - 1, np.bool_))
-    if frozen >= _FROZEN_PAIRS and 2 * frozen > len(lines) - 1:
+    if frozen >= _FROZEN_PAIRS:
         raise Unmeasured(f"frozen: {frozen} of {len(lines) - 1} line pairs are identical")
