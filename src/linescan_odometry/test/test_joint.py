@@ -65,7 +65,7 @@ def test_displacements_are_recovered_within_their_deviation(
 def test_two_lines_are_enough(expose: Expose) -> None:
     found = estimator().estimate(expose([0.0, 7.3], PIXELS, noise=1.0))
     assert found.reason == ""
-    assert found.value == pytest.approx(7.3, abs=0.1)
+    assert found.value == pytest.approx(7.3, abs=0.2)
 
 
 def test_an_acceleration_does_not_bias_the_mean(expose: Expose) -> None:
@@ -148,6 +148,9 @@ def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:
     camera = MethodOdometry(sensor, _with_others(sensor))
     still = np.repeat(expose([0.0], PIXELS), LINES, axis=0)
     assert camera.update(LineBatch(10**9, still)).reason.startswith("frozen")
+    half = moved(expose, 4.0)
+    half[LINES // 2 :] = half[LINES // 2]
+    assert camera.update(LineBatch(10**9 + 10_000_000, half)).reason.startswith("frozen")
     dark = np.zeros((LINES, PIXELS), np.uint8)
     assert camera.update(LineBatch(2 * 10**9, dark)).reason.startswith("no contrast")
 

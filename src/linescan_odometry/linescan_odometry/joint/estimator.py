@@ -111,7 +111,8 @@ class JointEstimator:
         m, n = lines.shape
         size = self._size
         layout = Layout(m, n, size, self._limit)
-        spectra = spectra_of(lines, self._tables[lines.itemsize], self._taper, size)
+        table = self._tables[lines.itemsize]
+        spectra = spectra_of(lines, table, self._taper, size)
         products = correlate(spectra)
         known = shrink(*self._pattern)
         kappa = np.arange(m) - 0.5 * (m - 1)
@@ -129,7 +130,7 @@ class JointEstimator:
                 information, batch = observe(spectra, removed, paths, size)
                 before = self._pattern.precision
                 pattern = posterior(self._pattern.information + information, before + batch)
-            rest = without(lines, pattern, self._taper, size)
+            rest = without(lines, table, pattern, self._taper, size)
             precision = Precision(before, batch)
             best: Fit = fit(rest, precision, d, a, self._spread, final)
             if not best.found:

@@ -271,19 +271,18 @@ def _derivatives(
 
 
 @kernel
-def _on_grid(precision: Precision, cut: _Cut, pixels: int, gray: float) -> Doubles:
+def _on_grid(precision: Precision, cut: _Cut, pixels: int) -> Doubles:
     """Return the pattern as estimated without one block, on the frequencies of the cut.
 
     Args:
         precision: of the pattern; of this batch each block has an equal part.
-        cut: lines of less than n pixels, in gray levels.
+        cut: lines of less than n pixels.
         pixels: n.
-        gray: mean gray level.
     """
     before, batch = precision
     known = np.zeros(cut.spectra.shape[1])
     others = 1.0 - 1.0 / (len(cut.first) - 1)
-    scale = pixels / (cut.length * gray * gray)
+    scale = pixels / cut.length
     for f in range(len(known)):
         i = min(f * len(before) // len(known), len(before) - 1)
         known[f] = scale * (before[i] + others * batch[i])
@@ -302,7 +301,7 @@ def fit(
     """Take Newton steps from a displacement and its change.
 
     Args:
-        lines: without the pattern, shape (m, n).
+        lines: logarithm of lines less the pattern, shape (m, n).
         precision: of the pattern.
         displacement: per line [px].
         change: of it from line to line [px].
@@ -313,7 +312,6 @@ def fit(
     nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0)
     kappa = np.arange(m) - 0.5 * (m - 1)
     half = 0.5 * kappa**2
-    gray = lines.mean()
     for step in range(_STEPS + 1):
         paths = displacement * kappa + change * half
         cut = _cut(lines, paths)
@@ -324,7 +322,7 @@ def fit(
             cut.spectra, cut.first, edges, np.full(len(edges) - 1, -LEAST_NOISE)
         )
         rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
-        model = _Model(edges, covariances, _on_grid(precision, cut, n, gray), rate)
+        model = _Model(edges, covariances, _on_grid(precision, cut, n), rate)
         white, derivatives = _derivatives(cut, model, kappa, half, paths)
         u_d, u_a = derivatives[0], derivatives[1] - change / spread**2
         j_dd, j_da, j_aa = derivatives[2], derivatives[3], derivatives[4] + 1.0 / spread**2

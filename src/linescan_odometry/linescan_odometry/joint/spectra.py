@@ -114,11 +114,12 @@ def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectru
 
 
 @kernel
-def without(lines: Lines, pattern: Spectrum, taper: Floats, size: int) -> Floats:
-    """Return lines divided by a pattern, shape (m, n).
+def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
+    """Return the logarithm of lines less a pattern, shape (m, n).
 
     Args:
         lines: gray levels, shape (m, n).
+        table: logarithm of each gray level.
         pattern: spectrum of its logarithm, of a tapered line, shape (F,).
         taper: of a line, shape (n,).
         size: of the transform [px].
@@ -128,10 +129,10 @@ def without(lines: Lines, pattern: Spectrum, taper: Floats, size: int) -> Floats
     fixed = scipy.fft.irfft(whole, size)
     rest = np.empty(lines.shape, np.float32)
     for i in range(lines.shape[1]):
-        fixed[i] = math.exp(-fixed[i] / max(taper[i], _LEAST_TAPER))
+        fixed[i] /= max(taper[i], _LEAST_TAPER)
     for k in range(len(lines)):
         for i in range(lines.shape[1]):
-            rest[k, i] = np.float32(lines[k, i]) * fixed[i]
+            rest[k, i] = table[lines[k, i]] - np.float32(fixed[i])
     return rest
 
 

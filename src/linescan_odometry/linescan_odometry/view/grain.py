@@ -110,16 +110,16 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
-    """Write differences of neighboring sums of `step` pixels, as integers."""
-    ahead, behind = np.int32(0), np.int32(0)
+    """Write differences of neighboring sums of `step` pixels."""
+    ahead, behind = 0.0, 0.0
     for i in range(step):
-        behind += np.int32(line[i])
-        ahead += np.int32(line[i + step])
+        behind += line[i]
+        ahead += line[i + step]
     gradient[0] = ahead - behind
     for i in range(1, gradient.shape[0]):
-        middle = np.int32(line[i + step - 1])
-        behind += middle - np.int32(line[i - 1])
-        ahead += np.int32(line[i + 2 * step - 1]) - middle
+        middle = float(line[i + step - 1])
+        behind += middle - line[i - 1]
+        ahead += line[i + 2 * step - 1] - middle
         gradient[i] = ahead - behind
 
 
