@@ -62,10 +62,14 @@ from omni_brake_assist.monitors.effect_monitor import (
     effect_memory,
     watch_effect,
 )
-from omni_brake_assist.monitors.wheel_monitor import watch_wheels, wheel_memory
+from omni_brake_assist.monitors.wheel_monitor import (
+    REFUTED,
+    UNSUPPORTED,
+    watch_wheels,
+    wheel_memory,
+)
 from omni_brake_assist.observer.horizon import observe
 from omni_brake_assist.observer.state import (
-    ALL,
     NO_ESTIMATE,
     NO_TWIST,
     Brakes,
@@ -95,13 +99,12 @@ _STEP = np.dtype(
         ("reckoned", "?"),  # whether the motion is known without the twist
         ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
-        ("slides", "?"),  # whether all wheels contradict the twist
+        ("refuted", "?"),  # whether wheels have refuted the estimate since the pedal went down
         ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault had all brakes on in the last step
         ("start_speed", "f8"),  # when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
         ("assisting", "?"),  # whether the law has been asked since the pedal went down
-        ("line_uncertain", "?"),  # whether the line was stored during a dispute
         ("answer", "i8"),  # of the law when it was asked last
         ("dead", "i8"),  # number of the wheel whose brake has been found dead, from 1; 0: none
     ]
@@ -339,22 +342,17 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         if not 0.0 <= dt <= constants.maximum_time_step:
             forget_line(line)  # the heading is not known across the gap
             dt = 0.0
-    isolation = memory.observer.isolation[0]
-    settled = isolation.disputed == 0.0 or isolation.out != ALL
     if not braking:
         forget_line(line)
         step.slow = False
     elif good:
-        if step.line_uncertain and settled:
-            forget_line(line)  # it may be that of a faulty sensor
         if line.stored:
             advance_line(line, dt, yaw_rate)
         elif trusted:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
-            step.line_uncertain = not settled
             step.start_speed = math.hypot(v_x, v_y)
-    ready = braking and good and trusted and not step.slides
+    ready = braking and good and trusted and not step.refuted
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
@@ -376,7 +374,7 @@ def _watch(
         law_speeds[i] = inputs.wheels.speed[i]
     if not braking:
         step.dead = 0
-        step.slides = False
+        step.refuted = False
     if elapsed < 0.0:
         return
     dt = min(elapsed, constants.maximum_time_step)
@@ -385,8 +383,8 @@ def _watch(
     if step.dead == 0:
         dead = watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1 if dead != NO_WHEEL else 0
-    slide = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, law_speeds)
-    step.slides = step.slides or (slide and step.reckoned)
+    found = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, law_speeds)
+    step.refuted = step.refuted or found == REFUTED or (found == UNSUPPORTED and step.reckoned)
 
 
 @lean
@@ -522,7 +520,7 @@ def _first_fault(step: Any, cause: int, outside: int) -> int:
         fault = min(fault, NO_EFFECT)
     if step.dead != 0:
         fault = min(fault, DEAD_BRAKE)
-    return int(min(fault, CONTRADICTED) if step.contradicted or step.slides else fault)
+    return int(min(fault, CONTRADICTED) if step.contradicted or step.refuted else fault)
 
 
 @lean

@@ -33,8 +33,8 @@ PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 class Drive:
     """A vehicle that brakes along the x axis of the world while it begins to turn.
 
-    Everybody tells the truth unless `lie` changes what is told from a step on; the first wheel
-    rolls free while braking.
+    All sensors are right unless `fault` changes a reading from a step on; the first wheel rolls
+    free while braking.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Drive:
     def run(
         self,
         steps: int,
-        lie: str = "",
+        fault: str = "",
         onset: int = 80,
         size: float = 0.0,
         late: int = 0,
@@ -91,27 +91,27 @@ class Drive:
         """Run; `late` is the age of the twist in steps, and it is read every `hold` of them."""
         count = len(self.memory.rim)
         for step in range(steps):
-            braking, told = step >= PEDAL, onset <= step < until
+            braking, faulty = step >= PEDAL, onset <= step < until
             taken = max(step - late, 0) // hold * hold
-            twist, _, _ = self.truth(onset if told and lie == "stuck" else taken - self.unsaid)
+            twist, _, _ = self.truth(onset if faulty and fault == "stuck" else taken - self.unsaid)
             inertial = self.inertial(step)
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
-            if told and lie == "twist":
+            if faulty and fault == "twist":
                 twist = twist + np.array([0.0, size, 0.0])
-            if told and lie == "rate":
+            if faulty and fault == "rate":
                 twist = twist + np.array([0.0, 0.0, size])
-            if told and lie == "gyro":
+            if faulty and fault == "gyro":
                 inertial[0] += size
-            if told and lie == "force":
+            if faulty and fault == "force":
                 inertial[2] += size
-            if told and (lie == "wheel" or (lie == "silence" and step >= onset + 20)):
+            if faulty and (fault == "wheel" or (fault == "silence" and step >= onset + 20)):
                 speeds[0] += size
-            heard = not (told and lie == "silence")
+            received = not (faulty and fault == "silence")
             enable = np.ones(count)
             if braking:
                 enable[0] = 0.0
                 speeds[1:] = 0.0
-            if told and lie == "ice":
+            if faulty and fault == "ice":
                 speeds[0] = min(speeds[0], size * (step - onset))
             answer = np.full(3, np.nan)
             self.chosen.append(
@@ -120,7 +120,7 @@ class Drive:
                     self.memory,
                     step * PERIOD_NS,
                     Brakes(braking, enable),
-                    PassedTwist(heard, False, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
+                    PassedTwist(received, False, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
                     Sensed(inertial, speeds),
                     answer,
                 )
@@ -128,7 +128,7 @@ class Drive:
             self.answers.append(answer)
 
     def time_until(self, out: int, onset: int = 80) -> float:
-        """Return when a channel has been left out since the step of a lie [s]."""
+        """Return the time from the onset of a fault to the isolation of its source [s]."""
         return (self.chosen.index(out, onset) + 1 - onset) * PERIOD_NS / 1e9
 
     @property
@@ -142,7 +142,7 @@ def drive(mecanum: dict[str, WheelMount], request: pytest.FixtureRequest) -> Dri
     return Drive(mecanum, request.param)
 
 
-def test_honest_sensors_are_all_believed(drive: Drive) -> None:
+def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
     drive.run(200)
     assert set(drive.chosen) == {ALL}
     assert drive.error == pytest.approx(0.0, abs=0.02)
@@ -169,7 +169,7 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lie", "size", "out"),
+    ("fault", "size", "out"),
     [
         pytest.param(
             "twist", 0.5, NO_TWIST,
@@ -203,9 +203,9 @@ def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
     ],
 )  # fmt: skip
 def test_a_faulty_source_is_isolated(
-    drive: Drive, lie: str, size: float, out: int, within: float
+    drive: Drive, fault: str, size: float, out: int, within: float
 ) -> None:
-    drive.run(160, lie, size=size)
+    drive.run(160, fault, size=size)
     assert drive.chosen[-1] == out
     assert drive.time_until(out) <= within
     assert drive.error == pytest.approx(0.0, abs=0.1)
@@ -218,7 +218,7 @@ def test_a_faulty_source_is_isolated(
     within=0.2,
 )
 @pytest.mark.parametrize("hold", [1, 4])
-def test_a_twist_that_braking_does_not_change_is_left_out(
+def test_a_twist_that_braking_does_not_change_is_isolated(
     drive: Drive, hold: int, within: float
 ) -> None:
     drive.run(115, "stuck", hold=hold)
@@ -227,11 +227,13 @@ def test_a_twist_that_braking_does_not_change_is_left_out(
     assert drive.error == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize(("lie", "size"), [("twist", 3.0), ("gyro", 0.5), ("force", 6.0)])
-def test_who_is_heard_again_has_left_nothing_behind(drive: Drive, lie: str, size: float) -> None:
-    """Filters that heard a lie for a while do not speak of it once it is over."""
-    drive.run(190, lie, onset=70, size=size, until=110)
-    assert drive.chosen[-1] == (NO_FORCE if lie == "force" else ALL)  # nobody corrects its path
+@pytest.mark.parametrize(("fault", "size"), [("twist", 3.0), ("gyro", 0.5), ("force", 6.0)])
+def test_a_source_that_recovers_has_left_nothing_behind(
+    drive: Drive, fault: str, size: float
+) -> None:
+    """Filters that used a faulty source for a while start from those that did not."""
+    drive.run(190, fault, onset=70, size=size, until=110)
+    assert drive.chosen[-1] == (NO_FORCE if fault == "force" else ALL)  # its path has drifted
     errors = [a - drive.truth(i)[0] for i, a in enumerate(drive.answers) if i >= 130]
     assert np.max(np.abs(errors)) < 0.1
 
@@ -252,10 +254,10 @@ def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None
 
 
 @pytest.mark.parametrize("delay", [0.005, 0.05, 0.2])
-def test_a_delay_that_is_told_leaves_the_answer_of_now(
+def test_a_configured_delay_leaves_the_estimate_of_now(
     mecanum: dict[str, WheelMount], delay: float
 ) -> None:
-    """Half a step or many: nothing is known for so long at first, then what is true now."""
+    """Half a step or many: there is no estimate for so long at first, then that of now."""
     drive = Drive(mecanum, (0.5, -0.3), delay)
     drive.run(180)
     first = math.ceil(drive.unsaid)
@@ -263,7 +265,7 @@ def test_a_delay_that_is_told_leaves_the_answer_of_now(
     assert drive.error == pytest.approx(0.0, abs=0.02)
 
 
-def test_a_gyro_that_lies_is_left_out_beside_a_twist_that_is_late(
+def test_a_faulty_gyro_is_isolated_beside_a_late_twist(
     mecanum: dict[str, WheelMount],
 ) -> None:
     drive = Drive(mecanum, delay=0.05)
@@ -272,20 +274,20 @@ def test_a_gyro_that_lies_is_left_out_beside_a_twist_that_is_late(
     assert drive.error == pytest.approx(0.0, abs=0.1)
 
 
-def test_an_accelerometer_that_lies_a_little_does_not_pull_the_answer_aside(drive: Drive) -> None:
-    """Too little for a dispute: the twist is taken as it is while nobody explains it."""
+def test_a_small_fault_of_the_accelerometer_does_not_bias_the_estimate(drive: Drive) -> None:
+    """It is too small for isolation; the twist is used without the accelerometer."""
     drive.run(180, "force", size=0.8)
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
-def test_one_wheel_alone_proves_nothing(drive: Drive) -> None:
-    """The only wheel that rolls says what it wants: twist and IMU go on being heard."""
+def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
+    """The only wheel that rolls is faulty: twist and IMU stay in use."""
     drive.run(180, "wheel", size=3.0)
     assert NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_release_of_the_pedal_forgives(drive: Drive) -> None:
+def test_a_release_of_the_pedal_resets_isolation(drive: Drive) -> None:
     drive.run(120, "twist", size=1.0)
     assert drive.chosen[-1] == NO_TWIST
     inertial, speeds = np.zeros(3), np.zeros(4)

@@ -1,15 +1,14 @@
-"""Monitor of the wheel speeds: which of them a law may use, and whether any supports the estimate.
+"""Monitor of the wheel speeds: which of them a law may use, and whether they refute the estimate.
 
 A braked wheel turns with the ground and no faster; a released one spins up. A wheel that for a
 while turns faster than it rolls, or backwards, or does not spin up after its release, has a faulty
 encoder or a valve that does not release. A law would take it for a wheel on ice and release others
 to keep the heading, so its speed is rejected until the pedal is released.
 
-Without a valid twist an estimate needs at least one wheel that follows the ground: if all slide
-although a brake is released, wheels and estimate contradict each other.
+Two such wheels at a time refute the estimate of the motion instead: a fault that twist and IMU
+share passes every comparison of these two, but not that with the wheels. Nor has an estimate
+without a valid twist any support if no wheel follows the ground although a brake is released.
 """
-
-from __future__ import annotations
 
 import math
 
@@ -31,13 +30,16 @@ WATCH = np.dtype(
 )
 """What is remembered of a wheel."""
 
+SUPPORTED, UNSUPPORTED, REFUTED = range(3)
+
 _SLOW = 0.5  # speed along the active direction below which nothing shows [m/s]
 _OFF, _OFF_SHARE = 0.3, 0.03  # by which a rim that rolls may be off for a while [m/s], [1]
+_IMPOSSIBLE = 0.1  # for how long it may be farther off [s]
+_LET_GO = 0.05  # share of the pedal's demand that counts for none [1]
 _FOLLOWS = 0.85  # share of its hub's speed at which a rim follows the ground [1]
 _SLIDES = 0.2  # time for which all may slide while a brake is released [s]
-_IMPOSSIBLE = 0.1  # for how long it may be farther off [s]
 _RELEASED = 0.5  # share of the pedal's demand below which a brake counts as released [1]
-_LET_GO = 0.05  # share of the pedal's demand that counts for none [1]
+_REFUTING = 2  # wheels that refute the estimate
 _GAIN = 0.2  # of a rim that is dragged, on ice too, while a brake is let go and as long again [m/s]
 
 
@@ -55,7 +57,7 @@ def watch_wheels(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
     law_speeds: FloatArray,
-) -> bool:
+) -> int:
     """Check the wheel speeds after a step of braking.
 
     Args:
@@ -68,9 +70,10 @@ def watch_wheels(
         law_speeds: that a law may use [rad/s], shape (N,); NaN for a rejected wheel.
 
     Returns:
-        Whether all wheels contradict the twist: with a brake released, none follows the ground.
+        REFUTED if wheels refute the twist, UNSUPPORTED if none follows the ground although a brake
+        is released, else SUPPORTED.
     """
-    follows, released, seen = False, False, False
+    follows, released, seen, refuting = False, False, False, 0
     for i in range(law_speeds.size):
         wheel = memory[i]
         if pedal <= 0.0:
@@ -96,8 +99,11 @@ def watch_wheels(
                 wheel.free += dt
             if wheel.impossible > _IMPOSSIBLE or wheel.free > 2.0 * constants.time:
                 wheel.rejected = True
+                refuting += 1
         if wheel.rejected:
             law_speeds[i] = math.nan
     slides = pedal > 0.0 and seen and released and not follows
     memory[0].slides = memory[0].slides + dt if slides else 0.0
-    return bool(memory[0].slides > _SLIDES)
+    if refuting >= _REFUTING:
+        return REFUTED
+    return UNSUPPORTED if memory[0].slides > _SLIDES else SUPPORTED

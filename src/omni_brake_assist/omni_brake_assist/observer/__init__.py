@@ -26,11 +26,10 @@ velocity, the deceleration that braking causes and tires limit; for a yaw rate, 
 twist's velocity. In axes that turn with the gyro ``U' = f`` if the gyro is right; with the twist's
 own rate it changes by another ``(Omega - gyro) k x U``. Both are accumulated over `memory`; a twist
 that neither explains is faulty itself. An isolated source is excluded until it has agreed for
-`recovery_time`, the third time until the pedal is released. Without a decision within `patience`
-there is no valid estimate. Without an IMU the twist must fit the rolling wheels.
+`recovery_time`. Without a decision within `patience` there is no valid estimate. Without an IMU
+the twist must fit the rolling wheels.
 
-Three tests do not compare pairs. A twist whose step the gate refuses is isolated in a dispute. A
-filter without a valid twist that the rolling wheels contradict gives no valid estimate. Nor does
-one that differs from the specific force integrated since the pedal went down, which is the only
-estimate that neither twist nor wheels influence: faults that these two share are found so.
+Two tests do not compare pairs. A twist whose step the gate refuses is isolated in a dispute. A
+filter without a valid twist that the rolling wheels contradict gives no valid estimate. A fault
+that two sources share passes these comparisons; `wheel_monitor` and `effect_monitor` bound it.
 """

@@ -9,16 +9,11 @@ from omni_brake_assist.observer.state import (
     ALL,
     ALONE,
     FILTERS,
-    GAIN_X,
-    GAIN_Y,
-    GYRO,
-    HEADING,
     HISTORY,
     NO_ESTIMATE,
     NO_FORCE,
     NO_GYRO,
     NO_TWIST,
-    PATH,
     RATE,
     READINGS,
     STATES,
@@ -73,10 +68,7 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
         own = rate if out == NO_GYRO else (velocity if out == NO_FORCE else max(velocity, rate))
         speaks = out not in (NO_TWIST, NO_ESTIMATE) or isolation.twist_age == 0.0
         isolation.agreed = isolation.agreed + dt if own < 0.6 and speaks else 0.0
-        if (
-            isolation.agreed < constants.recovery_time
-            or isolation.isolations >= constants.isolations
-        ):
+        if isolation.agreed < constants.recovery_time:
             return int(out)
         isolation.out = ALL
         isolation.disputed = 0.0
@@ -94,7 +86,6 @@ def judge(constants: ObserverConstants, memory: ObserverMemory, dt: float) -> in
         return int(better)
     isolation.out = better if decided else NO_ESTIMATE
     isolation.agreed = 0.0
-    isolation.isolations += 1.0
     return int(isolation.out)
 
 
@@ -195,50 +186,11 @@ def _who_loses(constants: ObserverConstants, memory: ObserverMemory) -> tuple[in
 
 
 @lean
-def start_path(memory: ObserverMemory, k: int) -> None:
-    """Start the path, the integrated specific force, at the velocity of a filter."""
-    course, path, state = memory.course[0], memory.state[PATH], memory.state[k]
-    c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
-    course.start_x = c * state[U_X] - s * state[U_Y] - path[GAIN_X]
-    course.start_y = s * state[U_X] + c * state[U_Y] - path[GAIN_Y]
-    course.start_variance = max(memory.covariance[k, U_X, U_X], memory.covariance[k, U_Y, U_Y])
-
-
-@lean
-def compare_path(
-    constants: ObserverConstants, memory: ObserverMemory, chosen: int, dt: float
-) -> int:
-    """Return the filter to use, NO_ESTIMATE where the path since the pedal contradicts it.
-
-    A fault that twist and wheels share moves every filter that uses one of them; the specific
-    force integrated since the pedal went down uses none. Its error grows with that of the bias.
-    """
-    isolation, course, path = memory.isolation[0], memory.course[0], memory.state[PATH]
-    if chosen not in (ALL, NO_TWIST) or not math.isfinite(path[GYRO]):
-        isolation.unexplained = 0.0
-        return chosen
-    state = memory.state[chosen]
-    c, s = math.cos(path[HEADING]), math.sin(path[HEADING])
-    x = c * state[U_X] - s * state[U_Y] - path[GAIN_X] - course.start_x
-    y = s * state[U_X] + c * state[U_Y] - path[GAIN_Y] - course.start_y
-    drift = course.start_variance + (constants.bias * isolation.braked) ** 2
-    gate = constants.velocity_gate + constants.scale * isolation.top_speed + 3.0 * math.sqrt(drift)
-    isolation.unexplained = isolation.unexplained + dt if math.hypot(x, y) > gate else 0.0
-    if isolation.unexplained < constants.patience:
-        return chosen
-    isolation.out = NO_ESTIMATE
-    isolation.agreed = isolation.unexplained = 0.0
-    isolation.isolations += 1.0
-    return NO_ESTIMATE
-
-
-@lean
 def isolate_without_imu(memory: ObserverMemory, braking: bool) -> int:
     """Decide without an IMU: the twist must fit the wheels that roll."""
     isolation = memory.isolation[0]
     if braking and memory.score[ALONE] > ALONE_GATE:
         isolation.out = NO_ESTIMATE
-        isolation.isolations += 1.0
     return NO_ESTIMATE if isolation.out != ALL else ALL
 
 

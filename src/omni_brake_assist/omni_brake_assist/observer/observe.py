@@ -6,13 +6,11 @@ import math
 
 from omni_brake_assist.observer.filters import carry_on, of_then, remember
 from omni_brake_assist.observer.judgment import (
-    compare_path,
     differences,
     isolate_without_imu,
     judge,
     reset_on_wheel_slip,
     reset_scores,
-    start_path,
 )
 from omni_brake_assist.observer.state import (
     ALL,
@@ -43,7 +41,6 @@ from omni_platform.quantities import FloatArray
 
 _FEW = 4.0  # readings of rolling wheels that contradict no filter [1]
 _LOST = 0.1  # time without a twist after which it is the one that has failed [s]
-_LONG_HELD = 5e7  # time between two twists of a slow sensor [ns]
 
 
 @lean
@@ -102,17 +99,13 @@ def observe_at(
         isolation.twist_ns = twist_ns
         update_by_twist(constants, memory, twist_ns, corrected, variance)
     remember(memory)
-    if fresh or now_ns - isolation.twist_ns > _LONG_HELD:  # in between, the filters diverge
-        compared_ns = twist_ns if fresh else now_ns
-        isolation.apart_velocity, isolation.apart_rate = differences(constants, memory, compared_ns)
+    compared_ns = twist_ns if fresh else now_ns
+    isolation.apart_velocity, isolation.apart_rate = differences(constants, memory, compared_ns)
     if isolation.inertial == 0.0:
         return int(isolate_without_imu(memory, braking))
     if not braking:
         reset_on_wheel_slip(constants, memory, inertial)
-    chosen = judge(constants, memory, dt)
-    if braking:
-        chosen = compare_path(constants, memory, chosen, dt)
-    return int(_answer(constants, memory, chosen, answer))
+    return int(_answer(constants, memory, judge(constants, memory, dt), answer))
 
 
 @lean
@@ -123,14 +116,13 @@ def _follow_pedal(memory: ObserverMemory, braking: bool, dt: float) -> None:
         memory.released[:] = 0.0
         memory.score[ALONE] = 0.0
     if not braking and isolation.pressed != 0.0:
-        isolation.out = isolation.disputed = isolation.agreed = isolation.isolations = 0.0
+        isolation.out = isolation.disputed = isolation.agreed = 0.0
         reset_scores(memory)
     if not braking:
         used = int(isolation.out) if isolation.out < NO_ESTIMATE else ALL
         course, state = memory.course[0], memory.state[used]
         course.still_rate, course.still_x = state[BIAS_RATE], state[BIAS_X]
         course.still_y = state[BIAS_Y]
-        start_path(memory, used)
         isolation.top_speed = math.hypot(state[U_X], state[U_Y])
     isolation.pressed = 1.0 if braking else 0.0
     isolation.braked = isolation.braked + dt if braking else 0.0

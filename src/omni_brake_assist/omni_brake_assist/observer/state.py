@@ -54,10 +54,8 @@ KEPT_PRESSED, KEPT_IMU, KEPT_WHEELS = 0, 1, 4
 ISOLATION = np.dtype(
     [
         ("out", np.float64),  # who is left out: a filter, or NO_ESTIMATE
-        ("unexplained", np.float64),  # time for which the path has contradicted the estimate [s]
         ("disputed", np.float64),  # time that the dispute has lasted [s]
         ("agreed", np.float64),  # for how long the one left out has agreed again [s]
-        ("isolations", np.float64),  # number of isolations since the pedal went down
         ("inertial", np.float64),  # whether there has been an IMU reading
         ("begun", np.float64),  # whether the filters have begun
         ("twist_age", np.float64),  # time since the last good twist [s]
@@ -90,9 +88,6 @@ COURSE = np.dtype(
         ("turn_x", np.float64),  # what they would have with their own yaw rate [m/s]
         ("turn_y", np.float64),  # the same along y [m/s]
         ("spread", np.float64),  # variance of both [m^2/s^2]
-        ("start_x", np.float64),  # velocity when the pedal went down, in the axes of the path [m/s]
-        ("start_y", np.float64),  # its component along y [m/s]
-        ("start_variance", np.float64),  # of it [m^2/s^2]
         ("still_rate", np.float64),  # biases when the pedal went down [rad/s]
         ("still_x", np.float64),  # bias of the accelerometer then [m/s^2]
         ("still_y", np.float64),  # bias of the accelerometer then [m/s^2]
@@ -181,7 +176,6 @@ class ObserverConstants(NamedTuple):
         rate_gate: difference of yaw rates that is no dispute [rad/s].
         patience: time within which a dispute must be isolated [s].
         recovery_time: time of agreement until an isolated source is used again [s].
-        isolations: after which it stays excluded.
         velocity_deviation: of the answer, largest [m/s].
         rate_deviation: largest standard deviation of the yaw rate [rad/s].
         spin_up: time since its release after which a wheel rolls [s].
@@ -216,7 +210,6 @@ class ObserverConstants(NamedTuple):
     rate_gate: float
     patience: float
     recovery_time: float
-    isolations: float
     velocity_deviation: float
     rate_deviation: float
     spin_up: float
@@ -328,7 +321,6 @@ def observer_constants(
         rate_gate=0.05,
         patience=0.1,
         recovery_time=0.2,
-        isolations=3.0,
         velocity_deviation=0.4,
         rate_deviation=0.15,
         # A brake that lags acts for a while after its release.

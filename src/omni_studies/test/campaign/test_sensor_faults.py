@@ -135,7 +135,7 @@ def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "a fault too small to be found, also while the line of motion is stored",
-    "it costs little; the line is stored again once a dispute is settled",
+    "it costs little",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
