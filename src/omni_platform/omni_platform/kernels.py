@@ -16,8 +16,8 @@ from numba.core import entrypoints
 from numba.core.dispatcher import Dispatcher
 from numba.np import linalg
 
-from omni_platform.kernel_cache import KernelCache
-from omni_platform.kernel_calls import linked, omit_entries_for_python
+from omni_platform.compilation.cache import KernelCache
+from omni_platform.compilation.calls import linked, omit_entries_for_python
 
 __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 

@@ -25,7 +25,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
-from omni_platform.kernel_calls import CompiledKernel, compilation, linked_kernels, publish
+from omni_platform.compilation.calls import CompiledKernel, compilation, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _DEPTH = 3  # of modules in modules, as in numpy.linalg

@@ -1,0 +1,1 @@
+"""How numba compiles, stores and links kernels."""
