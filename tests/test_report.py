@@ -303,7 +303,7 @@ def test_ten_seconds_are_small_and_open_at_once(
     assert file.stat().st_size < 5e6
     browser.show(1280, 900)
     browser.open(file)
-    assert browser.run("document.querySelectorAll('.plot').length") == 10
+    assert browser.run("document.querySelectorAll('.plot').length") == 11
     assert browser.seconds_of_work < 2.0
     # A long run is thinned out instead.
     longer = dataclasses.replace(sample, history=lasting(sample.history, 30_000))

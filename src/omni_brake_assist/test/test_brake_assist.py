@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,33 @@ class Drive:
         self.stamp_ns += PERIOD_NS
         feedback = TwistSample(self.stamp_ns, np.array(twist), 1e-6 * np.eye(3))
         return self.assist.update(BrakeDemand(self.stamp_ns, pedal, feedback))
+
+
+@pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
+@pytest.mark.parametrize("kind", ["on_off", "proportional"])
+def test_the_first_braking_step_imports_nothing(mecanum: Wheels, law: str, kind: str) -> None:
+    # An import takes some tenths of a second, during which a vehicle would have all brakes on.
+    script = f"""
+import sys
+import numpy as np
+from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
+from omni_platform.brakes import BrakeConfiguration
+from omni_platform.geometry import WheelMount
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
+
+brake = BrakeConfiguration(kind={kind!r})
+assist = BrakeAssist(BrakeAssistConfiguration(wheels={mecanum!r}, law={law!r}, brake=brake))
+before = set(sys.modules)
+for stamp in range(0, 100_000_000, 10_000_000):
+    twist = TwistSample(stamp, np.array([3.0, 0.0, 0.0]), 1e-4 * np.eye(3))
+    wheels = WheelSample(stamp, np.full(4, 15.0))
+    imu = ImuSample(stamp, 0.0, np.zeros(2))
+    state = assist.update(BrakeDemand(stamp, float(stamp > 50_000_000), twist, wheels, imu)).state
+print(state.value, *sorted(set(sys.modules) - before))
+"""
+    run = [sys.executable, "-c", script]
+    ended = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "assisting"
 
 
 def test_before_the_pedal_nothing_acts(mecanum: Wheels) -> None:
