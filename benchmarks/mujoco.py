@@ -5,6 +5,7 @@ runs counts. With ``--json`` one document for programs. MuJoCo is optional, see 
 """
 
 import argparse
+import dataclasses
 import json
 import sys
 import time
@@ -13,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from omni_loop.experiment import ExperimentLibrary
-from omni_sim.vehicle.mujoco_vehicle import load_mujoco
-from omni_studies.wheels.engines import ENGINES, in_engine
+from omni_sim.vehicle.mujoco_vehicle import build_vehicle, load_mujoco
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 DURATION, REPEATS = 1.0, 5  # [s] simulated, while the vehicle still moves; [1]
+ENGINES = ("single", "rollers", "mujoco")
 LIMITS = {"single": 300.0, "rollers": 10.0}
 
 
@@ -32,7 +33,8 @@ def main() -> None:
     best = dict.fromkeys(ENGINES, float("inf"))
     for _ in range(REPEATS):
         for name in ENGINES:
-            machine = in_engine(vehicle, name, (10.0, 0.0, 0.0))
+            configuration = dataclasses.replace(vehicle, wheel_model=name)
+            machine = build_vehicle(configuration, twist=(10.0, 0.0, 0.0))
             machine.advance(1, 1.0, np.ones(4), np.zeros(3), traced=False)  # loads the kernel
             steps = round(DURATION / machine.physics_step)
             begin = time.process_time()

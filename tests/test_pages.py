@@ -52,7 +52,7 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "study integrity": "minutes of rendered lines: test_integrity.py",
     "study sensor_presets": "minutes of rendered lines: test_line_studies.py",
     "study sideslip": "rendered lines: test_sideslip_study.py",
-    "study mujoco": "an optional engine: test_engines.py where it is installed",
+    "study mujoco": "an optional engine: test_mujoco.py where it is installed",
     "study table2": "test_studies.py",
     "study tires": "test_tire_study.py",
     "study wheels": "CPU times, repeated: test_wheels.py has the wheels",

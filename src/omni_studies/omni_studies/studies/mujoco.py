@@ -2,39 +2,43 @@
 
 The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
 and in MuJoCo (`omni_sim.vehicle.mujoco_vehicle` describes the model), unassisted and with the brake
-assistant in the loop. MuJoCo is optional; without it the study prints how to install it. The study
-also shows why the wheels of that model are sprung.
+assistant in the loop, on the velocity sensor. MuJoCo is optional; without it the study prints how
+to install it. The study also shows why the wheels of that model are sprung.
 """
 
 import dataclasses
-import math
 from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_loop.metrics import Metric
+from omni_loop.history import RunHistory
+from omni_loop.loop import run_closed_loop
+from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration, WheelCondition
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels.engines import ENGINES, Stop, brake_to_rest, in_engine
 
-_LABELS = {"single": "single roller", "rollers": "individual rollers", "mujoco": "MuJoCo"}
-_COLORS = {"single": style.BLUE, "rollers": style.ORANGE, "mujoco": style.VERMILLION}
+_ENGINES = {
+    "single": ("single roller", style.BLUE),
+    "rollers": ("individual rollers", style.ORANGE),
+    "mujoco": ("MuJoCo", style.VERMILLION),
+}
 _CASES = {
-    "straight": "straight ahead",
-    "sideways": "sideways",
-    "diagonal": "20 deg from ahead",
-    "turning": "turning, 30 deg/s",
+    "straight": ("straight ahead", "maneuver.direction_deg=0"),
+    "sideways": ("sideways", "maneuver.direction_deg=90"),
+    "diagonal": ("20 deg from ahead", "maneuver.direction_deg=20"),
+    "turning": ("turning, 30 deg/s", "maneuver.yaw_rate_deg=30"),
 }
 _VARIANTS = ("unassisted", "assisted")
+_QUANTITIES = {"orientation_change": "deg", "stopping_distance": "m"}
 _MISMOUNTED = 0.001  # [m]
 
-Stops = Mapping[tuple[str, str, str], Stop]
+Stops = Mapping[tuple[str, str, str], RunHistory]
 """Stops by case, variant and engine."""
 
 
@@ -51,64 +55,59 @@ class Options(Configuration):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Brake in every engine and write figure, data and metrics."""
     load_mujoco()
-    experiments = {
-        variant: study.experiments.load("straight_line", variant, [f"vehicle={options.vehicle}"])
-        for variant in _VARIANTS
-    }
-    vehicle = experiments["assisted"].vehicle
-    stops: dict[tuple[str, str, str], Stop] = {}
+    same = [
+        f"vehicle={options.vehicle}",
+        f"maneuver.speed={options.speed}",
+        "feedback=velocity_sensor",
+        "simulation.render_lines=false",
+    ]
+    stops = {}
     cases = [(case, variant) for case in _CASES for variant in _VARIANTS]
     for index, (case, variant) in enumerate(cases):
-        study.report(index / len(cases), f"{_CASES[case]}, {variant}")
-        for engine in ENGINES:
-            moving = in_engine(vehicle, engine, _twist(case, options.speed))
-            stops[case, variant, engine] = brake_to_rest(moving, experiments[variant].brake_assist)
-    metrics = _metrics(stops) | _mismounted(vehicle)
+        words, motion = _CASES[case]
+        study.report(index / len(cases), f"{words}, {variant}")
+        for engine in _ENGINES:
+            own = [*same, motion, f"vehicle.wheel_model={engine}"]
+            experiment = study.experiments.load("straight_line", variant, own)
+            stops[case, variant, engine] = run_closed_loop(experiment)
+    metrics = {
+        f"{quantity}.{'_'.join(key)}": found[quantity]
+        for key, history in stops.items()
+        for found in (run_metrics(history),)
+        for quantity in _QUANTITIES
+    }
     study.figure("paths.png", _draw(stops))
-    header = ("case", "variant", "engine", "swerve_deg", "distance_m", "stopped")
-    rows = ((*key, stop.swerve, stop.distance, int(stop.stopped)) for key, stop in stops.items())
+    rows = [
+        (*key, *(metrics[f"{quantity}.{'_'.join(key)}"].value for quantity in _QUANTITIES))
+        for key in stops
+    ]
+    header = ("case", "variant", "engine", "orientation_change_deg", "stopping_distance_m")
     study.table("stops.csv", header, rows, digits=6)
-    return study.result(metrics)
+    vehicle = study.experiments.vehicle(options.vehicle)
+    return study.result(metrics | _differences(metrics) | _mismounted(vehicle))
 
 
-def _twist(case: str, speed: float) -> tuple[float, float, float]:
-    direction = math.radians({"sideways": 90.0, "diagonal": 20.0}.get(case, 0.0))
-    rate = math.radians(30.0) if case == "turning" else 0.0
-    return speed * math.cos(direction), speed * math.sin(direction), rate
-
-
-def _metrics(stops: Stops) -> dict[str, Metric]:
-    metrics: dict[str, Metric] = {}
-    for (case, variant, engine), stop in stops.items():
-        name = f"{case}_{variant}_{engine}"
-        missing = math.nan
-        metrics[f"orientation_change.{name}"] = Metric(
-            abs(stop.swerve) if stop.stopped else missing, "deg"
-        )
-        metrics[f"stopping_distance.{name}"] = Metric(
-            stop.distance if stop.stopped else missing, "m"
-        )
-    for case in _CASES:
-        for variant in _VARIANTS:
-            other = stops[case, variant, "mujoco"]
-            for engine in ("single", "rollers"):
-                ours = stops[case, variant, engine]
-                name = f"{case}_{variant}_{engine}"
-                metrics[f"swerve_difference.{name}"] = Metric(
-                    abs(ours.swerve - other.swerve), "deg"
-                )
-                metrics[f"distance_difference.{name}"] = Metric(
-                    abs(ours.distance / other.distance - 1.0), "1"
-                )
+def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
+    """Return the differences of the simulator's wheels to MuJoCo, and the largest ones."""
+    found: dict[str, Metric] = {}
     for variant in _VARIANTS:
-        for quantity, unit in (("swerve_difference", "deg"), ("distance_difference", "1")):
-            values = [
-                metric.value
-                for name, metric in metrics.items()
-                if name.startswith(quantity) and f"_{variant}_" in name
-            ]
-            metrics[f"{quantity}.{variant}_largest"] = Metric(max(values), unit)
-    return metrics
+        largest = {"swerve_difference": 0.0, "distance_difference": 0.0}
+        for case in _CASES:
+            for engine in ("single", "rollers"):
+                (turn, other_turn), (distance, other_distance) = (
+                    [metrics[f"{quantity}.{case}_{variant}_{e}"].value for e in (engine, "mujoco")]
+                    for quantity in _QUANTITIES
+                )
+                values = abs(turn - other_turn), abs(distance / other_distance - 1.0)
+                for name, value in zip(largest, values, strict=True):
+                    largest[name] = max(largest[name], value)
+                    unit = "deg" if name == "swerve_difference" else "1"
+                    found[f"{name}.{case}_{variant}_{engine}"] = Metric(value, unit)
+        found[f"swerve_difference.{variant}_largest"] = Metric(largest["swerve_difference"], "deg")
+        found[f"distance_difference.{variant}_largest"] = Metric(
+            largest["distance_difference"], "1"
+        )
+    return found
 
 
 def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
@@ -130,9 +129,9 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
             ]
             for conditions in ({}, high)
         ]
-        for engine, (level, tilted) in (("", loads), ("_ours", ours)):
+        for suffix, (level, tilted) in (("", loads), ("_ours", ours)):
             change = float(np.max(np.abs(tilted - level)))
-            metrics[f"load_change_of_1_mm.{name}{engine}"] = Metric(change, "N")
+            metrics[f"load_change_of_1_mm.{name}{suffix}"] = Metric(change, "N")
     return metrics
 
 
@@ -143,23 +142,22 @@ def _draw(stops: Stops) -> Figure:
         len(_CASES),
         2,
         size=(13.0, 9.0),
-        x="way along the first velocity [m]",
-        y=[f"{title}\naside [m]" for title in _CASES.values()],
+        x="distance along the first velocity [m]",
+        y=[f"{title}\nlateral [m]" for title, _ in _CASES.values()],
     )
-    for (case, variant, engine), stop in stops.items():
-        way, turn = panels[list(_CASES).index(case)]
-        path = stop.path
-        start = path[1, :2] - path[0, :2]
-        along = start / np.linalg.norm(start)
-        moved = path[:, :2] - path[0, :2]
-        ahead, aside = moved @ along, moved @ np.array([-along[1], along[0]])
-        look = {"color": _COLORS[engine], "linestyle": "-" if variant == "unassisted" else "--"}
-        label = _LABELS[engine] if variant == "unassisted" else None
-        way.plot(ahead, aside, label=label, **look)
-        turn.plot(ahead, np.degrees(path[:, 2] - path[0, 2]), **look)
-    for axes in panels:
-        axes[1].set_ylabel("heading [deg]")
-        for panel in axes:
-            panel.axhline(0.0, color=style.GRAY, linewidth=0.8)
+    for (case, variant, engine), history in stops.items():
+        path, turn = panels[list(_CASES).index(case)]
+        start = history.brake_start or 0
+        along = history.velocity_world[start] / np.hypot(*history.velocity_world[start])
+        pose = history.pose[start:] - history.pose[start]
+        ahead, lateral = pose[:, :2] @ along, pose[:, :2] @ np.array([-along[1], along[0]])
+        label, color = _ENGINES[engine]
+        look = {"color": color, "linestyle": "-" if variant == "unassisted" else "--"}
+        path.plot(ahead, lateral, label=label if variant == "unassisted" else None, **look)
+        turn.plot(ahead, np.degrees(pose[:, 2]), **look)
+    for axes in panels[:, 1]:
+        axes.set_ylabel("heading [deg]")
+    for axes in panels.flat:
+        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
     panels[0, 0].legend()
     return figure

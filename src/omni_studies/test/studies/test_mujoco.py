@@ -9,20 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import run_closed_loop
+from omni_loop.metrics import run_metrics
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.mujoco_vehicle import MujocoVehicle, load_mujoco
-from omni_studies.wheels.engines import ENGINES, brake_to_rest, in_engine
 
-CONFIG = Path(__file__).resolve().parents[4] / "config"
+LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 needs_mujoco = pytest.mark.skipif(
     importlib.util.find_spec("mujoco") is None, reason="MuJoCo is optional and not installed"
 )
 
 
-def experiment(variant: str) -> ExperimentConfiguration:
-    return ExperimentLibrary(CONFIG).load("straight_line", variant)
+def stop(variant: str, engine: str) -> dict[str, float]:
+    """Return the metrics of the straight stop in an engine."""
+    changes = (f"vehicle.wheel_model={engine}", "feedback=velocity_sensor",
+               "simulation.render_lines=false")  # fmt: skip
+    history = run_closed_loop(LIBRARY.load("straight_line", variant, changes))
+    return {name: metric.value for name, metric in run_metrics(history).items()}
 
 
 def test_without_mujoco_a_sentence_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -33,35 +38,23 @@ def test_without_mujoco_a_sentence_says_how_to_install_it(monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("engine", ["single", "rollers"])
 def test_a_machine_brakes_to_rest_and_the_assistant_keeps_it_straight(engine: str) -> None:
-    swerves = {}
-    for variant in ("unassisted", "assisted"):
-        setup = experiment(variant)
-        stop = brake_to_rest(in_engine(setup.vehicle, engine, (10.0, 0.0, 0.0)), setup.brake_assist)
-        assert stop.stopped
-        swerves[variant] = abs(stop.swerve)
-    assert swerves["unassisted"] > 30.0
-    assert swerves["assisted"] < 4.0
+    assert stop("unassisted", engine)["orientation_change"] > 30.0
+    assert stop("assisted", engine)["orientation_change"] < 4.0
 
 
 @needs_mujoco
 @pytest.mark.parametrize(("variant", "swerve"), [("unassisted", 5.0), ("assisted", 1.5)])
 def test_mujoco_swerves_and_stops_as_our_vehicle_does(variant: str, swerve: float) -> None:
-    setup = experiment(variant)
-    stops = {
-        engine: brake_to_rest(
-            in_engine(setup.vehicle, engine, (10.0, 0.0, 0.0)), setup.brake_assist
-        )
-        for engine in ENGINES
-    }
-    assert stops["mujoco"].stopped
+    other = stop(variant, "mujoco")
     for engine in ("single", "rollers"):
-        assert stops[engine].swerve == pytest.approx(stops["mujoco"].swerve, abs=swerve)
-        assert stops[engine].distance == pytest.approx(stops["mujoco"].distance, rel=0.07)
+        ours = stop(variant, engine)
+        assert ours["orientation_change"] == pytest.approx(other["orientation_change"], abs=swerve)
+        assert ours["stopping_distance"] == pytest.approx(other["stopping_distance"], rel=0.07)
 
 
 @needs_mujoco
 def test_wheels_on_springs_carry_the_weight_and_forgive_a_millimeter() -> None:
-    vehicle = experiment("unassisted").vehicle
+    vehicle = LIBRARY.vehicle("mecanum_forklift")
     weight = (vehicle.body.mass + vehicle.load.mass) * GRAVITY
     level, tilted = (
         MujocoVehicle(vehicle, height_offset=offset) for offset in (0.0, [0.001, 0.0, 0.0, 0.0])
