@@ -7,8 +7,6 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from omni_loop.history import RunHistory
-
 TIME = "time since braking [s]"
 
 
@@ -59,22 +57,3 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
     """
     cells = (np.asarray(column).tolist() for column in columns.values())
     return write_table(path, columns, zip(*cells, strict=True), digits=6)
-
-
-def history_columns(history: RunHistory, *, errors: bool = True) -> dict[str, Any]:
-    """Return the columns of the dissertation's figures of a run: time, velocities and errors.
-
-    Args:
-        history: the run.
-        errors: whether to include the errors.
-    """
-    columns: dict[str, Any] = {
-        TIME: history.braking_time,
-        "v_x [m/s]": history.twist[:, 0],
-        "v_y [m/s]": history.twist[:, 1],
-        "yaw rate [rad/s]": history.twist[:, 2],
-    }
-    if errors:
-        for column, name in enumerate(history.wheel_names):
-            columns[f"s {name} [m/s]"] = history.error[:, column]
-    return columns

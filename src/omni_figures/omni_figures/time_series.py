@@ -82,7 +82,7 @@ def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
         axes.plot(history.braking_time, history.estimate[:, component], **_ODOMETRY)
 
 
-def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
+def while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
     """Return values with NaN before the start of braking."""
     shown = values.copy()
     shown[: history.brake_start] = np.nan
@@ -91,7 +91,7 @@ def _while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
 
 def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
     axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
-    error = _while_braking(history, history.error)
+    error = while_braking(history, history.error)
     for column, name in enumerate(history.wheel_names):
         axes.plot(history.braking_time, error[:, column], **_wheel_line(wheels.index(name)))
 
@@ -122,7 +122,7 @@ def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
     return [
         _row_scales([h.twist[i, :2] for h, i in pairs], [h.estimate[i, :2] for h, i in pairs]),
         _row_scales([h.twist[i, 2] for h, i in pairs], [h.estimate[i, 2] for h, i in pairs]),
-        _row_scales([_while_braking(h, h.error)[i] for h, i in pairs], []),
+        _row_scales([while_braking(h, h.error)[i] for h, i in pairs], []),
     ]
 
 

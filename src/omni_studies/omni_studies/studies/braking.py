@@ -12,10 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures import data_table
+from omni_figures import data_table, style
 from omni_figures.run_figures import scene_of
+from omni_figures.time_series import while_braking
 from omni_figures.top_view import top_view
 from omni_loop import compiled, loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -24,7 +26,6 @@ from omni_loop.metrics import Metric, run_metrics
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
-from omni_studies.braking import figures as braking_figures
 from omni_studies.identification.files import VEHICLE
 from omni_studies.study import StudyResult, StudyRun
 
@@ -50,6 +51,9 @@ _QUANTITIES = (
 _ALONE = "_twist_alone"
 _TWIST_ALONE = "brake_assist.fault_detection=false"
 _COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
+_LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
+_WIDTH, _ROW = 9.0, 2.6  # [inch]
+_BEFORE = 0.2  # shown before the start of braking [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,13 +171,25 @@ Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
 
 
 def _over_time(variant: str, *, errors: bool = True) -> Drawing:
-    """Draw velocity components and errors of one variant over time."""
+    """Draw velocity and yaw rate of a variant over time, and below the errors of all wheels."""
 
     def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
         history = runs.histories[variant]
+        labels = ("velocity [m/s], [rad/s]", "error $s_i$ [m/s]")[: 2 if errors else 1]
         title = f"{runs.configurations[variant].description}: {variant}"
-        figure = braking_figures.velocities_and_errors(history, title, errors=errors)
-        return figure, data_table.history_columns(history, errors=errors)
+        figure, panels = _rows(title, labels)
+        colors = (style.BLUE, style.VERMILLION, style.GREEN)
+        for values, label, color in zip(history.twist.T, _LABELS, colors, strict=True):
+            panels[0].plot(history.braking_time, values, color=color, label=label)
+        for axes in panels[1:]:
+            error = while_braking(history, history.error)
+            for column, name in enumerate(history.wheel_names):
+                look: dict[str, Any] = {"color": style.wheel_color(column), "linewidth": 1.1}
+                label = name.replace("_", " ")
+                axes.plot(history.braking_time, error[:, column], label=label, **look)
+        _finish(panels, [history])
+        columns = _twist_columns(history) | (_error_columns(history) if errors else {})
+        return figure, {data_table.TIME: history.braking_time, **columns}
 
     return drawing
 
@@ -194,15 +210,17 @@ def _compared(title: str, *, errors: bool) -> Drawing:
     """Draw errors or velocities of the assisted runs with and without noise."""
 
     def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        clean, noisy = runs.histories["assisted"], runs.histories["noisy"]
+        histories = {variant: runs.histories[variant] for variant in ("assisted", "noisy")}
+        labels: Sequence[str] = _LABELS
         if errors:
-            both = {"no noise": clean, "noisy feedback": noisy}
-            figure = braking_figures.compare_errors(both, title)
-        else:
-            pairs = {"no noise": (clean, clean.twist), "noisy feedback": (noisy, noisy.twist)}
-            figure = braking_figures.compare_velocities(pairs, title)
-        histories = {"assisted": clean, "noisy": noisy}
-        return figure, _stacked(histories, _error_columns if errors else _twist_columns)
+            wheels = histories["noisy"].wheel_names
+            labels = [f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]" for wheel in wheels]
+        shown = {
+            name: (run, while_braking(run, run.error) if errors else run.twist)
+            for name, run in zip(("no noise", "noisy feedback"), histories.values(), strict=True)
+        }
+        columns = _stacked(histories, _error_columns if errors else _twist_columns)
+        return _over_one_another(shown, title, labels), columns
 
     return drawing
 
@@ -211,9 +229,47 @@ def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
     """Draw the noisy feedback over the motion."""
     history, feedback = runs.histories["noisy"], runs.feedback["noisy"]
     shown = {"original": (history, history.twist), "noisy": (history, feedback)}
-    figure = braking_figures.compare_velocities(shown, "Noise on the feedback")
+    figure = _over_one_another(shown, "Noise on the feedback", _LABELS)
     noisy = {f"noisy {name}": feedback[:, place] for place, name in enumerate(_COMPONENTS)}
     return figure, {data_table.TIME: history.braking_time, **_twist_columns(history), **noisy}
+
+
+def _over_one_another(
+    runs: Mapping[str, tuple[RunHistory, FloatArray]], title: str, labels: Sequence[str]
+) -> Figure:
+    """Draw values of two runs, shape (T, K), with one row of axes for each of the K labels."""
+    figure, panels = _rows(title, labels)
+    # The second is thin, so that the first stays visible.
+    looks: tuple[dict[str, Any], ...] = (
+        {"color": style.BLUE, "linewidth": 2.2, "zorder": 3},
+        {"color": style.VERMILLION, "linewidth": 0.9, "zorder": 4},
+    )
+    for row, axes in enumerate(panels):
+        for (name, (history, values)), look in zip(runs.items(), looks, strict=True):
+            axes.plot(history.braking_time, values[:, row], label=name, **look)
+    _finish(panels, [history for history, _ in runs.values()], legends=1)
+    return figure
+
+
+def _rows(title: str, labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
+    size = _WIDTH, 1.0 + len(labels) * _ROW
+    x = "time since braking [s]"
+    figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
+    for axes in grid[:, 0]:
+        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
+    return figure, list(grid[:, 0])
+
+
+def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int = 2) -> None:
+    """Set a common time axis, mark the start of braking and explain the first panels."""
+    low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
+    high = max(float(run.braking_time[-1]) for run in runs)
+    for place, axes in enumerate(panels):
+        label = "pedal down" if place == 0 else None
+        axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2, label=label)
+        axes.set_xlim(low, high)
+        if place < legends:
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
 
 
 def _stacked(
@@ -233,12 +289,12 @@ def _pose_columns(history: RunHistory) -> dict[str, Any]:
 
 
 def _twist_columns(history: RunHistory) -> dict[str, Any]:
-    return {name: history.twist[:, place] for place, name in enumerate(_COMPONENTS)}
+    return dict(zip(_COMPONENTS, history.twist.T, strict=True))
 
 
 def _error_columns(history: RunHistory) -> dict[str, Any]:
-    names = enumerate(history.wheel_names)
-    return {f"s {wheel} [m/s]": history.error[:, place] for place, wheel in names}
+    names = [f"s {wheel} [m/s]" for wheel in history.wheel_names]
+    return dict(zip(names, history.error.T, strict=True))
 
 
 _FIGURES: Mapping[str, Mapping[int, Drawing]] = {

@@ -1,18 +1,26 @@
 """Chapter 3 with the line-scan odometry in the loop, compared with ideal feedback.
 
-The velocity sensor is ideal except in ``ice_patch_noisy``, which uses that of Eqs. (60), (61).
+The dissertation assumes ideal feedback in chapter 3 and treats the sensor of chapter 4 separately;
+here the loop is closed with this sensor. The velocity sensor is ideal except in
+``ice_patch_noisy``, which uses that of Eqs. (60), (61).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from omni_loop.metrics import Metric
+from omni_figures import style
+from omni_loop import compiled, loop
+from omni_loop.history import RunHistory
+from omni_loop.metrics import Metric, run_metrics
 from omni_platform.command_options import overrides_option
 from omni_platform.configuration import Configuration, parameter
-from omni_studies.braking import feedback_comparison, feedback_figures
+from omni_platform.quantities import FloatArray
+from omni_studies.studies import braking
 from omni_studies.study import StudyResult, StudyRun
 
 _DIFFERENCES = {
@@ -22,74 +30,188 @@ _DIFFERENCES = {
     "brake_switchings": "1",
 }
 _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
+_FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
+_REPEATED = {("ice_patch_noisy", "assisted")}  # is the run of ice_patch
+_COLUMNS = 4
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Experiments to compare."""
 
-    experiment: tuple[str, ...] = parameter(feedback_comparison.EXPERIMENTS)
+    experiment: tuple[str, ...] = parameter(tuple(braking.CASES))
     """experiment to run"""
     overrides: tuple[str, ...] = overrides_option()
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Comparison:
+    """One variant of an experiment with either feedback.
+
+    Attributes:
+        experiment: name of the experiment.
+        variant: name of its variant.
+        runs: runs on the velocity sensor as the experiment configures it, and on the line-scan
+            odometry, by ``sensor`` and ``optical``.
+    """
+
+    experiment: str
+    variant: str
+    runs: Mapping[str, RunHistory]
+
+    @property
+    def case(self) -> str:
+        """Experiment and variant in one name."""
+        return f"{self.experiment}_{self.variant}"
+
+    @property
+    def words(self) -> str:
+        """Experiment and variant for a reader."""
+        return f"{self.experiment.replace('_', ' ')}: {self.variant}"
+
+
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every assisted variant with either feedback and report the difference."""
-    comparisons = feedback_comparison.compare(
-        study.experiments, options.experiment, options.overrides, study.report
-    )
-    study.columns("stops.csv", _columns(comparisons))
+    comparisons = _compare(options, study)
+    metrics = {key: m for one in comparisons for key, m in _metrics(one).items()}
+    study.columns("stops.csv", _columns(comparisons, metrics))
     study.columns("orientations.csv", _orientation_columns(comparisons))
-    study.figure("stops.png", feedback_figures.stops(comparisons))
-    study.figure("orientations.png", feedback_figures.orientations(comparisons))
-    return study.result(_metrics(comparisons))
+    study.figure("stops.png", _draw_stops(comparisons, metrics))
+    study.figure("orientations.png", _draw_orientations(comparisons))
+    return study.result(metrics)
 
 
-def _metrics(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Metric]:
+def _compare(options: Options, study: StudyRun) -> list[Comparison]:
+    pairs = {}
+    for experiment in options.experiment:
+        for variant in study.experiments.variants(experiment):
+            sensor, optical = (
+                study.experiments.load(
+                    experiment, variant, (*options.overrides, f"feedback={feedback}")
+                )
+                for feedback in ("velocity_sensor", "optical")
+            )
+            if sensor.brake_assist.enabled and (experiment, variant) not in _REPEATED:
+                pairs[experiment, variant] = sensor, optical
+    comparisons: list[Comparison] = []
+    for (experiment, variant), (sensor, optical) in pairs.items():
+        study.report(len(comparisons) / len(pairs), f"{experiment} {variant}")
+        runs = compiled.run_fast_loop(sensor).history(), loop.run_closed_loop(optical)
+        histories = dict(zip(_FEEDBACK, runs, strict=True))
+        comparisons.append(Comparison(experiment, variant, histories))
+    return comparisons
+
+
+def _metrics(comparison: Comparison) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
-    for comparison in comparisons:
-        sensor, optical = comparison.sensor_metrics, comparison.optical_metrics
-        case = comparison.case
-        for quantity, unit in _DIFFERENCES.items():
-            difference = optical[quantity].value - sensor[quantity].value
-            metrics[f"{quantity}.{case}_sensor"] = sensor[quantity]
-            metrics[f"{quantity}.{case}_optical"] = optical[quantity]
-            metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
-        metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
-        metrics[f"odometry_lag.{case}"] = Metric(
-            feedback_comparison.odometry_lag(comparison.optical), "s"
-        )
+    sensor, optical = (run_metrics(history) for history in comparison.runs.values())
+    case = comparison.case
+    for quantity, unit in _DIFFERENCES.items():
+        difference = optical[quantity].value - sensor[quantity].value
+        metrics[f"{quantity}.{case}_sensor"] = sensor[quantity]
+        metrics[f"{quantity}.{case}_optical"] = optical[quantity]
+        metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
+    metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
+    metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(comparison.runs["optical"]), "s")
     return metrics
 
 
-def _columns(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Any]:
-    columns: dict[str, Any] = {
-        "experiment": [comparison.experiment for comparison in comparisons],
-        "variant": [comparison.variant for comparison in comparisons],
+def odometry_lag(history: RunHistory) -> float:
+    """Return the lag of the odometry's velocity while braking [s].
+
+    A lag ``tau`` causes an error of ``-tau`` times the acceleration, to which ``tau`` is fitted;
+    noise that is independent of the acceleration does not affect it. NaN if the odometry never
+    measured.
+    """
+    start = history.brake_start or 0
+    acceleration = np.gradient(history.twist[:, :2], history.time, axis=0)[start:]
+    error = (history.estimate - history.twist)[start:, :2]
+    known = history.measured[start:]
+    square = float(np.sum(acceleration[known] ** 2))
+    return -float(np.sum(error[known] * acceleration[known])) / square if square else math.nan
+
+
+def _turned(history: RunHistory) -> FloatArray:
+    """Return the change of orientation since the start of braking [deg], shape (T,)."""
+    yaw = history.pose[:, 2]
+    start = history.brake_start or 0
+    return np.asarray((yaw - yaw[start]) * (180.0 / math.pi), dtype=np.float64)
+
+
+def _columns(
+    comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]
+) -> dict[str, Sequence[Any]]:
+    columns: dict[str, Sequence[Any]] = {
+        "experiment": [one.experiment for one in comparisons],
+        "variant": [one.variant for one in comparisons],
     }
-    for quantity, unit in _DIFFERENCES.items():
-        for words, metrics in (
-            ("velocity sensor", [c.sensor_metrics for c in comparisons]),
-            ("line-scan odometry", [c.optical_metrics for c in comparisons]),
-        ):
-            name = f"{quantity.replace('_', ' ')}, {words} [{unit}]"
-            columns[name] = [case[quantity].value for case in metrics]
-    for quantity in _ODOMETRY:
-        values = [comparison.optical_metrics[quantity] for comparison in comparisons]
-        columns[f"{quantity.replace('_', ' ')} [{values[0].unit}]"] = [m.value for m in values]
-    columns["odometry lag [s]"] = [feedback_comparison.odometry_lag(c.optical) for c in comparisons]
+    shown = {
+        f"{quantity}, {words}": f"{quantity}.{{}}_{feedback}"
+        for quantity in _DIFFERENCES
+        for feedback, words in _FEEDBACK.items()
+    }
+    shown |= {quantity: f"{quantity}.{{}}" for quantity in (*_ODOMETRY, "odometry_lag")}
+    for name, key in shown.items():
+        found = [metrics[key.format(one.case)] for one in comparisons]
+        columns[f"{name.replace('_', ' ')} [{found[0].unit}]"] = [m.value for m in found]
     return columns
 
 
-def _orientation_columns(comparisons: Sequence[feedback_comparison.Comparison]) -> dict[str, Any]:
-    runs = [
-        (comparison, feedback, history)
-        for comparison in comparisons
-        for feedback, history in (("sensor", comparison.sensor), ("optical", comparison.optical))
-    ]
+def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+    runs = [(c.case, *run) for c in comparisons for run in c.runs.items()]
     return {
-        "case": [c.case for c, _, history in runs for _ in history.stamp_ns],
+        "case": [case for case, _, history in runs for _ in history.stamp_ns],
         "feedback": [feedback for _, feedback, history in runs for _ in history.stamp_ns],
         "time since braking [s]": np.concatenate([h.braking_time for _, _, h in runs]),
-        "orientation [deg]": np.concatenate([feedback_comparison.turned(h) for _, _, h in runs]),
+        "orientation [deg]": np.concatenate([_turned(h) for _, _, h in runs]),
     }
+
+
+def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]) -> Figure:
+    """Draw the stop of every case with either feedback, and the difference."""
+    figure, (panels,) = style.panels(
+        "Assisted braking on either feedback",
+        1,
+        2,
+        size=(10.0, 1.6 + 0.45 * len(comparisons)),
+        x=("orientation change [deg]", "stopping distance [m]"),
+        sharey=True,
+    )
+    looks = (("sensor", style.BLUE, "o", 9), ("optical", style.VERMILLION, "D", 5))
+    for axes, quantity in zip(panels, ("orientation_change", "stopping_distance"), strict=True):
+        for row, one in enumerate(comparisons):
+            values = [metrics[f"{quantity}.{one.case}_{feedback}"].value for feedback in _FEEDBACK]
+            axes.plot(values, [row, row], color=style.GRAY, linewidth=1.5, zorder=2)
+            for value, (feedback, color, marker, size) in zip(values, looks, strict=True):
+                look = {"color": color, "ms": size, "zorder": 3, "clip_on": False}
+                label = "" if row else _FEEDBACK[feedback]
+                axes.plot([value], [row], marker, label=label, **look)
+            words = f"{values[1] - values[0]:+.2f}"
+            style.note(axes, words, (max(values), row), (9, 0), va="center")
+        axes.margins(x=0.14)
+        axes.set_xlim(left=0.0)
+    panels[0].set_yticks(range(len(comparisons)), [one.words for one in comparisons])
+    panels[0].invert_yaxis()
+    style.legend_below(figure, panels[0], 2)
+    return figure
+
+
+def _draw_orientations(comparisons: Sequence[Comparison]) -> Figure:
+    """Draw the orientation of every case over time with either feedback."""
+    columns = min(_COLUMNS, len(comparisons))
+    rows = -(-len(comparisons) // columns)
+    figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
+    panels = grid.ravel()
+    for axes in panels[len(comparisons) :]:
+        axes.set_visible(False)
+    looks = {"sensor": (style.BLUE, 2.4), "optical": (style.VERMILLION, 1.2)}
+    for axes, comparison in zip(panels, comparisons, strict=False):
+        for feedback, history in comparison.runs.items():
+            start, (color, width) = history.brake_start or 0, looks[feedback]
+            time, angle = history.braking_time[start:], _turned(history)[start:]
+            axes.plot(time, angle, color=color, linewidth=width, label=_FEEDBACK[feedback])
+        axes.set_title(comparison.words)
+    figure.supxlabel("time since braking [s]")
+    figure.supylabel("orientation [deg]")
+    style.legend_below(figure, panels[0], 2)
+    return figure

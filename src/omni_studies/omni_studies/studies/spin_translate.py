@@ -8,10 +8,19 @@ accumulated slip of the tires. The vehicle starts in motion without slip, with i
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 
+from omni_figures import style
 from omni_figures.run_figures import scene_of
+from omni_figures.scene import Scene
+from omni_figures.top_view_drawing import draw_snapshot, mass_handles
+from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
@@ -19,8 +28,6 @@ from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels.spin_translate_figures import draw_commands, draw_snapshots
-from omni_studies.wheels.tracking import Tracking
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {
@@ -30,6 +37,10 @@ _TITLES = {
 _PERIOD = SimulationConfiguration.control_period  # time between two commands [s]
 # The vehicle counts as following its command below these.
 _POSITION_LIMIT, _HEADING_LIMIT, _SPEED_LIMIT = 0.05, 1.0, 0.05  # [m], [deg], [rad/s]
+_WIDTH, _MARGINS = 14.0, 1.2  # [inch]: of the figure; for title and legend
+_MOST_SNAPSHOTS = 12
+_LONGEST_ARROW = 0.9  # of the fastest snapshot, in lengths of the chassis
+_WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +72,64 @@ class SpinTranslate:
         cos, sin = np.cos(yaw), np.sin(yaw)
         rate = np.full(time.shape, self.yaw_rate)
         return np.column_stack((cos * v_x + sin * v_y, cos * v_y - sin * v_x, rate))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tracking:
+    """A driven maneuver and its reference, T stamps and N wheels.
+
+    Attributes:
+        wheel_names: wheel names in the order of the columns.
+        time: [s], shape (T,).
+        reference: desired x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
+        pose: driven x, y [m], yaw [rad] in the world frame, shape (T, 3).
+        twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
+        wheel_command: wheel speeds by inverse kinematics [rad/s], shape (T, N).
+        wheel_speed: actual wheel speeds [rad/s], shape (T, N).
+    """
+
+    wheel_names: tuple[str, ...]
+    time: FloatArray
+    reference: FloatArray
+    pose: FloatArray
+    twist: FloatArray
+    wheel_command: FloatArray
+    wheel_speed: FloatArray
+
+    @property
+    def position_error(self) -> FloatArray:
+        """Distance from the reference [m], shape (T,)."""
+        offset = self.pose - self.reference
+        return np.asarray(np.hypot(offset[:, 0], offset[:, 1]), dtype=np.float64)
+
+    @property
+    def heading_error(self) -> FloatArray:
+        """Yaw less that of the reference [rad], shape (T,)."""
+        return np.asarray(self.pose[:, 2] - self.reference[:, 2], dtype=np.float64)
+
+    @property
+    def wheel_error(self) -> FloatArray:
+        """Wheel speeds less their commands [rad/s], shape (T, N)."""
+        return np.asarray(self.wheel_speed - self.wheel_command, dtype=np.float64)
+
+    def history(self) -> RunHistory:
+        """Return the drive as a history without brakes and odometry, for the top view."""
+        shape = self.wheel_speed.shape
+        nothing = np.full(shape, np.nan)
+        return RunHistory.from_samples(
+            wheel_names=self.wheel_names,
+            stamp_ns=np.round(1e9 * self.time).astype(np.int64),
+            pose=self.pose,
+            twist=self.twist,
+            wheel_angle=nothing,
+            wheel_speed=self.wheel_speed,
+            brake_torque=np.zeros(shape),
+            enable=nothing,
+            error=nothing,
+            pedal=np.zeros(shape[0]),
+            estimate=np.full((shape[0], 3), np.nan),
+            estimate_variance=np.full((shape[0], 3), np.nan),
+        )
 
 
 def track(
@@ -126,9 +195,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
         words = f"{title}: spin while translating (as {snapshots})"
-        study.figure(f"snapshots_{name}.png", draw_snapshots(scene_of(experiment), tracking, words))
+        study.figure(
+            f"snapshots_{name}.png", _draw_snapshots(scene_of(experiment), tracking, words)
+        )
         words = f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
-        study.figure(f"commands_{name}.png", draw_commands(tracking, words))
+        study.figure(f"commands_{name}.png", _draw_commands(tracking, words))
         study.table(f"{name}.csv", *_table(tracking))
         metrics |= _metrics(name, tracking)
     return study.result(metrics)
@@ -160,3 +231,92 @@ def _table(tracking: Tracking) -> tuple[list[str], list[list[float]]]:
     header += [f"{wheel}_speed_rad_s" for wheel in wheels]
     reached = tracking.pose, tracking.wheel_command, tracking.wheel_speed
     return header, np.column_stack((tracking.time, tracking.reference, *reached)).tolist()
+
+
+def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
+    """Draw the platform at regular intervals on its path, as Figures 19 and 21.
+
+    Args:
+        scene: the vehicle.
+        tracking: its drive.
+        title: printed above.
+    """
+    history = tracking.history()
+    traveled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
+    size = math.hypot(scene.chassis_length, scene.chassis_width)
+    count = min(max(int(1.05 * traveled / size) + 1, 2), _MOST_SNAPSHOTS)
+    indices = np.unique(np.linspace(0, len(tracking.time) - 1, count).round().astype(int))
+    fastest = float(np.max(np.hypot(tracking.twist[:, 0], tracking.twist[:, 1])))
+    arrow_scale = _LONGEST_ARROW * scene.chassis_length / max(fastest, 1e-9)
+
+    margin = 0.5 * size + 0.5
+    low = np.min(tracking.pose[:, :2], axis=0) - margin
+    high = np.max(tracking.pose[:, :2], axis=0) + margin
+    height = _WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + _MARGINS
+    figure, ((axes,),) = style.panels(title, size=(_WIDTH, height), x="x [m]", y="y [m]")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, zorder=8)
+    axes.plot(*tracking.reference[:, :2].T, color=style.SKY, linewidth=4.0, zorder=7.9)
+    for index in indices.tolist():
+        draw_snapshot(axes, scene, history, index, arrow_scale, 0.5)
+        x, y = tracking.pose[index, :2]
+        axes.text(
+            x,
+            y - 0.62 * size,
+            f"{tracking.time[index]:.3g} s\n{math.degrees(tracking.pose[index, 2]):.0f}°",
+            ha="center",
+            va="center",
+            zorder=20,
+            path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
+        )
+    handles: list[Line2D | Patch] = [
+        Patch(facecolor="white", edgecolor=style.wheel_color(row), label=name.replace("_", " "))
+        for row, name in enumerate(tracking.wheel_names)
+    ]
+    handles += [
+        Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
+        *mass_handles(scene),
+        Line2D([], [], color=style.SKY, linewidth=4.0, label="reference path"),
+        Line2D([], [], color=style.BLACK, label="path driven"),
+        Line2D([], [], color=style.VERMILLION, label=f"velocity (up to {fastest:.1f} m/s)"),
+    ]
+    _legend(figure, handles)
+    return figure
+
+
+def _draw_commands(tracking: Tracking, title: str) -> Figure:
+    """Draw wheel-speed commands over time, as Figures 20 and 22, and the tracking errors.
+
+    Args:
+        tracking: the drive.
+        title: printed above.
+    """
+    figure, ((commands,), (position,), (heading,)) = style.panels(
+        title,
+        3,
+        size=(_WIDTH, 8.5),
+        x="time [s]",
+        y=("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]"),
+        sharex=True,
+        height_ratios=(3.0, 1.0, 1.0),
+    )
+    handles: list[Line2D | Patch] = []
+    for row, name in enumerate(tracking.wheel_names):
+        look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 2.2}
+        dashes = _WHEEL_LINES[row % len(_WHEEL_LINES)]
+        commands.plot(tracking.time, tracking.wheel_command[:, row], linestyle=dashes, **look)
+        label = f"command {row + 1}, {name.replace('_', ' ')}"
+        handles.append(Line2D([], [], linestyle=dashes, label=label, **look))
+    measured: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
+    commands.plot(tracking.time, tracking.wheel_speed, **measured)
+    handles.append(Line2D([], [], label="wheel speed reached", **measured))
+    position.plot(tracking.time, 1000.0 * tracking.position_error, color=style.BLACK)
+    heading.plot(tracking.time, np.degrees(tracking.heading_error), color=style.BLACK)
+    heading.set_xlim(tracking.time[0], tracking.time[-1])
+    _legend(figure, handles)
+    return figure
+
+
+def _legend(figure: Figure, handles: list[Line2D | Patch]) -> None:
+    columns = min(len(handles), 6)
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=3.0)

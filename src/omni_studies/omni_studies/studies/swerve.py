@@ -6,25 +6,39 @@ weight of a wheel (Figure 28), and the wheels that may brake over sideways veloc
 """
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
 
-from omni_brake_assist import sliding_manifold, weighting
+from omni_brake_assist.sliding_manifold import SlidingManifold
+from omni_brake_assist.weighting import weighting_function
+from omni_figures import style
+from omni_figures.scene import Scene
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.geometry import PlatformGeometry
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassProperties
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_studies.braking.swerve_figures import LockedWheels, draw_forces, draw_manifold
 from omni_studies.identification.figures import weighting_functions
 from omni_studies.study import StudyResult, StudyRun
+from omni_tools.vehicles.plausibility import plain
 
 _SETTLED = 0.15  # [s] after the pedal: locked, and the load has moved forward
+_LONGEST = 0.55  # of the largest force of a wheel, in lengths of the chassis
+_TITLES = {
+    "even": "load in the middle: forces cancel",
+    "uneven": "configured load: forces do not cancel",
+}
+_LARGEST_DRIFT, _LARGEST_TURN = 1.0, 1.0  # [m/s], [rad/s] in the picture of the manifold
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Vehicle and speed."""
 
@@ -34,6 +48,44 @@ class Options(Configuration):
     """straight ahead"""
     k: int = parameter(3, minimum=1, maximum=99)
     """of the enhanced weighting"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LockedWheels:
+    """Forces of the ground on a vehicle with locked wheels.
+
+    Attributes:
+        vehicle: the sliding vehicle.
+        force: force of each wheel along its active direction [N], shape (N,).
+        load: load of each wheel [N], shape (N,).
+        center: center of gravity in the body frame [m], shape (2,).
+    """
+
+    vehicle: VehicleConfiguration
+    force: FloatArray
+    load: FloatArray
+    center: FloatArray
+
+    @property
+    def geometry(self) -> PlatformGeometry:
+        """Places and active directions of the wheels."""
+        return PlatformGeometry.from_wheels(self.vehicle.wheels)
+
+    @property
+    def vectors(self) -> FloatArray:
+        """Force of each wheel in the body frame [N], shape (N, 2)."""
+        vectors: FloatArray = self.force[:, None] * self.geometry.active
+        return vectors
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of the forces [N], shape (2,)."""
+        return np.asarray(self.vectors.sum(axis=0), dtype=np.float64)
+
+    @property
+    def moment(self) -> float:
+        """Moment of the forces about the center of gravity, counter-clockwise [N m]."""
+        return float(cross(self.geometry.position - self.center, self.vectors).sum())
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -50,16 +102,16 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
     geometry = PlatformGeometry.from_wheels(loaded.wheels)
     manifolds = {
-        words: sliding_manifold.SlidingManifold(geometry, weighting.weighting_function(kind, k))
+        words: SlidingManifold(geometry, weighting_function(kind, k))
         for words, kind, k in (
             ("\u03c8 = 0: heading and line alone", "zero", 1),
             (f"enhanced, k = {options.k}", "enhanced", options.k),
             ("enhanced, k = 1: distance counts more", "enhanced", 1),
         )
     }
-    study.figure("forces.png", draw_forces(wheels))
+    study.figure("forces.png", _draw_forces(wheels))
     study.figure("weighting.png", weighting_functions())
-    study.figure("manifold.png", draw_manifold(manifolds, options.speed))
+    study.figure("manifold.png", _draw_manifold(manifolds, options.speed))
     return study.result(metrics)
 
 
@@ -83,3 +135,126 @@ def locked(configuration: VehicleConfiguration, speed: float) -> LockedWheels:
     wheels = vehicle.wheels
     masses = MassProperties.of(configuration.body, configuration.load)
     return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.center)
+
+
+def _draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
+    """Draw the vehicle from above with the force of each locked wheel and their sum.
+
+    Args:
+        cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
+    """
+    figure, (panels,) = style.panels(
+        "Locked wheels push along their rollers (the vehicle slides upwards)",
+        1,
+        len(cases),
+        size=(10.0, 6.4),
+        x="right of the middle [m]",
+        y="ahead of the middle [m]",
+        sharex=True,
+        sharey=True,
+    )
+    largest = max(float(np.max(np.abs(one.force))) for one in cases.values())
+    for axes, (case, one) in zip(panels, cases.items(), strict=True):
+        _draw_vehicle(axes, one, _LONGEST * one.vehicle.chassis_length / largest)
+        side = "left" if one.moment > 0.0 else "right"
+        turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
+        words = turn if abs(one.moment) > 1.0 else "nothing turns it"
+        axes.set_title(f"{_TITLES[case]}\n{words}")
+    style.legend_below(figure, panels[0], 3)
+    return figure
+
+
+def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
+    """Draw one case; `scale` is the length of an arrow over its force [m/N]."""
+
+    def turned(points: FloatArray) -> FloatArray:
+        return np.column_stack((-np.atleast_2d(points)[:, 1], np.atleast_2d(points)[:, 0]))
+
+    vehicle = one.vehicle
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    axes.add_patch(Polygon(turned(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
+    for outline in scene.wheel_outlines:
+        axes.add_patch(Polygon(turned(outline), facecolor="white", edgecolor=style.BLACK))
+    arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 5}
+    places, vectors = turned(one.geometry.position), scale * turned(one.vectors)
+    axes.quiver(
+        *places.T, *vectors.T, color=style.BLUE, width=0.010, label="force of a wheel", **arrows
+    )
+    for (x, y), load in zip(places, one.load, strict=True):
+        side = 1.0 if x >= 0.0 else -1.0
+        place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
+        axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
+    center = turned(one.center)[0]
+    # Half as long as those of the wheels, as it is of all of them.
+    total = 0.5 * scale * turned(one.total)[0]
+    axes.quiver(
+        *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
+        **arrows,
+    )  # fmt: skip
+    axes.plot(*center, "o", color=style.BLACK, zorder=6, label="center of gravity")
+    axes.set_aspect("equal")
+    axes.margins(0.1)
+    axes.set_xlim(-1.15 * vehicle.chassis_width, 1.15 * vehicle.chassis_width)
+    axes.set_ylim(-0.8 * vehicle.chassis_length, 0.75 * vehicle.chassis_length)
+
+
+def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Figure:
+    """Draw the zero lines of each wheel's error, and the number of wheels that may brake.
+
+    Args:
+        manifolds: manifolds of the same vehicle by weighting; the line to keep is straight ahead.
+        speed: speed of the vehicle along it [m/s].
+    """
+    figure, (panels,) = style.panels(
+        f"Which wheels may brake at {speed:g} m/s along the line",
+        1,
+        len(manifolds),
+        size=(11.0, 4.8),
+        x="velocity to the left of it [m/s]",
+        y="yaw rate to the left [rad/s]",
+        sharex=True,
+        sharey=True,
+    )
+    for axes, (words, manifold) in zip(panels, manifolds.items(), strict=True):
+        shades = _draw_signs(axes, manifold, speed)
+        axes.set_title(words)
+    count = len(manifold.geometry.names)
+    bar = figure.colorbar(
+        shades, ax=list(panels), ticks=range(count + 1), label="wheels that brake"
+    )
+    bar.ax.set_ylim(-0.5, count + 0.5)
+    style.legend_below(figure, panels[0], 5)
+    return figure
+
+
+def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
+    """Draw the panel of one weighting and return its color mesh."""
+    across = np.array([0.0, 1.0])
+    drift = np.linspace(-_LARGEST_DRIFT, _LARGEST_DRIFT, 81)
+    turn = np.linspace(-_LARGEST_TURN, _LARGEST_TURN, 81)
+    errors = np.array(
+        [
+            [manifold.errors(np.array([speed, v, omega]), across).total for v in drift]
+            for omega in turn
+        ]
+    )
+    names = manifold.geometry.names
+    braking = np.sum(errors < 0.0, axis=2)
+    axes.grid(False)
+    shades = axes.pcolormesh(
+        drift, turn, braking, cmap="Grays", vmin=0, vmax=2 * len(names), shading="nearest"
+    )
+    for row, name in enumerate(names):
+        # Errors of two wheels may vanish on one line.
+        color, dashes = style.wheel_color(row), "-" if row % 2 else "--"
+        look: dict[str, Any] = {"linewidths": 2.2, "linestyles": dashes, "zorder": 3 - row % 2}
+        axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=color, **look)
+        axes.plot([], [], dashes, color=color, label=f"s = 0, {name.replace('_', ' ')}")
+    axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="where to go")
+    for x, y in ((0.0, 0.72), (0.0, -0.72), (-0.72, 0.0), (0.72, 0.0)):
+        twist = np.array([speed, x * _LARGEST_DRIFT, y * _LARGEST_TURN])
+        brake = manifold.errors(twist, across).total < 0.0
+        words = "\n".join(n.replace("_", " ") for n, one in zip(names, brake, strict=True) if one)
+        words = "all" if brake.all() else words
+        axes.annotate(words, (twist[1], twist[2]), ha="center", va="center", fontsize=8.5)
+    return shades

@@ -9,34 +9,20 @@ a wheel costs.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from omni_figures import style
 from omni_figures.data_table import write_records
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels.cost import DURATION, processor_times
-from omni_studies.wheels.figures import draw_contact, draw_differences, draw_forces, draw_motions
-from omni_studies.wheels.trials import (
-    CONTACT,
-    ROLLERS,
-    SINGLE,
-    TRIALS,
-    Outcome,
-    creep,
-    force_difference,
-    force_trace,
-    motion_difference,
-    movement_after_stop,
-    outcome,
-    start_angles,
-    stopping_distance,
-    with_wheels,
-)
+from omni_studies.wheels import cost, trials
+from omni_studies.wheels.trials import CONTACT, ROLLERS, SINGLE, TRIALS, with_wheels
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {"mecanum": "Mecanum forklift", "three_wheel": "Three-wheeled robot, rollers at 0 deg"}
@@ -50,9 +36,13 @@ _COMPARED = 12  # rollers of the wheels in figures and metrics
 _COSTED = 6  # rollers of the wheels whose cost is measured, as in section 2.4.1
 _AGREEMENT, _REFINEMENT, _STANDSTILL = 0.05, 0.01, 0.001  # [1], [1], [m]
 _REPEATS = 40
-
-# By vehicle, then trial, then number of rollers.
-Outcomes = dict[str, dict[str, dict[int, Outcome]]]
+# The first wheel of a figure is the reference, dashed over the others that may cover it.
+_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": style.BLACK, "linestyle": "--", "zorder": 3.0},
+    {"color": style.SKY},
+    {"color": style.VERMILLION},
+    {"color": style.BLUE},
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,34 +55,6 @@ class Options(Configuration):
     """of the start angles"""
 
 
-def run(options: Options, study: StudyRun) -> StudyResult:
-    """Compare the wheels and write figures, data and metrics."""
-    vehicles = {
-        name: study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
-        for name, vehicle in _PLATFORMS.items()
-    }
-    singles: dict[str, dict[str, Outcome]] = {}
-    contacts: dict[str, dict[str, Outcome]] = {}
-    rollers: Outcomes = {}
-    for name, vehicle in vehicles.items():
-        angles = start_angles(options.starts, len(vehicle.wheels), options.seed)
-        single, contact = (with_wheels(vehicle, model, _COMPARED) for model in (SINGLE, CONTACT))
-        singles[name] = {key: outcome(single, trial, angles[:1]) for key, trial in TRIALS.items()}
-        contacts[name] = {key: outcome(contact, trial, angles) for key, trial in TRIALS.items()}
-        rollers[name] = {
-            key: {
-                count: outcome(with_wheels(vehicle, ROLLERS, count), trial, angles)
-                for count in _COUNTS
-            }
-            for key, trial in TRIALS.items()
-        }
-    rows = _differences(singles, rollers)
-    metrics = _agreement(rows) | _standing(vehicles) | _cost(vehicles["mecanum"])
-    _draw(vehicles, singles, contacts, rollers, rows, study)
-    study.written.append(write_records(study.folder / "differences.csv", rows))
-    return study.result(metrics)
-
-
 class Difference(NamedTuple):
     """Relative differences between individual rollers and the single roller."""
 
@@ -103,21 +65,49 @@ class Difference(NamedTuple):
     force: Annotated[float, "1"]
 
 
-def _differences(
-    singles: Mapping[str, Mapping[str, Outcome]], rollers: Outcomes
-) -> list[Difference]:
-    return [
-        Difference(
-            name,
-            key,
-            count,
-            motion_difference(result, singles[name][key]),
-            force_difference(result, singles[name][key]),
-        )
-        for name, trials in rollers.items()
-        for key, by_count in trials.items()
-        for count, result in by_count.items()
-    ]
+Outcomes = Mapping[tuple[str, str, str, int], trials.Outcome]
+"""Outcomes by vehicle, trial, wheel model and number of rollers."""
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Compare the wheels and write figures, data and metrics."""
+    vehicles = {
+        name: study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
+        for name, vehicle in _PLATFORMS.items()
+    }
+    outcomes = {}
+    for name, vehicle in vehicles.items():
+        angles = trials.start_angles(options.starts, len(vehicle.wheels), options.seed)
+        for model, count in (
+            (SINGLE, _COMPARED),
+            (CONTACT, _COMPARED),
+            *((ROLLERS, count) for count in _COUNTS),
+        ):
+            wheeled = with_wheels(vehicle, model, count)
+            starts = angles[:1] if model == SINGLE else angles
+            for key, trial in TRIALS.items():
+                outcomes[name, key, model, count] = trials.outcome(wheeled, trial, starts)
+    rows = _differences(outcomes)
+    metrics = _agreement(rows) | _standing(vehicles) | _cost(vehicles["mecanum"])
+    study.figure("contact.png", _draw_contact(vehicles["mecanum"]))
+    study.figure("forces.png", _draw_forces(vehicles))
+    study.figure("motions.png", _draw_motions(outcomes))
+    study.figure("differences.png", _draw_differences(rows))
+    study.written.append(write_records(study.folder / "differences.csv", rows))
+    return study.result(metrics)
+
+
+def _differences(outcomes: Outcomes) -> list[Difference]:
+    rows = []
+    for name in _PLATFORMS:
+        for key in TRIALS:
+            single = outcomes[name, key, SINGLE, _COMPARED]
+            for count in _COUNTS:
+                result = outcomes[name, key, ROLLERS, count]
+                motion = trials.motion_difference(result, single)
+                force = trials.force_difference(result, single)
+                rows.append(Difference(name, key, count, motion, force))
+    return rows
 
 
 def _agreement(rows: Sequence[Difference]) -> dict[str, Metric]:
@@ -141,28 +131,27 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
     for name, vehicle in vehicles.items():
         for model in _MODELS:
             wheeled = with_wheels(vehicle, model, _COMPARED)
-            coarse = stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
-            fine = stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
+            coarse = trials.stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
+            fine = trials.stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
             # On one roller, and where two share the load.
-            crept = max(creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
+            crept = max(trials.creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
+            moved = trials.movement_after_stop(wheeled)
             case = f"{name}_{model}"
             metrics |= {
                 f"step_change.{case}": Metric(abs(coarse / fine - 1.0), "1", at_most=_REFINEMENT),
                 f"creep.{case}": Metric(crept, "m", at_most=_STANDSTILL),
-                f"moved_after_stop.{case}": Metric(
-                    movement_after_stop(wheeled), "m", at_most=_STANDSTILL
-                ),
+                f"moved_after_stop.{case}": Metric(moved, "m", at_most=_STANDSTILL),
             }
     return metrics
 
 
 def _cost(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    times = processor_times(
+    times = cost.processor_times(
         {model: with_wheels(vehicle, model, _COSTED) for model in _MODELS}, _REPEATS
     )
     ratio = times[ROLLERS] / times[SINGLE]
     metrics = {
-        f"real_time_factor.{model}": Metric(DURATION / float(np.min(spent)), "1")
+        f"real_time_factor.{model}": Metric(cost.DURATION / float(np.min(spent)), "1")
         for model, spent in times.items()
     }
     return metrics | {
@@ -173,54 +162,130 @@ def _cost(vehicle: VehicleConfiguration) -> dict[str, Metric]:
     }
 
 
-def _draw(
-    vehicles: Mapping[str, VehicleConfiguration],
-    singles: dict[str, dict[str, Outcome]],
-    contacts: dict[str, dict[str, Outcome]],
-    rollers: Outcomes,
-    rows: Sequence[Difference],
-    study: StudyRun,
-) -> None:
-    geometries = [
-        with_wheels(vehicles["mecanum"], ROLLERS, count).roller_geometries[0]
-        for count in (_COSTED, _COMPARED)
-    ]
-    labels = {
-        f"{label}{f', {count}' if model != SINGLE else ''}": (model, count)
-        for model, label in _MODELS.items()
-        for count in ((_COSTED, _COMPARED) if model == ROLLERS else (_COMPARED,))
-    }
-    traces = {
-        _TITLES[name]: {
-            label: force_trace(with_wheels(vehicle, model, count), 0, 2.0 * np.pi / 3.0)
-            for label, (model, count) in labels.items()
-        }
-        for name, vehicle in vehicles.items()
-    }
-    motions = {
-        _TITLES[name]: {
-            trial: {
-                _MODELS[SINGLE]: singles[name][trial],
-                f"{_MODELS[CONTACT]}, {_COMPARED}": contacts[name][trial],
-                f"{_MODELS[ROLLERS]}, {_COMPARED}": rollers[name][trial][_COMPARED],
-            }
-            for trial in ("brake", "push")
-        }
-        for name in vehicles
-    }
-    differences = {
-        title: {
-            kind: {
-                trial.title: [
-                    getattr(row, kind) for row in rows if (row.vehicle, row.trial) == (name, key)
-                ]
-                for key, trial in TRIALS.items()
-            }
-            for kind in ("motion", "force")
-        }
-        for name, title in _TITLES.items()
-    }
-    study.figure("contact.png", draw_contact(geometries))
-    study.figure("forces.png", draw_forces(traces))
-    study.figure("motions.png", draw_motions(motions))
-    study.figure("differences.png", draw_differences(_COUNTS, differences, _AGREEMENT))
+def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
+    """Draw contact point and active direction over the wheel angle, Eqs. (9), (10)."""
+    figure, ((place,), (direction,)) = style.panels(
+        "The contact runs along a roller and jumps to the next (45 deg rollers)",
+        2,
+        size=(9.0, 6.0),
+        x="wheel angle [deg]",
+        y=(
+            "contact point along\nthe wheel axis [mm]",
+            "active direction from\nthe rolling direction [deg]",
+        ),
+        sharex=True,
+    )
+    angle = np.linspace(-np.pi / 3.0, np.pi / 3.0, 4001)
+    for count, color in ((_COSTED, style.BLUE), (_COMPARED, style.VERMILLION)):
+        geometry = with_wheels(vehicle, ROLLERS, count).roller_geometries[0]
+        gamma = geometry.roller_angle(angle)
+        changes = np.flatnonzero(np.diff(gamma) < 0.0)
+        along = (geometry.contact_point(gamma) - geometry.center) @ geometry.wheel_axis[:2]
+        axis = geometry.active_direction(gamma)
+        rolling = np.array([np.sin(geometry.alpha), -np.cos(geometry.alpha)])
+        across = geometry.wheel_axis[:2]
+        tilt = np.degrees(np.arctan2(np.abs(axis @ across), np.abs(axis @ rolling)))
+        along[changes] = np.nan  # no line over a jump
+        label = f"{geometry.rollers} rollers, jump {1000.0 * geometry.jump:.0f} mm"
+        place.plot(np.degrees(angle), 1000.0 * along, color=color, label=label)
+        direction.plot(np.degrees(angle), tilt, color=color)
+    direction.axhline(45.0, color=style.GRAY, linewidth=1.0, linestyle="--")
+    style.note(direction, "ideal wheel", (-59.0, 45.0), (0, -4), va="top", color=style.GRAY)
+    direction.set_ylim(44.0, None)
+    place.legend(loc="upper right", ncols=2, bbox_to_anchor=(1.0, 1.02))
+    low, high = place.get_ylim()
+    place.set_ylim(low, high + 0.2 * (high - low))
+    return figure
+
+
+def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
+    """Draw the forces of one wheel over its angle for every wheel model."""
+    figure, panels = style.panels(
+        "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight",
+        2,
+        len(vehicles),
+        size=(12.0, 7.0),
+        x="turned by [deg]",
+        y=("along the nominal\nactive direction [N]", "across it [N]"),
+        sharex=True,
+    )
+    wheels = ((SINGLE, _COMPARED), (CONTACT, _COMPARED), (ROLLERS, _COSTED), (ROLLERS, _COMPARED))
+    for column, (name, vehicle) in enumerate(vehicles.items()):
+        axis = np.eye(2)
+        for (model, count), look in zip(wheels, _STYLES, strict=True):
+            trace = trials.force_trace(with_wheels(vehicle, model, count), 0, 2.0 * np.pi / 3.0)
+            if model == SINGLE:
+                active = trace.force.mean(axis=0)
+                active /= np.linalg.norm(active)
+                axis = np.array([active, (-active[1], active[0])])
+            angle = np.degrees(np.abs(trace.angle - trace.angle[0]))
+            for axes, direction in zip(panels[:, column], axis, strict=True):
+                axes.plot(angle, trace.force @ direction, label=_label(model, count), **look)
+        panels[0, column].set_title(_TITLES[name])
+    for axes in panels[0]:
+        axes.set_ylim(0.0, None)
+    style.legend_below(figure, panels[0, 0], 4)
+    return figure
+
+
+def _label(model: str, count: int) -> str:
+    return _MODELS[model] + ("" if model == SINGLE else f", {count}")
+
+
+def _draw_motions(outcomes: Outcomes) -> Figure:
+    """Draw braking and a sideways push on all wheels."""
+    figure, panels = style.panels(
+        "Motion on both wheels; bands span the start angles of the wheels",
+        len(_TITLES),
+        3,
+        size=(13.0, 7.0),
+        x="time [s]",
+        sharex="col",
+    )
+    shown = (
+        ("brake", 3, 1.0, "speed forward, full braking [m/s]"),
+        ("brake", 2, 180.0 / np.pi, "heading, full braking [deg]"),
+        ("push", 1, 1.0, "pushed sideways by [m]"),
+    )
+    for row, (name, title) in zip(panels, _TITLES.items(), strict=True):
+        for axes, (trial, entry, scale, words) in zip(row, shown, strict=True):
+            for model, look in zip(_MODELS, _STYLES, strict=False):
+                result = outcomes[name, trial, model, _COMPARED]
+                values = result.motion[:, :, entry] * scale
+                if len(values) > 1:
+                    band: dict[str, Any] = {"color": look["color"], "alpha": 0.2, "linewidth": 0.0}
+                    axes.fill_between(result.time, values.min(axis=0), values.max(axis=0), **band)
+                label = _label(model, _COMPARED)
+                axes.plot(result.time, values.mean(axis=0), label=label, **look)
+            axes.set_ylabel(words)
+        row[0].set_ylabel(f"{title}\n\n{shown[0][3]}")
+    style.legend_below(figure, panels[0, 0], 4)
+    return figure
+
+
+def _draw_differences(rows: Sequence[Difference]) -> Figure:
+    """Draw the differences of the wheel models over the number of rollers."""
+    figure, panels = style.panels(
+        "Individual rollers against the single roller, in the mean over the wheel angles",
+        2,
+        len(_TITLES),
+        size=(12.0, 7.0),
+        x="rollers of a wheel",
+        y=("difference of the motion [%]", "difference of the mean force [%]"),
+        sharex=True,
+        sharey=True,
+    )
+    for column, (name, title) in enumerate(_TITLES.items()):
+        for axes, kind in zip(panels[:, column], ("motion", "force"), strict=True):
+            for index, (key, trial) in enumerate(TRIALS.items()):
+                own = [row for row in rows if (row.vehicle, row.trial) == (name, key)]
+                percent = [100.0 * getattr(row, kind) for row in own]
+                look = {"color": style.wheel_color(index), "label": trial.title}
+                axes.plot(_COUNTS, percent, "o-", **look)
+            ends = [_COMPARED, max(_COUNTS)]
+            axes.plot(ends, [100.0 * _AGREEMENT] * 2, color=style.GRAY, linestyle="--")
+        panels[0, column].set_title(title)
+    panels[0, 0].set_xticks(list(_COUNTS))
+    panels[0, 0].set_ylim(0.0, None)
+    style.legend_below(figure, panels[0, 0], 3)
+    return figure

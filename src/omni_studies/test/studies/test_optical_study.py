@@ -12,7 +12,7 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.history import RunHistory
 from omni_platform.command_options import parse_options
-from omni_studies.braking.feedback_comparison import odometry_lag
+from omni_studies.studies.optical import odometry_lag
 from omni_studies.study import StudyRun, load_study
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")

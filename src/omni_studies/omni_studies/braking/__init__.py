@@ -1,1 +1,0 @@
-"""Functions shared by the studies of section 3.6."""
