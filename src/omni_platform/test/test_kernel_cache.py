@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -140,6 +141,17 @@ def test_kernels_are_kept_otherwise(folder: Path) -> None:
 def test_a_kernel_called_with_a_class_that_is_gone(folder: Path) -> None:
     (folder / "moved.py").write_text("")
     assert call(folder) == ["107.0 0.0 5.0", "cached", "cached", "compiled"]
+
+
+def test_of_two_processes_one_compiles_a_kernel(folder: Path) -> None:
+    path = folder / "shared.py"
+    path.write_text(path.read_text().replace("2.0 * x", "8.0 * x"))
+    with ThreadPoolExecutor() as pool:
+        results = list(pool.map(call, (folder, folder)))
+    assert sorted(results) == [
+        ["113.0 0.0 5.0", "cached", "cached", "cached"],
+        ["113.0 0.0 5.0", "compiled", "cached", "cached"],
+    ]
 
 
 @linked

@@ -5,11 +5,15 @@ and constants in other files, and compiles again after an edit of a comment. Her
 cached file contains a digest of the kernel's bytecode and options and of all functions, constants
 and tuple classes that it refers to, directly or not. Several versions of a kernel may be in the
 cache.
+
+Processes share the cache: the first that needs a kernel compiles it, and the others wait for that
+kernel only. numba has no lock, so two processes that store a kernel could damage its index.
 """
 
 import contextlib
 import dataclasses
 import enum
+import fcntl
 import functools
 import hashlib
 import os
@@ -18,7 +22,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -55,7 +59,27 @@ class KernelCache(FunctionCache):
         name = f"{self._py_func.__module__}.{self._py_func.__qualname__}"
         return re.sub("[<>]", "", name) + "-"
 
+    def _lock(self, operation: int) -> None:
+        """Lock or unlock the kernel between processes, by `fcntl.LOCK_EX` or `fcntl.LOCK_UN`.
+
+        A caller is locked before its callees, so processes never wait for each other. The end of a
+        process unlocks its kernels.
+        """
+        with contextlib.suppress(OSError):  # a file system without locks
+            self._impl.locator.ensure_cache_path()
+            file, place = _lock_file(self._cache_path), int(self._digest[:15], 16)
+            fcntl.lockf(file, operation, 1, place)
+
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
+        result = self._load_stored(sig, target_context)
+        if result is None:
+            self._lock(fcntl.LOCK_EX)
+            result = self._load_stored(sig, target_context)  # stored meanwhile by another process
+            if result is not None:
+                self._lock(fcntl.LOCK_UN)
+        return result
+
+    def _load_stored(self, sig: Any, target_context: Any) -> Any:
         try:
             result = super()._load_overload(sig, target_context)
         except (ImportError, AttributeError):  # compiled for a class that has been moved or renamed
@@ -71,12 +95,18 @@ class KernelCache(FunctionCache):
     def _save_overload(self, sig: Any, data: Any) -> None:
         publish(self._dispatcher, data, self._digest)
         super()._save_overload(sig, data)
+        self._lock(fcntl.LOCK_UN)
         folder = Path(self._cache_path)
         with contextlib.suppress(FileNotFoundError):  # another process deletes them, too
             versions = sorted(folder.glob(f"{self._prefix()}*.nbi"), key=os.path.getmtime)
             for index in versions[:-_KEPT_VERSIONS]:
                 for file in folder.glob(f"{index.stem}.*"):
                     file.unlink()
+
+
+@functools.cache
+def _lock_file(folder: str) -> IO[bytes]:
+    return Path(folder, "lock").open("ab")
 
 
 def kernel_digest(dispatcher: Dispatcher) -> str:
