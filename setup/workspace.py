@@ -23,6 +23,8 @@ FOREIGN_VARIABLES = (
     *("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
     *("ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"),
     *("OMNI_RUNNING", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_USER"),
+    # Without stored bytecode every process would compile its libraries anew, for about a second.
+    "PYTHONDONTWRITEBYTECODE",
 )
 
 
@@ -113,6 +115,7 @@ def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[s
     environment["PATH"] = os.pathsep.join(
         without(environ.get("PATH", os.defpath), [str(workspace.root)])
     )
+    environment["PYTHONPYCACHEPREFIX"] = str(workspace.cache / "bytecode")
     return environment
 
 

@@ -384,6 +384,7 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
         "PYTHONPATH": "/opt/ros/humble/lib/python3.10/site-packages:/home/me/laws:/x/dist-packages",
         "LD_LIBRARY_PATH": "/opt/ros/humble/lib:/opt/mine",
         "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
+        "PYTHONDONTWRITEBYTECODE": "1",
     }
     environ = json.loads(built_once.start("run", environ=foreign).stdout)["env"]
     root = built_once.root
@@ -395,7 +396,8 @@ def test_the_environment_handed_over(built_once: Workspace) -> None:
     assert environ["VIRTUAL_ENV"] == f"{root}/.venv"
     assert environ["PATH"].startswith(f"{root}/.venv/bin:")
     assert environ["NUMBA_CACHE_DIR"] == f"{root}/.cache/numba"
-    assert "ROS_DISTRO" not in environ
+    assert environ["PYTHONPYCACHEPREFIX"] == f"{root}/.cache/bytecode"
+    assert not {"ROS_DISTRO", "PYTHONDONTWRITEBYTECODE"} & set(environ)
 
 
 def test_starts_within_starts_do_not_pile_up_paths(built_once: Workspace) -> None:
@@ -437,10 +439,9 @@ def test_an_edit_of_a_module_needs_no_build(workspace: Workspace) -> None:
     built = workspace.log.stat().st_mtime_ns
     module = workspace.package / "omni_bringup" / "extra.py"
     look = ("exec", "python", "-c", "from omni_bringup import extra; print(extra.VALUE)")
-    for value in "12":
+    for value in ("1", "22"):  # bytecode counts as current while size and second of its source are
         module.write_text(f"VALUE = {value}\n")
-        # Bytecode counts as current while size and second of its source are.
-        result = workspace.start(*look, environ={"PYTHONDONTWRITEBYTECODE": "1"})
+        result = workspace.start(*look)
         assert (result.stdout, result.stderr) == (f"{value}\n", "")
     module.unlink()
     assert "ImportError" in workspace.start(*look).stderr
