@@ -16,10 +16,11 @@ import math
 
 import numpy as np
 
+from omni_platform.brakes import PROPORTIONAL, SPRING, TORQUE, VELOCITY
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 
-SPRING, PROPORTIONAL, TORQUE, VELOCITY = KINDS = ("spring", "proportional", "torque", "velocity")
+KINDS = (SPRING, PROPORTIONAL, TORQUE, VELOCITY)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
 
+from omni_platform.brakes import TORQUE
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
@@ -23,7 +24,6 @@ from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import RECENT, advertise, listen
 from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_vehicle.brake_adapter import (
-    TORQUE,
     BrakeAdapter,
     BrakeAdapterConfiguration,
     WheelDemand,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup import command_report, interruption
 from omni_bringup.workspace import Workspace
+from omni_platform.brakes import TYPICAL, typical_changes
 from omni_platform.command_options import option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
@@ -42,6 +43,8 @@ class Options(Configuration):
     """a file of config/grounds/ (default: the experiment's)"""
     law: str | None = parameter(None)
     """control law, built in or my_module:MyLaw (default: the experiment's)"""
+    brakes: str | None = parameter(None, choices=tuple(TYPICAL))
+    """typical brakes of a kind, as of ./omni new-vehicle (default: the vehicle's)"""
     no_ice: bool = parameter(False)
     """leave out the patch of ice that a ground without patches gets"""
     overrides: tuple[str, ...] = overrides_option()
@@ -131,6 +134,7 @@ def _choices(
         "vehicle": (options.vehicle, library.parts("vehicles")),
         "ground": (options.ground, library.parts("grounds")),
         "law": (configuration.brake_assist.law, list(LAWS)),
+        "brakes": (options.brakes or configuration.vehicle.brake.kind, list(TYPICAL)),
     }
     found: dict[str, Any] = {"choices.names": list(offered)}
     for kind, (asked, names) in offered.items():
@@ -149,7 +153,7 @@ def _compose(
         "brake_assist.law": options.law,
     }
     changes = [f"{key}={value}" for key, value in chosen.items() if value is not None]
-    changes += options.overrides
+    changes += [*(typical_changes(options.brakes) if options.brakes else ()), *options.overrides]
     variant = library.variants(options.experiment)[-1]
     configuration = library.load(options.experiment, variant, changes)
     if not configuration.ground.patches and not options.no_ice:

@@ -14,6 +14,7 @@ from typing import Any
 
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
+from omni_platform.brakes import TYPICAL
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import (
     Configuration,
@@ -49,9 +50,11 @@ class Options(Configuration):
     """mass of a load, to the front left (default: 0)"""
     drive_torque: float | None = parameter(None, unit="N m")
     """largest torque of a drive at its wheel (default: an estimate)"""
-    brakes: str | None = parameter(None)
-    """what brakes: valves (on-off, default), spring (spring-applied, on-off), proportional, or
-    torque_drives"""
+    drive_power: float | None = parameter(None, unit="W")
+    """largest power with which a drive brakes its wheel (default: no limit)"""
+    brakes: str | None = parameter(None, choices=tuple(TYPICAL))
+    """what brakes: on_off valves (default), spring-applied brakes, proportional brakes, or drives
+    with a torque or a velocity command"""
     out: Path | None = option(None, metavar="DIR")
     """new folder of the files (default: NAME)"""
     json: bool = json_option()

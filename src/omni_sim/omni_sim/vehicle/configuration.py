@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform import geometry, quantities
-from omni_platform.brakes import BrakeConfiguration
+from omni_platform.brakes import VELOCITY, BrakeConfiguration
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -175,6 +175,7 @@ class VehicleConfiguration(Configuration):
             "contact": self.contact != "ideal",
             "suspension.stiffness": self.suspension.stiffness > 0.0,
             "passive_losses": self.passive_losses.active,
+            "brake.kind": self.brake.kind == VELOCITY,
         }
         for place in (place for place, used in lacking.items() if used):
             if self.wheel_model == "mujoco":

@@ -37,7 +37,7 @@ from omni_sim.vehicle.state import (
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.wheel.brake_pressure import ask, press
-from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
+from omni_sim.wheel.drivetrain import Drive, Hub, Spin, limited, ramped_speed, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import Patch, TireConstants
@@ -403,12 +403,23 @@ def _step_wheels(
         )
         drive = Drive(step.drive_stiffness, speed, plant.drive_limit)
         torque = plant.brake_share[i] * brake[i]
-        if torque * abs(omega) > plant.brake_power:
-            torque = plant.brake_power / abs(omega)
+        ramped = plant.ramp[i] > 0.0 and step.drive_stiffness <= 0.0
+        if ramped:
+            fall = plant.dt * plant.ramp[i] * torque
+            wheel.command = ramped_speed(wheel.command, omega, fall)
+            stiffness = plant.drive_stiffness if torque > 0.0 else 0.0
+            limit = limited(plant.drive_limit, omega, plant.brake_power)
+            drive = Drive(stiffness, wheel.command, limit)
+        torque = 0.0 if plant.ramp[i] > 0.0 else limited(torque, omega, plant.brake_power)
         if rollers is None:
             _step_wheel(state, step, i, torque, drive)
         else:
             step_roller_wheel(plant, rollers, wheel, step, i, torque, drive)
+        if ramped:
+            held = drive.stiffness * (drive.speed - wheel.speed)
+            wheel.brake = min(max(held, -drive.limit), drive.limit)
+        else:
+            wheel.command = wheel.speed
         wheel.angle += 0.5 * plant.dt * (omega + wheel.speed)
 
 

@@ -51,7 +51,7 @@ def place(
         wheels["load"] = suspension.settle(plant, state.suspension, wheels["angle"], weight)
     if plant.roller_pitch > 0.0:
         wheels["speed"] = _rolling_speed(state, v, twist[2])
-    wheels["last_speed"] = wheels["speed"]
+    wheels["last_speed"] = wheels["command"] = wheels["speed"]
     _place_rollers(state)
 
 

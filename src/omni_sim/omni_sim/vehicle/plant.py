@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from omni_platform.brakes import VELOCITY, BrakeConfiguration
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -65,6 +66,8 @@ def build_plant(
         hull=support_polygon(lever),
         wheel_inertia=configuration.wheel_inertia,
         drive_limit=configuration.drive.max_torque,
+        drive_stiffness=configuration.drive.stiffness,
+        ramp=_ramp(configuration.brake) / geometry.radius,
         tire=tire.kernel_parameters,
         largest_load=tire.largest_load,
         stiffness=tire.stiffness,
@@ -81,6 +84,11 @@ def build_plant(
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
     return plant._replace(rolling=kinematics.wheel_speeds(np.eye(3), radius).T.copy())
+
+
+def _ramp(brake: BrakeConfiguration) -> float:
+    """Return the commanded deceleration of the rim per torque [m/s^2 per N m], 0 for friction."""
+    return brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
 
 
 def build_losses(

@@ -41,6 +41,7 @@ WHEEL = np.dtype(
         ("force", np.float64),
         ("load", np.float64),
         ("brake", np.float64),
+        ("command", np.float64),
         ("slip", np.float64),
         ("limit", np.float64),
         ("passive", np.float64),
@@ -52,9 +53,10 @@ WHEEL = np.dtype(
 )
 """A wheel: speed [rad/s], angle [rad], deflection ``e`` of the tire and its force on the vehicle
 along the active direction [m, N], and of the last step the load [N], the torque of the brake on the
-wheel [N m], the slip of the patch (20) [1] and the largest force that load and ground allowed [N].
-With passive losses: their force on the vehicle [N], the speed that they add to the wheel in a step
-and the wheel speed before the last step [rad/s]. Last, whether the patch slides."""
+wheel [N m], the speed command of a velocity drive that brakes [rad/s], the slip of the patch (20)
+[1] and the largest force that load and ground allowed [N]. With passive losses: their force on the
+vehicle [N], the speed that they add to the wheel in a step and the wheel speed before the last step
+[rad/s]. Last, whether the patch slides."""
 
 LOSS = _floats("u_x", "u_y", "moment", "rim", "mobility")
 """Constants of a wheel's passive losses: passive direction ``u_w`` [1], ``cross(r_i - r_g, u_w)``
@@ -108,6 +110,9 @@ class Plant(NamedTuple):
         hull: hull from `loads.support_polygon`.
         wheel_inertia: I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
+        drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
+        ramp: fall of its speed command per torque of a brake [rad/s^2 per N m], 0 for brakes that
+            act by friction, shape (N,).
         tire: constants of the tire model; their type chooses it.
         largest_load: load to which the tire's load is clamped [N].
         stiffness: c_x [N/m].
@@ -138,6 +143,8 @@ class Plant(NamedTuple):
     hull: IntArray
     wheel_inertia: float
     drive_limit: float
+    drive_stiffness: float
+    ramp: FloatArray
     tire: Any
     largest_load: float
     stiffness: float

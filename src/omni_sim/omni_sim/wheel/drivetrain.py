@@ -8,8 +8,12 @@ with ``g = r_D (n_w . u)``, the lever by which the tire turns the wheel. The dri
 command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; a disengaged
 clutch has ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full capacity,
 and holds the wheel at exactly zero speed where less suffices. It never reverses a wheel.
+
+A velocity drive brakes by its drive instead: ``omega_cmd`` falls to zero along a ramp. It drives a
+wheel that is slower than its command, as a speed controller does, and so does not lock it.
 """
 
+import math
 from typing import NamedTuple
 
 from omni_platform.kernels import lean_inline
@@ -122,6 +126,26 @@ def _braked(
     if s.speed * torque < 0.0:
         return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
     return WheelStep(force, deflection, 0.0, torque, velocity, sliding)
+
+
+@lean_inline
+def limited(torque: float, speed: float, power: float) -> float:
+    """Return a torque [N m] that exceeds no power [W] at a wheel speed [rad/s]."""
+    return power / abs(speed) if torque * abs(speed) > power else torque
+
+
+@lean_inline
+def ramped_speed(command: float, speed: float, fall: float) -> float:
+    """Return the speed command of a velocity drive after a step [rad/s].
+
+    Args:
+        command: that before the step [rad/s].
+        speed: speed of the wheel, which a drive that does not brake is commanded [rad/s].
+        fall: fall of the command in this step [rad/s]; 0 does not brake.
+    """
+    if fall <= 0.0:
+        return speed
+    return math.copysign(max(abs(command) - fall, 0.0), command)
 
 
 @lean_inline

@@ -28,6 +28,7 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
+from omni_platform.brakes import typical_changes
 from omni_platform.configuration import ConfigurationError, parameter, to_mapping
 from omni_studies.campaign.law_trials import (
     LawTrial,
@@ -69,7 +70,8 @@ _VARIANTS = {
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
 _NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
-# Changes of the vehicle and ground; the assistant is configured only with the lag of the brakes.
+# Changes of the vehicle and ground; the assistant is configured only with kind and lag of the
+# brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -96,6 +98,12 @@ _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"nominal_mass_{m}": (f"brake_assist.nominal_mass={m}",) for m in (600, 2500)},
     "friction_0.5": ("ground.friction=0.5",),
     "rollers": ("vehicle.wheel_model=rollers",),
+    "brakes_spring": typical_changes("spring"),
+    "brakes_torque": (*typical_changes("torque"), "vehicle.brake.max_power=15000"),
+    **{
+        f"brakes_velocity_{ramp}": (*typical_changes("velocity"), f"vehicle.brake.ramp={ramp}")
+        for ramp in (2, 4, 8)
+    },
 }
 _COMPARED: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("unassisted", "unassisted", ()),

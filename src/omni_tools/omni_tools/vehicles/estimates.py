@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from omni_loop.commented_yaml import commented_yaml
+from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
@@ -18,15 +19,6 @@ _CLUTCH = 15.0  # stiffness of the drive's clutch over torque and radius of the 
 _REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1
 _DECELERATION = 5.0  # [m/s^2], to choose a speed whose stop is a few lengths long
 _MECANUM, _OMNI = "mecanum", "omni"
-# Values of the section `brake` by what brakes; times are typical of spring-applied brakes.
-_VALVES = "valves"
-_BRAKES: dict[str, dict[str, Any]] = {
-    _VALVES: {},
-    "spring": {"dead_time": 0.06, "release_time": 0.1},
-    "proportional": {"kind": "proportional"},
-    "torque_drives": {"kind": "proportional"},
-}
-BRAKES = tuple(_BRAKES)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -49,9 +41,11 @@ class Measured(Configuration):
     """mass of a load, put to the front left"""
     drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
     """largest torque of a drive at its wheel, 0 to take that of the brake"""
-    brakes: str = parameter(_VALVES, choices=BRAKES)
+    drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
+    """largest power with which a drive brakes its wheel, 0 for no limit"""
+    brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
     """what brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes, or
-    drives with a torque command"""
+    drives with a torque or a velocity command"""
 
     def check_consistency(self) -> None:
         """Refuse wheels that do not fit the chassis, and invalid numbers of wheels."""
@@ -125,10 +119,16 @@ def _vehicle(name: str, measured: Measured) -> str:
             "height": _round(2.5 * radius),
         }
     braking = f"locks a wheel with a factor of {_BRAKE:g}"
-    if measured.brakes == "torque_drives" and measured.drive_torque:
-        torque, braking = measured.drive_torque, "the torque of the drive, at any speed"
+    by_drive = measured.brakes in (TORQUE, VELOCITY)
+    if by_drive and measured.drive_torque:
+        torque, braking = measured.drive_torque, "the torque of the drive"
+    brake = {"max_torque": _round(torque), **TYPICAL[measured.brakes]}
+    if measured.brakes == VELOCITY:
+        brake["ramp"] = BrakeConfiguration.ramp
+    if by_drive and measured.drive_power:
+        brake["max_power"] = measured.drive_power
     values |= {
-        "brake": {"max_torque": _round(torque), **_BRAKES[measured.brakes]},
+        "brake": brake,
         "drive": {"max_torque": _round(drive), "stiffness": _round(_CLUTCH * drive * radius)},
         "wheel_inertia": _round(0.5 * wheel_mass * radius**2),
         "tire": _tire(carried, radius),
