@@ -9,7 +9,7 @@ period older than the control stamp).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +52,13 @@ class Stream:
 
     stamp_ns: NDArray[np.int64]
     messages: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, entries: Iterable[tuple[int, Any]]) -> Stream:
+        """Return pairs of stamp [ns] and message in the order of the stamps."""
+        ordered = sorted(entries, key=lambda entry: entry[0])
+        stamps = np.array([stamp for stamp, _ in ordered], dtype=np.int64)
+        return cls(stamps, tuple(message for _, message in ordered))
 
 
 def read_run(bag_folder: Path | str) -> RunHistory:
@@ -116,19 +123,13 @@ def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) ->
     for name in required:
         if name not in messages:
             raise BagError(folder, f"there is no message on /{name}")
-    return {name: _in_order(entries) for name, entries in messages.items()}
+    return {name: Stream.of(entries) for name, entries in messages.items()}
 
 
 def _require_types(folder: Path, found: Mapping[str, str], types: Mapping[str, str]) -> None:
     for name, kind in found.items():
         if kind != types[name]:
             raise BagError(folder, f"/{name} is of type {kind}, must be {types[name]}")
-
-
-def _in_order(entries: list[tuple[int, Any]]) -> Stream:
-    entries.sort(key=lambda entry: entry[0])
-    stamps = np.array([stamp for stamp, _ in entries], dtype=np.int64)
-    return Stream(stamps, tuple(message for _, message in entries))
 
 
 def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:

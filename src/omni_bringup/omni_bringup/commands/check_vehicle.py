@@ -6,9 +6,14 @@ positions, twist sensor, IMU, order and dead times of the brakes. Each mistake i
 remedy.
 """
 
+from __future__ import annotations
+
 import math
+import os
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 
@@ -17,6 +22,13 @@ from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, parameter
 
+if TYPE_CHECKING:
+    from omni_tools.commissioning.signals import Signals
+
+
+WORK = "checking the vehicle"
+_LIVE = Path("live")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
@@ -24,13 +36,17 @@ class Options(Configuration):
 
     recording: Path = option(positional=True, metavar="RECORDING")
     """rosbag2 folder with wheel_states, brake/pedal, and those of odometry/twist, imu and
-    brake/enable to be checked"""
+    brake/enable to be checked; or 'live' for a drive to come, in the domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder"""
     distance: float = parameter(1.0, unit="m", above=0.0)
     """measured distance of the motions forward and to the left"""
     angle: float = parameter(90.0, unit="deg", above=0.0)
     """measured angle of the motion counter-clockwise"""
+    namespace: str = option("", metavar="NAME")
+    """namespace of the vehicle, for a live drive"""
+    timeout: float = parameter(600.0, unit="s", above=0.0)
+    """time within which a live drive must be complete"""
     out: Path | None = option(None, metavar="FILE")
     """corrected file of the vehicle (default: results/check-vehicle/RECORDING.yaml)"""
     json: bool = json_option()
@@ -39,10 +55,17 @@ class Options(Configuration):
 def run(options: Options, workspace: Workspace) -> Report:
     """Find the mistakes, and write a corrected file of the vehicle if its values are wrong."""
     from omni_tools.commissioning.mistakes import corrected, find_mistakes
-    from omni_tools.commissioning.signals import motions_of, read_signals
+    from omni_tools.commissioning.signals import MOTIONS, motions_of, read_signals
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
-    signals = read_signals(options.recording, tuple(vehicle.wheels))
+    if options.recording == _LIVE:
+        workspace.note(
+            f"drive {options.distance:g} m or {options.angle:g} deg {', '.join(MOTIONS)}, each "
+            "from rest to rest, then drive and brake"
+        )
+        signals = _received(options, tuple(vehicle.wheels))
+    else:
+        signals = read_signals(options.recording, tuple(vehicle.wheels))
     mistakes = find_mistakes(
         vehicle.wheels,
         signals,
@@ -69,3 +92,12 @@ def run(options: Options, workspace: Workspace) -> Report:
         files=files,
         ok=not mistakes,
     )
+
+
+def _received(options: Options, wheels: tuple[str, ...]) -> Signals:
+    from omni_bringup.node_check.drive_node import receive_drive
+    from omni_bringup.node_check.exchange_node import Partner
+    from omni_ros.environment import chosen_domain
+
+    with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
+        return receive_drive(partner, wheels, options.timeout)

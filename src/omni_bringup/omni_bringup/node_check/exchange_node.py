@@ -16,7 +16,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
@@ -76,11 +76,11 @@ class Exchange:
 class Partner:
     """Node of the checker in the ROS domain of the checked nodes."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, namespace: str = "") -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self.node = Node("node_check", context=self._context)
+        self.node = Node("node_check", context=self._context, namespace=namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
@@ -203,15 +203,29 @@ def watch(
         topics: topics by any key.
         duration: duration of the exchange [s].
     """
+    seen = subscribe(partner, topics, RELIABLE)
+    partner.spin(time.monotonic() + duration)
+    return seen
+
+
+def subscribe(
+    partner: Partner, topics: Mapping[str, Topic], qos: QoSProfile
+) -> dict[str, list[tuple[float, Any]]]:
+    """Return lists that grow by each message with its steady time [s], while the partner spins.
+
+    Args:
+        partner: this process's node.
+        topics: topics by any key.
+        qos: quality of service of the subscriptions.
+    """
     seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}
     for key, topic in topics.items():
         partner.node.create_subscription(
             message_class(topic.type),
-            topic.path,
+            topic.name,
             lambda message, key=key: seen[key].append((time.monotonic(), message)),
-            RELIABLE,
+            qos,
         )
-    partner.spin(time.monotonic() + duration)
     return seen
 
 

@@ -27,6 +27,8 @@ from omni_tools.campaign.runner import CampaignOptions
 
 _LAWS = ("sliding_mode", "allocation")
 _UNASSISTED = "unassisted"
+_NAMED = "named"
+_EXPERIMENTS = ("straight_line", "three_wheel_diagonal", "ice_patch", "turn_while_translate")
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
 _LONGER = 1.05  # median of the distance over that without assistant, from which it harms
 _WORST = 1.5  # 95th percentile of the same ratio, from which it harms
@@ -44,7 +46,9 @@ class Options(CampaignOptions):
     runs: int = parameter(20, minimum=1, maximum=10000)
     """random stops of each vehicle"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
-    """largest speed of the stops"""
+    """largest speed of the random stops"""
+    named: bool = parameter(False)
+    """add the named experiments, each with its own vehicle and speed"""
 
 
 class Stop(NamedTuple):
@@ -52,7 +56,7 @@ class Stop(NamedTuple):
 
     Attributes:
         seed: number of the case.
-        vehicle: its file.
+        vehicle: its file, or ``named``.
         stop: number of the stop, the same for all sources.
         law: law of control, or ``unassisted``.
         source: source of the twist.
@@ -74,24 +78,34 @@ class Cases:
     """The cases of the campaign, by number."""
 
     bases: dict[str, ExperimentConfiguration]
-    sources: tuple[str, ...]
-    runs: int
-    speed: float
+    named: tuple[ExperimentConfiguration, ...]
+    options: Options
 
     @property
     def _each(self) -> list[tuple[str, str]]:
         """Law and source of the cases of a stop."""
-        return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in self.sources)]
+        sources = self.options.source
+        return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
+
+    @property
+    def groups(self) -> list[str]:
+        """The vehicles, and the group of the named experiments."""
+        return [*self.bases, *([_NAMED] if self.named else ())]
 
     def __len__(self) -> int:
-        return len(self.bases) * self.runs * len(self._each)
+        stops = len(self.bases) * self.options.runs + len(self.named)
+        return stops * len(self._each)
 
     def run(self, number: int) -> Stop:
         """Run a case."""
         rest, case = divmod(number, len(self._each))
-        place, stop = divmod(rest, self.runs)
-        vehicle, (law, source) = list(self.bases)[place], self._each[case]
-        configuration = _drawn(self.bases[vehicle], stop, self.speed)
+        place = min(rest // self.options.runs, len(self.bases))
+        stop = rest - place * self.options.runs
+        vehicle, (law, source) = self.groups[place], self._each[case]
+        if vehicle == _NAMED:
+            configuration = self.named[stop]
+        else:
+            configuration = _drawn(self.bases[vehicle], stop, self.options.speed)
         assisted = law != _UNASSISTED
         brake_assist = dataclasses.replace(
             configuration.brake_assist,
@@ -139,12 +153,12 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run all cases, and write table and figure."""
-    cases = Cases(_bases(study.experiments, options), options.source, options.runs, options.speed)
-    fingerprint = f"{sorted(cases.bases)} {options.source} {options.runs} {options.speed}"
+    cases = Cases(*_bases(study.experiments, options), options)
+    fingerprint = f"{cases.groups} {options.source} {options.runs} {options.speed}"
     rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
         (vehicle, law, source): _judged(rows, vehicle, law, source)
-        for vehicle in cases.bases
+        for vehicle in cases.groups
         for law in _LAWS
         for source in options.source
     }
@@ -152,22 +166,29 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     for (vehicle, law, source), found in table.items():
         for quantity, (value, unit) in found.items():
             metrics[f"{quantity}.{vehicle}_{law}_{source}"] = Metric(value, unit)
-    for vehicle in cases.bases:
+    for vehicle in cases.groups:
         study.figure(f"{vehicle}.png", _figure(table, vehicle, options.source))
     return study.result(metrics, *_findings(table))
 
 
-def _bases(library: ExperimentLibrary, options: Options) -> dict[str, ExperimentConfiguration]:
+def _bases(
+    library: ExperimentLibrary, options: Options
+) -> tuple[dict[str, ExperimentConfiguration], tuple[ExperimentConfiguration, ...]]:
+    """Return a stop of each vehicle, by its name, and the named experiments."""
     if len(set(options.vehicle)) != len(options.vehicle):
         raise ConfigurationError("--vehicle", "names a vehicle twice")
     plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     kind = "vehicle.brake.kind=proportional"
-    return {
+    vehicles = {
         name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
             "straight_line", "assisted", [f"vehicle={name}", *plain, kind]
         )
         for name in options.vehicle
     }
+    names = _EXPERIMENTS if options.named else ()
+    return vehicles, tuple(
+        library.load(name, library.variants(name)[-1], [*plain, kind]) for name in names
+    )
 
 
 def _judged(

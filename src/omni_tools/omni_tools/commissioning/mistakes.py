@@ -19,6 +19,7 @@ from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
 from omni_tools.commissioning.signals import Motions, Signals
 
+_LARGEST_RADIUS = 10.0  # [m] of a WheelMount
 _FITS = 0.06  # largest error of a wheel's angles relative to the predicted ones
 # Smallest errors that are reported, of twist sensor and gyro.
 _HEADING = math.radians(2.0)  # mounting angle of a twist sensor [rad]
@@ -132,73 +133,45 @@ def _wheel_mistake(
 def _hypotheses(
     wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> Iterator[Mistake]:
-    names = list(wheels)
-
-    def changed(name: str, **values: float) -> dict[str, WheelMount]:
-        return {**wheels, name: dataclasses.replace(wheels[name], **values)}
-
-    for one, other in itertools.combinations(names, 2):
+    for one, other in itertools.combinations(wheels, 2):
         swapped = {**wheels, one: wheels[other], other: wheels[one]}
         yield Mistake(
             f"wheels {one} and {other} are exchanged", "exchange their encoders or names", swapped
         )
     predicted = _predicted(wheels, known)
-    for row, name in enumerate(names):
-        mount = wheels[name]
-        turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-        yield Mistake(
-            f"wheel {name} turns the other way",
-            "negate its speed, or turn heading_deg by 180",
-            changed(name, heading_deg=turned),
-        )
-        yield Mistake(
-            f"roller of wheel {name} has the wrong sign",
-            f"set roller_angle_deg to {-mount.roller_angle_deg:g}",
-            changed(name, roller_angle_deg=-mount.roller_angle_deg),
-        )
-        yield Mistake(
-            f"x of wheel {name} has the wrong sign",
-            f"set x to {-mount.x:g}",
-            changed(name, x=-mount.x),
-        )
-        yield Mistake(
-            f"y of wheel {name} has the wrong sign",
-            f"set y to {-mount.y:g}",
-            changed(name, y=-mount.y),
-        )
-        scale = float(angle[:, row] @ predicted[:, row]) / float(
-            predicted[:, row] @ predicted[:, row]
-        )
-        if scale > 0.05:
-            radius = mount.radius / scale
-            yield Mistake(
-                f"radius of wheel {name} is wrong",
-                f"set radius to {radius:.4f}, or check the counts of its encoder",
-                changed(name, radius=radius),
-            )
-    scale = float(np.sum(angle * predicted) / np.sum(predicted**2))
-    if scale > 0.05:
-        resized = {
-            name: dataclasses.replace(mount, radius=mount.radius / scale)
-            for name, mount in wheels.items()
-        }
-        yield Mistake("all radii are wrong", f"divide every radius by {scale:.4f}", resized)
-    for words, field in (
-        ("all wheels turn the other way", "heading_deg"),
-        ("all rollers have the wrong sign", "roller_angle_deg"),
+    scale = np.sum(angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
+    for row, (name, mount) in enumerate(wheels.items()):
+        for part, remedy, changed in _changes(mount, float(scale[row])):
+            yield Mistake(f"{part} of wheel {name} is wrong", remedy, {**wheels, name: changed})
+    common = float(np.median(scale))
+    for of_all in zip(*(_changes(mount, common) for mount in wheels.values()), strict=True):
+        part, remedy, _ = of_all[0]
+        described = dict(zip(wheels, (changed for _, _, changed in of_all), strict=True))
+        yield Mistake(f"{part} of all wheels is wrong", f"{remedy}, for every wheel", described)
+
+
+def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelMount]]:
+    """Yield single changes of a wheel: what is changed, the remedy, and the changed wheel.
+
+    Args:
+        mount: wheel as described.
+        scale: measured over predicted angle [1].
+    """
+    turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
+    radius = min(mount.radius / max(scale, 0.1), _LARGEST_RADIUS)
+    for part, remedy, field, value in (
+        ("direction", "negate the speed, or turn heading_deg by 180", "heading_deg", turned),
+        ("roller", "negate roller_angle_deg", "roller_angle_deg", -mount.roller_angle_deg),
+        ("x", "negate x", "x", -mount.x),
+        ("y", "negate y", "y", -mount.y),
+        (
+            "radius",
+            f"set radius to {radius:.4f}, or check the counts of the encoder",
+            "radius",
+            radius,
+        ),
     ):
-        other_way = {
-            name: dataclasses.replace(
-                mount,
-                **{
-                    field: (mount.heading_deg + 360.0) % 360.0 - 180.0
-                    if field == "heading_deg"
-                    else -mount.roller_angle_deg
-                },
-            )
-            for name, mount in wheels.items()
-        }
-        yield Mistake(words, f"change {field} of every wheel", other_way)
+        yield part, remedy, dataclasses.replace(mount, **{field: value})
 
 
 def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
@@ -281,7 +254,7 @@ def _brake_mistakes(
     measured = signals.wheel_speed[stop]
     pedal = np.nan_to_num(signals.pedal[stop])
     demand = pedal[:, np.newaxis] * signals.enable[stop]
-    moving = np.abs(rolling) > 0.2 * np.max(np.abs(rolling))
+    moving = np.abs(rolling) > 0.2 * np.nanmax(np.abs(rolling))
     slip = np.where(moving, 1.0 - measured / np.where(moving, rolling, 1.0), 0.0)
     for row, name in enumerate(names):
         braked = (demand[:, row] > 0.0) & moving[:, row]

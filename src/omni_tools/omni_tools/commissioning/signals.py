@@ -6,28 +6,25 @@ measured distance or angle; then it is driven in any direction and braked.
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omni_loop.recorded_run import Stream, read_streams
-from omni_platform import configuration, quantities
+from omni_platform import configuration, quantities, signals, topics
 from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
-_MOVING = 0.1  # of the largest wheel speed of the drive, from which a wheel moves
+_MOVING = 0.01  # of the largest wheel speed of the drive, from which a wheel moves
+_LEAST = 0.03  # of the same, which a motion reaches
 _SHORTEST = 0.3  # [s] of a motion
 _PAUSE = 0.3  # [s] of rest between two motions
-_TYPES = {
-    "wheel_states": "sensor_msgs/msg/JointState",
-    "brake/pedal": "sensor_msgs/msg/JointState",
-    "brake/enable": "sensor_msgs/msg/JointState",
-    "odometry/twist": "geometry_msgs/msg/TwistWithCovarianceStamped",
-    "imu": "sensor_msgs/msg/Imu",
-}
+TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
+"""Topics of a drive; those of wheels and pedal must exist."""
+
+_WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,7 +34,7 @@ class Signals:
     Attributes:
         time: [s], shape (T,).
         wheel_speed: [rad/s], shape (T, N).
-        twist: measured body twist [m/s, m/s, rad/s], shape (T, 3).
+        twist: body twist where it is measured [m/s, m/s, rad/s], shape (T, 3).
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
         enable: enable of the brakes [1], shape (T, N).
@@ -75,22 +72,37 @@ class Motions:
     stop: slice
 
 
-def read_signals(recording: Path, wheels: Sequence[str], period: float = 0.01) -> Signals:
+def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
     """Read a recording.
 
     Args:
         recording: rosbag2 folder.
         wheels: names in the order of the columns.
-        period: period of the rows [s].
 
     Raises:
         BagError: it cannot be read.
         ConfigurationError: the wheels are not those of the recording.
     """
-    streams = read_streams(open_vehicle(recording), _TYPES, ("wheel_states", "brake/pedal"))
+    types = {topic.name: topic.type for topic in TOPICS}
+    return signals_of(read_streams(open_vehicle(recording), types, (_WHEELS, _PEDAL)), wheels)
+
+
+def signals_of(
+    streams: Mapping[str, Stream], wheels: Sequence[str], period: float = 0.01
+) -> Signals:
+    """Return the signals of a drive.
+
+    Args:
+        streams: messages by name of the topic, at least those of wheels and pedal.
+        wheels: names in the order of the columns.
+        period: period of the rows [s].
+
+    Raises:
+        ConfigurationError: the wheels are not those of the messages.
+    """
     nothing = Stream(np.zeros(0, np.int64), ())
-    streams = {name: streams.get(name, nothing) for name in _TYPES}
-    states = streams["wheel_states"]
+    streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
+    states = streams[_WHEELS]
     names = list(states.messages[0].name)
     if set(names) != set(wheels):
         raise configuration.ConfigurationError(
@@ -113,36 +125,42 @@ def read_signals(recording: Path, wheels: Sequence[str], period: float = 0.01) -
         ]
         return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
 
-    twists = [message.twist.twist for message in streams["odometry/twist"].messages]
+    twists = [message.twist for message in streams[_TWIST].messages]
     return Signals(
         time=(time - time[0]) * 1e-9,
-        wheel_speed=sampled("wheel_states", by_wheel("wheel_states", "velocity"), len(wheels)),
-        twist=sampled("odometry/twist", [(t.linear.x, t.linear.y, t.angular.z) for t in twists], 3),
+        wheel_speed=sampled(_WHEELS, by_wheel(_WHEELS, "velocity"), len(wheels)),
+        twist=sampled(_TWIST, [_measured(one) for one in twists], 3),
         imu=sampled(
-            "imu",
+            _IMU,
             [
                 (m.angular_velocity.z, m.linear_acceleration.x, m.linear_acceleration.y)
-                for m in streams["imu"].messages
+                for m in streams[_IMU].messages
             ],
             3,
         ),
-        pedal=sampled("brake/pedal", [m.position[0] for m in streams["brake/pedal"].messages], 1)[
-            :, 0
-        ],
-        enable=sampled("brake/enable", by_wheel("brake/enable", "effort"), len(wheels)),
+        pedal=sampled(_PEDAL, [m.position[0] for m in streams[_PEDAL].messages], 1)[:, 0],
+        enable=sampled(_ENABLE, by_wheel(_ENABLE, "effort"), len(wheels)),
     )
 
 
-def motions_of(signals: Signals) -> Motions:
+def _measured(message: Any) -> tuple[float, float, float]:
+    """Return the twist of a TwistWithCovariance, NaN where it is not measured."""
+    if not message.covariance[0] < signals.UNMEASURED_VARIANCE:
+        return math.nan, math.nan, math.nan
+    twist = message.twist
+    return twist.linear.x, twist.linear.y, twist.angular.z
+
+
+def motions_of(drive: Signals) -> Motions:
     """Find the three motions and the stop.
 
     Raises:
         ConfigurationError: there are not three motions without the pedal and one that ends with it.
     """
-    speed = np.nanmax(np.abs(signals.wheel_speed), axis=1)
-    free = np.nan_to_num(signals.pedal) <= 0.0
+    speed = np.nanmax(np.abs(drive.wheel_speed), axis=1)
+    free = np.nan_to_num(drive.pedal) <= 0.0
     slow = speed[: int(np.argmax(~free))] if not np.all(free) else speed
-    found = _runs(slow > _MOVING * np.max(slow, initial=1e-9), signals.period)
+    found = _runs(slow, drive.period)
     if len(found) != len(MOTIONS) + 1 or np.all(free):
         raise configuration.ConfigurationError(
             "recording",
@@ -153,22 +171,31 @@ def motions_of(signals: Signals) -> Motions:
     after = np.flatnonzero(speed[found[-1].start :] > 0.02 * np.max(speed))
     last = found[-1].start + int(after[-1]) + 1
     begun = [slice(row.start, row.start + max((row.stop - row.start) // 5, 5)) for row in rows]
-    dt = signals.period
+    dt = drive.period
     return Motions(
-        angle=np.array([np.nansum(signals.wheel_speed[row], axis=0) * dt for row in rows]),
-        twist=np.array([np.nansum(signals.twist[row], axis=0) * dt for row in rows]),
-        gyro=np.array([np.nansum(signals.imu[row, 0]) * dt for row in rows]),
-        force=np.array([np.mean(signals.imu[row, 1:], axis=0) for row in begun]),
+        angle=np.array([_integral(drive.wheel_speed[row], dt) for row in rows]),
+        twist=np.array([_integral(drive.twist[row], dt) for row in rows]),
+        gyro=np.array([_integral(drive.imu[row, :1], dt)[0] for row in rows]),
+        force=np.array([np.mean(drive.imu[row, 1:], axis=0) for row in begun]),
         stop=slice(found[-1].start, last),
     )
 
 
-def _runs(moving: NDArray[np.bool_], period: float) -> list[slice]:
-    """Return the times of motion, joined over short rests, without short ones."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], moving.astype(int), [0]))))
-    spans = [list(pair) for pair in edges.reshape(-1, 2)]
+def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:
+    """Return the integral of each column, with its mean where a value is missing."""
+    known = np.isfinite(values)
+    sums = np.sum(np.where(known, values, 0.0), axis=0)
+    result: quantities.FloatArray = sums * dt * len(values) / np.maximum(known.sum(axis=0), 1)
+    return result
+
+
+def _runs(speed: quantities.FloatArray, period: float) -> list[slice]:
+    """Return the times of motion, joined over short rests, without short and small ones."""
+    fastest = float(np.max(speed, initial=1e-9))
+    moving = (speed > _MOVING * fastest).astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], moving, [0]))))
     joined: list[list[int]] = []
-    for first, last in spans:
+    for first, last in edges.reshape(-1, 2):
         if joined and (first - joined[-1][1]) * period < _PAUSE:
             joined[-1][1] = last
         else:
@@ -178,5 +205,5 @@ def _runs(moving: NDArray[np.bool_], period: float) -> list[slice]:
     return [
         slice(max(first - edge, 0), last + edge)
         for first, last in joined
-        if (last - first) * period >= _SHORTEST
+        if (last - first) * period >= _SHORTEST and np.max(speed[first:last]) > _LEAST * fastest
     ]

@@ -25,29 +25,12 @@ from omni_tools.commissioning.signals import Motions, Signals, motions_of
 CONFIG = Path(__file__).parents[4] / "config"
 Wheels = dict[str, WheelMount]
 
-# Time, forward, left, turn, pedal: three motions with pauses, and a stop along the diagonal.
-TABLE = np.array(
-    [(0.0, 0.0, 0.0, 0.0, 0.0)]
-    + [
-        (start + at, *(value * np.array(direction)), 0.0)
-        for start, direction in ((0.5, (0.5, 0, 0)), (4.0, (0, 0.5, 0)), (7.5, (0, 0, 0.6)))
-        for at, value in ((0.0, 0.0), (0.5, 1.0), (2.0, 1.0), (2.5, 0.0))
-    ]
-    + [(11.0, 0.0, 0.0, 0.0, 0.0), (12.5, 2.0, 0.5, 0.0, 0.0), (13.0, 2.0, 0.5, 0.0, 0.0)]
-    + [(13.01, 0.0, 0.0, 0.0, 1.0), (16.0, 0.0, 0.0, 0.0, 1.0)]
-)
-
 
 def drive(vehicle: str) -> tuple[Wheels, Signals, tuple[float, float]]:
     """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
-    columns = [f"[{', '.join(f'{value:g}' for value in column)}]" for column in TABLE.T]
-    names = ("time", "forward", "left", "turn", "pedal")
-    demands = [
-        f"maneuver.demands.{name}={column}" for name, column in zip(names, columns, strict=True)
-    ]
     plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     configuration = ExperimentLibrary(CONFIG).load(
-        "straight_line", "assisted", [f"vehicle={vehicle}", *plain, *demands]
+        "commissioning", "assisted", [f"vehicle={vehicle}", *plain]
     )
     rows = []
     assist = BrakeAssist(configuration.brake_assist)
@@ -152,13 +135,13 @@ def mistakes() -> Iterator[tuple[str, Change]]:
         yield words, of_signal("wheel_speed", exchanged(one, other))
     for row, name in enumerate(FORKLIFT):
         signs = [-1.0 if column == row else 1.0 for column in range(4)]
-        yield f"wheel {name} turns the other way", of_signal("wheel_speed", scaled(*signs))
+        yield f"direction of wheel {name}", of_signal("wheel_speed", scaled(*signs))
         yield f"roller of wheel {name}", of_wheel(name, roller_angle_deg=-1.0)
         yield f"x of wheel {name}", of_wheel(name, x=-1.0)
         yield f"y of wheel {name}", of_wheel(name, y=-1.0)
         yield f"radius of wheel {name}", of_wheel(name, radius=1.12)
-    yield "all radii", of_signal("wheel_speed", scaled(1.1, 1.1, 1.1, 1.1))
-    yield "all wheels turn", of_signal("wheel_speed", scaled(-1, -1, -1, -1))
+    yield "radius of all wheels", of_signal("wheel_speed", scaled(1.1, 1.1, 1.1, 1.1))
+    yield "direction of all wheels", of_signal("wheel_speed", scaled(-1, -1, -1, -1))
     for degrees in (5.0, -90.0, 180.0):
         yield f"mounted {degrees:.0f} deg off", of_signal("twist", turned(math.radians(degrees)))
     yield "twist sensor: y has the wrong sign", of_signal("twist", scaled(1, -1, 1))

@@ -1,0 +1,54 @@
+"""Receive the commissioning drive of a vehicle until its stop is complete."""
+
+import time
+from collections.abc import Sequence
+
+from omni_bringup.node_check.exchange_node import Partner, subscribe
+from omni_loop.recorded_run import Stream
+from omni_platform import topics
+from omni_platform.configuration import ConfigurationError, WorkError
+from omni_ros.messages import to_nanoseconds
+from omni_ros.qos import BEST_EFFORT
+from omni_tools.commissioning.signals import TOPICS, Signals, motions_of, signals_of
+
+_REST = 1.0  # [s] at the end of the stop
+_LEAST = 100  # messages on each of the topics that must exist
+
+
+def receive_drive(partner: Partner, wheels: Sequence[str], timeout: float) -> Signals:
+    """Return the signals of a drive as soon as the vehicle has stopped.
+
+    Args:
+        partner: this process's node, in the namespace of the vehicle.
+        wheels: names in the order of the columns.
+        timeout: time within which the drive must be complete [s].
+
+    Raises:
+        WorkError: wheel speeds or demand are not published.
+        ConfigurationError: other wheels, or other motions, than expected.
+    """
+    # Best effort receives publishers of either reliability.
+    seen = subscribe(partner, {topic.name: topic for topic in TOPICS}, BEST_EFFORT)
+    deadline = time.monotonic() + timeout
+    while True:
+        partner.spin(time.monotonic() + _REST)
+        late = time.monotonic() > deadline
+        needed = (topics.WHEEL_STATES.name, topics.PEDAL.name)
+        missing = [name for name in needed if len(seen[name]) < _LEAST]
+        if missing and late:
+            raise WorkError(f"too few messages on {' and '.join(missing)} in {timeout:g} s")
+        if missing:
+            continue
+        streams = {
+            name: Stream.of((to_nanoseconds(m.header.stamp), m) for _, m in messages)
+            for name, messages in seen.items()
+        }
+        signals = signals_of(streams, wheels)
+        try:
+            rest = len(signals.time) - motions_of(signals).stop.stop
+        except ConfigurationError:
+            if late:
+                raise
+            continue
+        if late or rest * signals.period >= _REST:
+            return signals
