@@ -21,7 +21,7 @@ def compile_all() -> Counter[tuple[str, str]]:
     """Compile every kernel, one after the other; return the CPU time of each [s]."""
     from numba.core import event
 
-    from omni_bringup.warm_up import every_task
+    from omni_bringup import warm_up
 
     seconds: Counter[tuple[str, str]] = Counter()
     callees = [0.0]  # of each compilation under way: CPU time of the compilations within it
@@ -41,8 +41,9 @@ def compile_all() -> Counter[tuple[str, str]]:
             callees[-1] += took
 
     with event.install_listener("numba:compile", Stopwatch()):
-        for task in every_task():
-            task()
+        configuration = warm_up.standard_run()
+        warm_up.compile_for_run(configuration)
+        warm_up.compile_others(configuration)
     return seconds
 
 

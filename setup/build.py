@@ -6,7 +6,7 @@ import contextlib
 import re
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from setup.failures import SetupError
@@ -25,16 +25,15 @@ from setup.workspace import (
 
 
 def build(workspace: Workspace, steps: Steps) -> None:
-    """Build the packages from scratch; compile the kernels where none have been compiled yet."""
+    """Build the packages from scratch; compile kernels where none have been compiled yet."""
     state = files_state(build_inputs(workspace.root))  # taken first: an edit meanwhile builds again
     environment_stamp = read_stamp(workspace.venv)
     libraries = environment_stamp["libraries"]
     environment = venv_environment(workspace, libraries)
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)
-    compiler = None if workspace.kernels.exists() else start_compiling(workspace, steps, libraries)
+    if not workspace.kernels.exists():
+        compile_in_background(workspace, final_environment(workspace, libraries))
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
-    beside = " and compiling beside" if compiler else ""
-    steps.stage(f"building {len(packages)} packages with colcon{beside}")
+    say(f"building {len(packages)} packages with colcon")
     # From nothing, so that no file of a deleted package stays; the stamp goes first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
@@ -63,32 +62,27 @@ def build(workspace: Workspace, steps: Steps) -> None:
                 f"(details in {workspace.log})."
             )
         mend_first_lines(prefix / "lib")
-    if compiler is not None:
-        finish_compiling(workspace, steps, compiler)
     write_stamp(workspace.install, build_identity(environment_stamp), state=state)
 
 
-def start_compiling(
-    workspace: Workspace, steps: Steps, libraries: Sequence[str]
-) -> subprocess.Popen[str] | None:
-    """Start to compile all kernels into their cache."""
+def compile_in_background(workspace: Workspace, environment: Mapping[str, str]) -> None:
+    """Start to compile all kernels, in a process that outlives this one."""
     if not (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
-        return None
-    warm_up = [workspace.python, "-m", "omni_bringup.warm_up"]
-    return steps.start(warm_up, final_environment(workspace, libraries))
-
-
-def finish_compiling(workspace: Workspace, steps: Steps, compiler: subprocess.Popen[str]) -> None:
-    """Wait until all kernels are compiled."""
-    steps.stage("compiling the kernels")
-    code, output = steps.finish(compiler, lambda line: line)
-    if code:
-        # The command that needs the kernel will say more about it than this step can.
-        say(
-            "the kernels could not all be compiled beforehand ({}); going on, details in {}".format(
-                (output.splitlines() or ["no output"])[-1], workspace.log
-            )
+        return
+    with open(workspace.cache / "kernels.log", "w") as log:
+        subprocess.Popen(
+            [str(workspace.python), "-m", "omni_bringup.warm_up", "--in-background"],
+            env=environment,
+            cwd=str(workspace.root),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C ends the command, and not the compiler
         )
+    say(
+        "compiling kernels in the background (one to two minutes); commands wait only for those "
+        "that they use"
+    )
 
 
 def remove(folder: Path) -> None:

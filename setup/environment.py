@@ -49,15 +49,11 @@ def make_environment(workspace: Workspace, steps: Steps) -> None:
         shutil.rmtree(workspace.venv)
     shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled by other packages
     check_space(workspace.root, DISK_SPACE)
-    say(
-        f"setting up in {workspace.venv} (about 1 GB, once, one to two minutes; "
-        f"log: {workspace.log})"
-    )
+    say(f"setting up in {workspace.venv} (about 1 GB, once, one minute; log: {workspace.log})")
     workspace.venv.mkdir()
     marker.touch()
     environment = base_environment(os.environ, workspace)
-    for name in ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE"):
-        environment.pop(name, None)
+    environment.pop("PYTHONPATH", None)
     code, output = steps.run([python, "-m", "venv", workspace.venv], environment)
     if code:
         raise SetupError(explain_install(output, workspace.log, "making the environment"))
@@ -124,7 +120,7 @@ def install_packages(workspace: Workspace, steps: Steps, environment: Mapping[st
             return f"unpacking {len(names)} packages"
         return None
 
-    steps.stage(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
+    say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
     wheels = ["--only-binary", ":all:"]
     sources = ["--no-binary", "empy", "--use-pep517", "--no-build-isolation"]
     code, output = steps.run(install + wheels + ["-r", tools], environment)

@@ -6,6 +6,7 @@ import fcntl
 import os
 import shutil
 import signal
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -92,12 +93,12 @@ def make_ready(workspace: Workspace, lock: int | None) -> None:
         take_lock(lock, fcntl.LOCK_EX)
         if environment_ready(workspace) and build_ready(workspace):
             continue
-        bare = not environment_ready(workspace)
-        steps = Steps(workspace, lock, "installing" if bare else "building")
-        if bare:
+        begun = time.monotonic()
+        steps = Steps(workspace, lock)
+        if not environment_ready(workspace):
             make_environment(workspace, steps)
         build(workspace, steps)
-        say(steps.summary())
+        say(f"ready after {time.monotonic() - begun:.0f} s")
         take_lock(lock, fcntl.LOCK_SH)
         return
 

@@ -505,7 +505,7 @@ def test_a_killed_set_up_leaves_nobody_at_work(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from setup.steps import Steps\n"
         "from setup.workspace import Workspace\n"
-        "steps = Steps(Workspace(Path(sys.argv[2]), None), None, 'installing')\n"
+        "steps = Steps(Workspace(Path(sys.argv[2]), None), None)\n"
         "child = 'import os, time; print(os.getpid(), flush=True); time.sleep(600)'\n"
         "steps.run([sys.executable, '-c', child], {}, print)\n"
     )

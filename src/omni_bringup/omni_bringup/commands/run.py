@@ -161,6 +161,7 @@ def _run_variants(
                 show(sum(shares.values()) / len(shares), words)
                 note()
 
+            show(0.0, "starting the nodes")
             runs = [
                 run_variant(
                     configuration,
