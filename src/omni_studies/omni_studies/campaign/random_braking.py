@@ -135,8 +135,7 @@ class RandomBraking:
                 for variant, switch in _SWITCHES.items()
             },
         }
-        text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
-        return text
+        return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 def draw(seed: int) -> Tree:

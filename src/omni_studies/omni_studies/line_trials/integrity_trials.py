@@ -52,8 +52,7 @@ class Motion:
 
     def traveled(self, time: FloatArray) -> FloatArray:
         """Return the time for the path until a time [s] at the initial twist [s]."""
-        path: FloatArray = time + 0.5 * self.growth * time**2
-        return path
+        return time + 0.5 * self.growth * time**2
 
 
 MOTIONS: tuple[Motion, ...] = (
@@ -164,8 +163,7 @@ class Tally:
     @property
     def undetected(self) -> NDArray[np.bool_]:
         """Batches with an undetected error."""
-        wrong: NDArray[np.bool_] = (abs(self.ratio) > DEVIATIONS) & (abs(self.error) > LEAST_ERROR)
-        return wrong
+        return (abs(self.ratio) > DEVIATIONS) & (abs(self.error) > LEAST_ERROR)
 
     @property
     def available(self) -> float:

@@ -74,8 +74,7 @@ class LockedWheels:
     @property
     def vectors(self) -> FloatArray:
         """Force of each wheel in the body frame [N], shape (N, 2)."""
-        vectors: FloatArray = self.force[:, None] * self.geometry.active
-        return vectors
+        return self.force[:, None] * self.geometry.active
 
     @property
     def total(self) -> FloatArray:

@@ -298,13 +298,11 @@ def _without_mean(values: FloatArray, used: FloatArray) -> FloatArray:
     """Return values less the mean of the used ones in each row, 0 where not used."""
     count = np.maximum(np.sum(used, axis=1, keepdims=True), 1)
     mean = np.sum(np.where(used, values, 0.0), axis=1, keepdims=True) / count
-    difference: FloatArray = np.where(used, values - mean, 0.0)
-    return difference
+    return np.where(used, values - mean, 0.0)
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
     """Return the correlations of all pairs of columns, 0 for a constant column."""
     a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
     scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    product: FloatArray = np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)
-    return product
+    return np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)

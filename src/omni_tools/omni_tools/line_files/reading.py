@@ -79,8 +79,7 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
         raise LineFileError(str(path), f"cannot be read: {words}") from None
     if not any(len(part) for part in parts):
         raise LineFileError(str(path), "holds no line")
-    lines: signals.Lines = np.ascontiguousarray(np.concatenate(parts))
-    return lines
+    return np.ascontiguousarray(np.concatenate(parts))
 
 
 def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:

@@ -55,8 +55,7 @@ class Matches:
     @property
     def right(self) -> BoolArray:
         """Whether each pair matched within a pixel; an error of one pixel counts as noise."""
-        found: BoolArray = np.abs(self.pixel_error) <= 1.0
-        return found
+        return np.abs(self.pixel_error) <= 1.0
 
     @property
     def error(self) -> FloatArray:
@@ -71,8 +70,7 @@ class Matches:
     @property
     def usable(self) -> BoolArray:
         """Whether each pair is similar enough for the odometry to use it."""
-        similar: BoolArray = self.similarity >= OdometryConfiguration.minimum_correlation
-        return similar
+        return self.similarity >= OdometryConfiguration.minimum_correlation
 
     @property
     def undetected_share(self) -> float:

@@ -109,13 +109,11 @@ class MeanError:
         weight = 1.0 / self.error.variance(self.view, along, across)
         lever = (x * a_y - y * a_x) / self.gyration
         elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
-        stacked: FloatArray = np.stack([weight * element for element in elements], axis=-1)
-        return stacked
+        return np.stack([weight * element for element in elements], axis=-1)
 
     def value(self, information: FloatArray) -> FloatArray:
         """Return E [m/s] of sums of `information`, shape (..., M, 6) to (...)."""
-        error: FloatArray = np.sqrt(total_variance(information) @ self.mix.share)
-        return error
+        return np.sqrt(total_variance(information) @ self.mix.share)
 
     def mean_error(self, poses: FloatArray) -> float:
         """Return E of cameras at `poses`, shape (N, 3) [m/s]."""
@@ -132,8 +130,7 @@ class MeanError:
             return np.full((len(information), 3, 3), np.inf)
         unit = np.array([1.0, 1.0, 1.0 / self.gyration])
         inverse = np.linalg.inv(information[:, _FULL])
-        scaled: FloatArray = inverse * np.outer(unit, unit)
-        return scaled
+        return inverse * np.outer(unit, unit)
 
     def point_error(self, poses: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the RMS velocity error of points of the platform [m/s].
@@ -163,8 +160,7 @@ class ConditionNumber:
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x
         elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
-        stacked: FloatArray = np.stack(elements, axis=-1)[..., None, :]
-        return stacked
+        return np.stack(elements, axis=-1)[..., None, :]
 
     def value(self, information: FloatArray) -> FloatArray:
         """Return the condition numbers of sums of `information`, shape (..., 1, 6) to (...)."""
@@ -172,8 +168,7 @@ class ConditionNumber:
         smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
         singular = smallest <= _SINGULAR * largest
         ratio = largest / np.where(singular, 1.0, smallest)
-        condition: FloatArray = np.where(singular, np.inf, np.sqrt(ratio))
-        return condition
+        return np.where(singular, np.inf, np.sqrt(ratio))
 
 
 Criterion = MeanError | ConditionNumber
@@ -191,8 +186,7 @@ def total_variance(information: FloatArray) -> FloatArray:
     determinant = xx * minor_x - xy * (xy * ww - yw * xw) + xw * (xy * yw - yy * xw)
     regular = determinant > _SINGULAR * ((xx + yy + ww) / 3.0) ** 3
     trace = (minor_x + minor_y + minor_w) / np.where(regular, determinant, 1.0)
-    variance: FloatArray = np.where(regular, trace, np.inf)
-    return variance
+    return np.where(regular, trace, np.inf)
 
 
 def gyration(length: float, width: float) -> float:
@@ -208,8 +202,7 @@ def poses_of(sensors: Mapping[str, LineSensor]) -> FloatArray:
 def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
     """Return E without each one of the cameras [m/s], shape (N,)."""
     own = criterion.information(poses)
-    left: FloatArray = criterion.value(own.sum(axis=0) - own)
-    return left
+    return criterion.value(own.sum(axis=0) - own)
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:

@@ -71,8 +71,7 @@ class MountingArea:
 
     def fits(self, poses: FloatArray) -> BoolArray:
         """Return whether one camera can be mounted at each pose."""
-        fit: BoolArray = self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
-        return fit
+        return self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
         """Return whether cameras at `poses`, shape (..., 3), are clear of one at `other`.
@@ -81,8 +80,7 @@ class MountingArea:
             poses: poses of the cameras.
             other: reading of one camera, shape (3,), or of one for each of `poses`.
         """
-        free: BoolArray = ~_overlap(poses, self._grown(), other, self.half)
-        return free
+        return ~_overlap(poses, self._grown(), other, self.half)
 
     def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
         """Return why cameras cannot be mounted at these poses; empty if they can."""

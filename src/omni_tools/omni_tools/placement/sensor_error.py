@@ -74,7 +74,7 @@ class SensorError:
         crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view.line_rate))
         with np.errstate(divide="ignore"):
             variance: FloatArray = (self.straight + self.sideways * crossed) / common
-        return variance
+            return variance
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,8 +207,7 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
 
     def difference(logarithms: FloatArray) -> FloatArray:
         error = SensorError(*(float(value) for value in np.exp(logarithms)))
-        misfit: FloatArray = np.log(error.variance(view, along, across)) - 2.0 * np.log(rms)
-        return misfit
+        return np.log(error.variance(view, along, across)) - 2.0 * np.log(rms)
 
     fit = least_squares(difference, np.log([straight, sideways]))
     a, b = (float(value) for value in np.exp(fit.x))

@@ -54,8 +54,7 @@ def _sector(cell: Cell) -> str:
 
 
 def _pale(color: str, paleness: float) -> FloatArray:
-    pale: FloatArray = np.array(to_rgb(color)) * (1.0 - paleness) + paleness
-    return pale
+    return np.array(to_rgb(color)) * (1.0 - paleness) + paleness
 
 
 def _draw_vehicle(axes: Axes, vehicle: VehicleConfiguration) -> None:
