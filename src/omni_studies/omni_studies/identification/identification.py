@@ -11,7 +11,7 @@ The vehicle moves along the world's y axis, up the page as in Figure 43, and bra
 """
 
 import dataclasses
-import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -259,16 +259,15 @@ _REFINEMENT = 60  # generations of the refinement at most
 _NEIGHBORHOOD = 0.1  # half its box, as a share of the whole one
 _IMPOSSIBLE = 1e4
 
-OnGeneration = Callable[[int, float], None]
-
 
 def search(
     bases: Mapping[str, ExperimentConfiguration],
     *,
+    start: Parameters | None = None,
     seed: int,
     generations: int = GENERATIONS,
     sound: bool = False,
-    on_generation: OnGeneration = lambda _generation, _cost: None,
+    on_generation: Callable[[int, float], None] = lambda _generation, _cost: None,
 ) -> dict[str, float]:
     """Search the parameters of Table 2 by differential evolution in one process.
 
@@ -278,6 +277,7 @@ def search(
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
+        start: a candidate near which the second search begins, in place of the first one.
         seed: seed of every random draw.
         generations: largest number for each search; the first ends when its cost is below 1, the
             second when no deviation is above 0.7 tolerances.
@@ -288,64 +288,38 @@ def search(
     Returns:
         The best candidate found, by the names of `QUANTITIES`.
     """
-    box = [(quantity.low, quantity.high) for quantity in QUANTITIES]
-    squares = functools.partial(cost, bases, exponent=2, sound=sound)
-    found = _evolve(squares, box, 1.0, seed, generations, on_generation)
-    most = min(generations, _REFINEMENT)
-    return refine(
-        bases, found, seed=seed, generations=most, sound=sound, on_generation=on_generation
-    )
+    from scipy.optimize import OptimizeResult, differential_evolution  # heavy
 
+    def evolve(
+        box: Sequence[tuple[float, float]], exponent: int, good_enough: float, longest: int
+    ) -> dict[str, float]:
+        done = itertools.count(1)
 
-def refine(
-    bases: Mapping[str, ExperimentConfiguration],
-    found: Parameters,
-    *,
-    seed: int,
-    generations: int = _REFINEMENT,
-    sound: bool = False,
-    on_generation: OnGeneration = lambda _generation, _cost: None,
-) -> dict[str, float]:
-    """Reduce the largest deviation in the neighborhood of a candidate; see `search`."""
-    box = []
+        def after_generation(intermediate_result: OptimizeResult) -> None:
+            on_generation(next(done), float(intermediate_result.fun))
+            if intermediate_result.fun < good_enough:
+                raise StopIteration
+
+        result = differential_evolution(
+            lambda vector: min(cost(bases, rounded(vector), exponent, sound=sound), _IMPOSSIBLE),
+            box,
+            rng=seed,
+            init="latinhypercube",
+            popsize=4,
+            maxiter=longest,
+            mutation=(0.4, 0.9),
+            recombination=0.8,
+            tol=0.0,
+            polish=False,
+            callback=after_generation,
+        )
+        return rounded(result.x)
+
+    whole = [(quantity.low, quantity.high) for quantity in QUANTITIES]
+    found = start or evolve(whole, 2, 1.0, generations)
+    near = []
     for quantity in QUANTITIES:
         reach = _NEIGHBORHOOD * (quantity.high - quantity.low)
         center = found[quantity.name]
-        box.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
-    fourths = functools.partial(cost, bases, exponent=4, sound=sound)
-    return _evolve(fourths, box, 0.7**4, seed, generations, on_generation)
-
-
-def _evolve(
-    cost_of: Callable[[Parameters], float],
-    box: Sequence[tuple[float, float]],
-    good_enough: float,
-    seed: int,
-    generations: int,
-    on_generation: OnGeneration,
-) -> dict[str, float]:
-    from scipy.optimize import OptimizeResult, differential_evolution  # heavy
-
-    done = 0
-
-    def after_generation(intermediate_result: OptimizeResult) -> None:
-        nonlocal done
-        done += 1
-        on_generation(done, float(intermediate_result.fun))
-        if intermediate_result.fun < good_enough:
-            raise StopIteration
-
-    result = differential_evolution(
-        lambda vector: min(cost_of(rounded(vector)), _IMPOSSIBLE),
-        box,
-        rng=seed,
-        init="latinhypercube",
-        popsize=4,
-        maxiter=generations,
-        mutation=(0.4, 0.9),
-        recombination=0.8,
-        tol=0.0,
-        polish=False,
-        callback=after_generation,
-    )
-    return rounded(result.x)
+        near.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
+    return evolve(near, 4, 0.7**4, min(generations, _REFINEMENT))

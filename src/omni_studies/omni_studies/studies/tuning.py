@@ -16,22 +16,14 @@ from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform import command_options, configuration
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.tuning import figures as tuning_figures
-from omni_studies.tuning.trials import (
-    OFF,
-    BrakeLag,
-    Numbers,
-    Setting,
-    Trial,
-    Trials,
-    distance_at,
-    front,
-    recommended,
-    situations,
-)
+from omni_studies.tuning import figures, trials
+from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial
 from omni_tools.campaign.runner import CampaignOptions
 
-Cost = tuple[BrakeLag, float, float, float]
+_QUANTITIES = (
+    ("orientation_change", "worst_rotation", "deg"),
+    ("stopping_distance", "worst_distance", "m"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,40 +61,48 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     brake = base.vehicle.brake
     own = BrakeLag(brake.dead_time, brake.time_constant)
     lags = tuple(dict.fromkeys((own, *map(_lag, options.brakes))))
-    settings = _settings(options.k, options.dwell)
-    bases = situations(base, options.situations, options.seed)
-    trials_of = Trials(bases, (OFF, *settings), lags)
-    numbers = range(trials_of.count)
+    bases = trials.situations(base, options.situations, options.seed)
+    work = trials.Trials(bases, (OFF, *_settings(options.k, options.dwell)), lags)
     rows = study.campaign(
-        trials_of.run, numbers, Numbers, options, trials_of.fingerprint, "trials.csv"
+        work.run, range(work.count), trials.Numbers, options, work.fingerprint, "trials.csv"
     )
-    if len(rows) < trials_of.count:
-        words = f"{len(rows)} of {trials_of.count} runs are done; --merge puts all pieces together"
+    if len(rows) < work.count:
+        words = f"{len(rows)} of {work.count} runs are done; --merge puts all pieces together"
         return study.result({"runs.all": Metric(len(rows), "1")}, words)
-    every = trials_of.collected(rows)
+    every = work.collected(rows)
     unassisted = [trial for trial in every if trial.setting == OFF]
-    trials = [trial for trial in every if trial.setting != OFF]
-    mine = [trial for trial in trials if trial.lag == own]
+    tried = [trial for trial in every if trial.setting != OFF]
+    mine = [trial for trial in tried if trial.lag == own]
+    best = trials.front(mine)
+    metrics = {
+        f"{quantity}.{case}": Metric(getattr(trial, worst), unit)
+        for quantity, worst, unit in _QUANTITIES
+        for case, trial in (("unassisted", unassisted[0]), *((_case(t), t) for t in best))
+    }
     limits = options.max_rotation, options.max_distance
     choice: Trial | None = None
     findings = []
-    metrics = _metrics(mine, unassisted[0])
     if any(limit is not None for limit in limits):
-        choice, sentence = recommended(mine, *limits)
+        choice, sentence = trials.recommended(mine, *limits)
         findings.append(sentence)
-        metrics |= _recommendation(choice, sentence, *limits)
-    costs = _costs(trials, unassisted[0].worst_rotation / 2.0)
-    for lag, dwell, rotation, distance in costs:
-        case = f"{lag.label}_dwell_{1e3 * dwell:g}_ms"
-        metrics[f"smallest_rotation.{case}"] = Metric(rotation, "deg")
-        metrics[f"distance_at_half_rotation.{case}"] = Metric(distance, "m")
+        for (quantity, worst, unit), limit in zip(_QUANTITIES, limits, strict=True):
+            value = getattr(choice, worst) if choice else math.nan
+            recommended = Metric(value, unit, at_most=limit, note=sentence)
+            metrics[f"{quantity}.recommended"] = recommended
+    costs = [
+        figures.Cost.of(lag, dwell, tried, unassisted[0].worst_rotation / 2.0)
+        for lag, dwell in dict.fromkeys((one.lag, one.setting.dwell_time) for one in tried)
+    ]
+    for cost in costs:
+        case = f"{cost.lag.label}_dwell_{1e3 * cost.dwell_time:g}_ms"
+        metrics[f"smallest_rotation.{case}"] = Metric(cost.rotation, "deg")
+        metrics[f"distance_at_half_rotation.{case}"] = Metric(cost.distance, "m")
     vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
     title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
-    study.columns("settings.csv", _settings_table(every, front(mine)))
-    study.columns("cost.csv", _cost_table(costs))
-    trade_off = tuning_figures.trade_off(trials, unassisted, choice, *limits, title)
-    study.figure("trade_off.png", trade_off)
-    study.figure("cost.png", tuning_figures.cost(costs))
+    study.table("settings.csv", *_settings_table(every, best), digits=6)
+    study.table("cost.csv", *_cost_table(costs), digits=6)
+    study.figure("trade_off.png", figures.trade_off(tried, unassisted, choice, limits, title))
+    study.figure("cost.png", figures.draw_costs(costs))
     return study.result(metrics, *findings)
 
 
@@ -123,67 +123,36 @@ def _case(trial: Trial) -> str:
     return f"{trial.setting.label}_dwell_{1e3 * trial.setting.dwell_time:g}_ms"
 
 
-def _metrics(trials: Sequence[Trial], unassisted: Trial) -> dict[str, Metric]:
-    """Return the front with the vehicle's own brakes."""
-    cases = {"unassisted": unassisted} | {_case(trial): trial for trial in front(trials)}
-    rotation = {
-        f"orientation_change.{case}": Metric(trial.worst_rotation, "deg")
-        for case, trial in cases.items()
-    }
-    distance = {
-        f"stopping_distance.{case}": Metric(trial.worst_distance, "m")
-        for case, trial in cases.items()
-    }
-    return rotation | distance
+Table = tuple[Sequence[str], list[tuple[Any, ...]]]
+"""Header and rows of a table."""
 
 
-def _recommendation(
-    choice: Trial | None, sentence: str, max_rotation: float | None, max_distance: float | None
-) -> dict[str, Metric]:
-    rotation = choice.worst_rotation if choice else math.nan
-    distance = choice.worst_distance if choice else math.nan
-    return {
-        "orientation_change.recommended": Metric(
-            rotation, "deg", at_most=max_rotation, note=sentence
-        ),
-        "stopping_distance.recommended": Metric(distance, "m", at_most=max_distance, note=sentence),
-    }
+def _cost_table(costs: Sequence[figures.Cost]) -> Table:
+    header = (
+        "dead time [s]", "time constant [s]", "dwell time [s]",
+        "smallest orientation change [deg]", "distance at half of the unassisted [m]",
+    )  # fmt: skip
+    return header, [(one.lag.dead_time, one.lag.time_constant, *one[1:]) for one in costs]
 
 
-def _costs(trials: Sequence[Trial], half: float) -> list[Cost]:
-    """Return the results for each lag and dwell time; see `tuning.figures`."""
-    rows: list[Cost] = []
-    for lag, dwell in dict.fromkeys((trial.lag, trial.setting.dwell_time) for trial in trials):
-        tried = [t for t in trials if t.lag == lag and t.setting.dwell_time == dwell]
-        rotation = min(trial.worst_rotation for trial in tried)
-        rows.append((lag, dwell, rotation, distance_at(tried, half)))
-    return rows
-
-
-def _cost_table(costs: Sequence[Cost]) -> dict[str, list[float]]:
-    return {
-        "dead time [s]": [lag.dead_time for lag, *_ in costs],
-        "time constant [s]": [lag.time_constant for lag, *_ in costs],
-        "dwell time [s]": [dwell for _, dwell, _, _ in costs],
-        "smallest orientation change [deg]": [rotation for _, _, rotation, _ in costs],
-        "distance at half of the unassisted [m]": [distance for *_, distance in costs],
-    }
-
-
-def _settings_table(trials: Sequence[Trial], best: Sequence[Trial]) -> dict[str, list[Any]]:
+def _settings_table(trials: Sequence[Trial], best: Sequence[Trial]) -> Table:
+    header = (
+        "dead time [s]", "time constant [s]", "weighting", "dwell time [s]",
+        "orientation change, worst [deg]", "stopping distance, worst [m]",
+        "orientation change, undisturbed [deg]", "stopping distance, undisturbed [m]",
+        "brake switchings, mean", "best of the vehicle's brakes",
+    )  # fmt: skip
     chosen = {id(trial) for trial in best}
-    return {
-        "dead time [s]": [trial.lag.dead_time for trial in trials],
-        "time constant [s]": [trial.lag.time_constant for trial in trials],
-        "weighting": [trial.setting.label for trial in trials],
-        "dwell time [s]": [trial.setting.dwell_time for trial in trials],
-        "orientation change, worst [deg]": [trial.worst_rotation for trial in trials],
-        "stopping distance, worst [m]": [trial.worst_distance for trial in trials],
-        "orientation change, undisturbed [deg]": [float(t.rotation[0]) for t in trials],
-        "stopping distance, undisturbed [m]": [float(t.distance[0]) for t in trials],
-        "brake switchings, mean": [float(np.mean(trial.switchings)) for trial in trials],
-        "best of the vehicle's brakes": [int(id(trial) in chosen) for trial in trials],
-    }
+    return header, [
+        (
+            trial.lag.dead_time, trial.lag.time_constant,
+            trial.setting.label, trial.setting.dwell_time,
+            trial.worst_rotation, trial.worst_distance,
+            trial.rotation[0], trial.distance[0],
+            np.mean(trial.switchings), int(id(trial) in chosen),
+        )
+        for trial in trials
+    ]  # fmt: skip
 
 
 def _lag(text: str) -> BrakeLag:

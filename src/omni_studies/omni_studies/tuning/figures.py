@@ -1,17 +1,20 @@
 """Figures of the trade-off of rotation and distance, and of the effect of slow valves."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from omni_figures import style
-from omni_studies.tuning.trials import BrakeLag, Trial, front
+from omni_studies.tuning.trials import BrakeLag, Trial, distance_at, front
 
 _MARKERS = "osD^vP"
 _CHOSEN: dict[str, Any] = {
@@ -27,8 +30,7 @@ def trade_off(
     trials: Sequence[Trial],
     unassisted: Sequence[Trial],
     choice: Trial | None,
-    max_rotation: float | None,
-    max_distance: float | None,
+    limits: tuple[float | None, float | None],
     title: str,
 ) -> Figure:
     """Draw worst rotation against worst distance, one panel per lag of the brakes.
@@ -37,8 +39,7 @@ def trade_off(
         trials: trials of all settings and lags.
         unassisted: without the assistant, one per lag, in the order of the panels.
         choice: the recommended trial, if any.
-        max_rotation: limit to draw [deg], if any.
-        max_distance: limit of the distance [m].
+        limits: of the rotation [deg] and of the distance [m], if any.
         title: title of the figure.
     """
     panels = len(unassisted)
@@ -66,16 +67,15 @@ def trade_off(
         here = [trial for trial in trials if trial.lag == without.lag]
         _panel(axes, here, dwells, near)
         axes.plot([without.worst_distance], [without.worst_rotation], "X", color=style.BLACK, ms=9)
-        if max_rotation is not None:
-            axes.axhline(max_rotation, color=style.VERMILLION, linestyle="--", linewidth=1.2)
-        if max_distance is not None:
-            axes.axvline(max_distance, color=style.VERMILLION, linestyle="--", linewidth=1.2)
+        for limit, draw in zip(limits, (axes.axhline, axes.axvline), strict=True):
+            if limit is not None:
+                draw(limit, color=style.VERMILLION, linestyle="--", linewidth=1.2)
         if choice is not None and choice.lag == without.lag:
             axes.plot([choice.worst_distance], [choice.worst_rotation], ms=17, **_CHOSEN)
         axes.set_title(_words(without.lag))
     all_axes[0].set_ylim(bottom=0.0)
     handles = [
-        Line2D([], [], color=_color(dwells, dwell), marker=_marker(dwells, dwell), label=words)
+        Line2D([], [], label=words, **_look(dwells, dwell))
         for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
     ]
     handles += [
@@ -84,7 +84,7 @@ def trade_off(
     ]
     if choice is not None:
         handles.append(Line2D([], [], ms=12, label="recommended", **_CHOSEN))
-    if max_rotation is not None or max_distance is not None:
+    if limits != (None, None):
         handles.append(Line2D([], [], color=style.VERMILLION, linestyle="--", label="limit"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 9))
     return figure
@@ -101,25 +101,12 @@ def _panel(
     `near` collects labels that would overlap.
     """
     best = front(trials)
-    axes.plot(
-        [trial.worst_distance for trial in best],
-        [trial.worst_rotation for trial in best],
-        color=style.PALE,
-        linewidth=_FRONT_WIDTH,
-        solid_capstyle="round",
-        zorder=1,
-    )
+    wide: dict[str, Any] = {"linewidth": _FRONT_WIDTH, "solid_capstyle": "round", "zorder": 1}
+    axes.plot(*_places(best), color=style.PALE, **wide)
+    thin: dict[str, Any] = {"ms": 4.5, "linewidth": 1.0, "zorder": 3}
     for dwell in dwells:
         line = [trial for trial in trials if trial.setting.dwell_time == dwell]
-        axes.plot(
-            [trial.worst_distance for trial in line],
-            [trial.worst_rotation for trial in line],
-            color=_color(dwells, dwell),
-            marker=_marker(dwells, dwell),
-            ms=4.5,
-            linewidth=1.0,
-            zorder=3,
-        )
+        axes.plot(*_places(line), **_look(dwells, dwell), **thin)
     axes.margins(x=0.15)  # the labels stand beside their points
     labeled: list[Trial] = []
     for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
@@ -132,28 +119,39 @@ def _panel(
         style.note(axes, _weighting(trial), place, offset, ha=side, va="center")
 
 
-def cost(rows: Sequence[tuple[BrakeLag, float, float, float]]) -> Figure:
-    """Draw the effect of dwell time and lag of the brakes.
+class Cost(NamedTuple):
+    """Effect of the lag of the brakes and of the dwell time.
 
-    Args:
-        rows: lag, dwell time [s], smallest rotation [deg], and distance at half the unassisted
-            rotation [m], NaN if no setting halves it.
+    Attributes:
+        lag: lag of the brakes.
+        dwell_time: [s].
+        rotation: smallest rotation of all settings [deg].
+        distance: distance at half the unassisted rotation [m], NaN if no setting halves it.
     """
+
+    lag: BrakeLag
+    dwell_time: float
+    rotation: float
+    distance: float
+
+    @classmethod
+    def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
+        """Return the cost from all trials; `half` is half the unassisted rotation [deg]."""
+        tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
+        rotation = min(trial.worst_rotation for trial in tried)
+        return cls(lag, dwell_time, rotation, distance_at(tried, half))
+
+
+def draw_costs(costs: Sequence[Cost]) -> Figure:
+    """Draw the effect of dwell time and lag of the brakes."""
     figure, (panels,) = style.panels(
         "What slow valves cost", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
     )
-    lags = list(dict.fromkeys(row[0] for row in rows))
-    for index, lag in enumerate(lags):
-        mine = [row for row in rows if row[0] == lag]
-        dwell = [1e3 * row[1] for row in mine]
-        for axes, column in zip(panels, (2, 3), strict=True):
-            axes.plot(
-                dwell,
-                [row[column] for row in mine],
-                marker=_MARKERS[index % len(_MARKERS)],
-                color=style.wheel_color(index),
-                label=_words(lag),
-            )
+    for index, lag in enumerate(dict.fromkeys(cost.lag for cost in costs)):
+        _, dwells, *columns = zip(*(cost for cost in costs if cost.lag == lag), strict=True)
+        look = {"marker": _MARKERS[index % len(_MARKERS)], "color": style.wheel_color(index)}
+        for axes, values in zip(panels, columns, strict=True):
+            axes.plot([1e3 * dwell for dwell in dwells], values, label=_words(lag), **look)
     panels[0].set_ylabel("smallest orientation change [deg]")
     panels[1].set_ylabel("stopping distance at half of the\nunassisted orientation change [m]")
     panels[0].set_ylim(bottom=0.0)
@@ -173,11 +171,12 @@ def _weighting(trial: Trial) -> str:
     return symbols.get(setting.weighting, f"k = {setting.k}")
 
 
-def _color(dwells: Sequence[float], dwell: float) -> str:
-    share = dwells.index(dwell) / max(len(dwells) - 1, 1)
-    red, green, blue, _ = matplotlib.colormaps["viridis"](0.9 * share)
-    return f"#{round(255 * red):02x}{round(255 * green):02x}{round(255 * blue):02x}"
+def _places(trials: Sequence[Trial]) -> tuple[list[float], list[float]]:
+    return [t.worst_distance for t in trials], [t.worst_rotation for t in trials]
 
 
-def _marker(dwells: Sequence[float], dwell: float) -> str:
-    return _MARKERS[dwells.index(dwell) % len(_MARKERS)]
+def _look(dwells: Sequence[float], dwell: float) -> dict[str, Any]:
+    """Return color and marker of a dwell time."""
+    place = dwells.index(dwell)
+    shade = matplotlib.colormaps["viridis"](0.9 * place / max(len(dwells) - 1, 1))
+    return {"color": to_hex(shade), "marker": _MARKERS[place % len(_MARKERS)]}

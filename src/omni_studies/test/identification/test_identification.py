@@ -20,7 +20,6 @@ from omni_studies.identification.identification import (
     cost,
     measure,
     parameters_of,
-    refine,
     rounded,
     search,
     unsound,
@@ -166,8 +165,8 @@ def test_the_page_has_the_numbers_of_other_assumptions(
 def test_refinement_is_reproducible_and_makes_the_largest_deviation_smaller(bases: Bases) -> None:
     found = parameters_of(bases["k7"])
     slower = {**found, "speed": found["speed"] - 0.15}
-    better = refine(bases, slower, seed=1, generations=1)
-    assert refine(bases, slower, seed=1, generations=1) == better
+    better = search(bases, start=slower, seed=1, generations=1)
+    assert search(bases, start=slower, seed=1, generations=1) == better
     assert cost(bases, better, 4) < cost(bases, slower, 4)
 
 

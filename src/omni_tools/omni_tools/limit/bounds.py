@@ -114,7 +114,32 @@ def straight_bound(
     """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
-    return _Way(vehicle, ground).straight(maneuver)
+    speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
+    if speed <= 0.0:
+        return Bound(math.nan, reason="the vehicle stands, or only spins")
+    if maneuver.twist[2] != 0.0:
+        return Bound(
+            math.nan,
+            reason="the vehicle turns when the pedal goes down: it has no heading to keep",
+        )
+    cases = _Straight(vehicle, ground, maneuver)
+    best, strict = cases.first, cases.first_strict
+    if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
+        return Bound(
+            math.nan,
+            reason="no forces of the wheels that this motion drags slow the vehicle down "
+            "without turning it or pushing it off its line",
+        )
+    distance = cases.distance(speed)
+    if not math.isfinite(distance):
+        return Bound(math.nan, reason=_WEAK)
+    gap = best.bound / best.feasible - 1.0
+    lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
+    gain = max(lagging / best.bound - 1.0, 0.0)
+    turned = max(cases.turned(angle) for angle in cases.near)
+    leeway = distance * (1.0 - best.bound / max(turned, best.bound))
+    give = cases.limit.give(maneuver.twist[:2] / speed, best.bound)
+    return Bound(distance, gap, speed * vehicle.load_transfer_time * gain + leeway + give)
 
 
 def any_heading_bound(
@@ -123,7 +148,18 @@ def any_heading_bound(
     """Return the bound of the path of the center of gravity in any stop; see `straight_bound`."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
-    return _Way(vehicle, ground).any_heading(maneuver)
+    cases = _AnyHeading(vehicle, ground, maneuver)
+    speed = cases.center_speed
+    if speed <= 0.0:
+        return Bound(0.0)
+    distance = cases.distance(speed)
+    if not math.isfinite(distance):
+        return Bound(math.nan, reason=_WEAK)
+    # While the loads lag they may be anything.
+    first = cases.deceleration(0.0, 0.0, math.inf)
+    loose = cases.limit.loose(cases.friction(0.0, 0.0))
+    gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
+    return Bound(distance, cases.tolerance, speed * vehicle.load_transfer_time * gain)
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
@@ -141,55 +177,61 @@ def straight_sketch(
     A longer run need not be compared with the bound itself. Torque during build-up is rounded
     down.
     """
-    return _Way(vehicle, ground).straight_sketch(maneuver)
+    cases = _Straight(vehicle, ground, maneuver, sketch=True)
+    if cases.first is None or cases.first.bound <= _LEAST:
+        return math.inf
+    return cases.distance(math.hypot(*maneuver.twist[:2]))
 
 
 def any_heading_sketch(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> float:
     """Return an upper estimate of `any_heading_bound` [m]; see `straight_sketch`."""
-    return _Way(vehicle, ground).any_heading_sketch(maneuver)
+    cases = _OneHeading(vehicle, ground, maneuver, sketch=True)
+    return cases.distance(cases.center_speed)
 
 
-class _Way:
-    """A vehicle on its ground."""
+class _Cases:
+    """Decelerations of a stop by position and torque; each distinct case is solved once."""
 
-    def __init__(self, vehicle: VehicleConfiguration, ground: GroundConfiguration) -> None:
-        self._limit = LimitVehicle(vehicle)
+    def __init__(
+        self,
+        vehicle: VehicleConfiguration,
+        ground: GroundConfiguration,
+        maneuver: Maneuver,
+        *,
+        sketch: bool = False,
+    ) -> None:
+        self.limit = LimitVehicle(vehicle)
         self._brake = vehicle.brake
-        self._transfer_time = vehicle.load_transfer_time
-        self._friction = FrictionMap(ground.friction, ground.patches)
+        self._map = FrictionMap(ground.friction, ground.patches)
+        self._maneuver = maneuver
+        self._final = vehicle.brake.max_torque * maneuver.pedal
+        self._sketch = sketch
+        self._solved: dict[tuple[object, ...], float] = {}
+        top = max((self._map.base, *self._map.table[:, 6])) * float(np.max(self.limit.grip))
+        weakest = max(float(np.min(self.limit.torque_force)), _LEAST)
+        self._enough_torque: float = top * self.limit.strongest_peak / weakest
+        self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
+        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
+        self._turn = np.array([[cos, -sin], [sin, cos]])
 
-    def _torque(self, maneuver: Maneuver, time: float) -> float:
-        """Return the largest torque of a brake a time [s] after the pedal began to move [N m]."""
-        brake, ramp = self._brake, maneuver.ramp_time
-        on = time - brake.dead_time
-        if on <= 0.0:
-            return 0.0
-        share, lag = 1.0, brake.time_constant
-        if ramp > 0.0:
-            share = min(on / ramp, 1.0)
-        elif lag > 0.0:
-            share = -math.expm1(-on / lag)
-        return brake.max_torque * maneuver.pedal * share
-
-    def _integrate(self, maneuver: Maneuver, speed: float, cases: _Cases) -> float:
+    def distance(self, speed: float) -> float:
         """Return the distance [m] to rest with the strongest deceleration."""
-        enough = cases.enough_torque
-        final = self._brake.max_torque * maneuver.pedal
+        enough, final = self._enough_torque, self._final
         distance = time = 0.0
         while speed > 0.0:
-            torque = self._torque(maneuver, time + _TIME_STEP)
+            torque = self._torque(time + _TIME_STEP)
             settled = torque >= min(enough, 0.999 * final)
             if settled:
                 torque = math.inf if torque >= enough else final
             else:
-                torque = min(cases.level(torque), final)
-            if settled and cases.uniform:
-                rate = cases.deceleration(distance, distance, torque)
+                torque = min(self._level(torque), final)
+            if settled and not len(self._map.table):
+                rate = self.deceleration(distance, distance, torque)
                 return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
-            step = max(speed, 1e-3) * _TIME_STEP if not settled else cases.step
-            rate = cases.deceleration(distance, distance + step, torque)
+            step = max(speed, 1e-3) * _TIME_STEP if not settled else self._step
+            rate = self.deceleration(distance, distance + step, torque)
             if settled and rate <= _LEAST and distance > 1e4:
                 return math.inf
             square = speed**2 - 2.0 * rate * step
@@ -200,109 +242,24 @@ class _Way:
             distance, speed = distance + step, after
         return distance
 
-    def _cap(self, maneuver: Maneuver) -> float:
-        return self._brake.max_torque * maneuver.pedal
+    def _torque(self, time: float) -> float:
+        """Return the largest torque of a brake a time [s] after the pedal began to move [N m]."""
+        brake, ramp = self._brake, self._maneuver.ramp_time
+        on = time - brake.dead_time
+        if on <= 0.0:
+            return 0.0
+        share, lag = 1.0, brake.time_constant
+        if ramp > 0.0:
+            share = min(on / ramp, 1.0)
+        elif lag > 0.0:
+            share = -math.expm1(-on / lag)
+        return self._final * share
 
-    def straight(self, maneuver: Maneuver) -> Bound:
-        """Bound stops that keep heading and line."""
-        speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
-        if speed <= 0.0:
-            return Bound(math.nan, reason="the vehicle stands, or only spins")
-        if maneuver.twist[2] != 0.0:
-            return Bound(
-                math.nan,
-                reason="the vehicle turns when the pedal goes down: it has no heading to keep",
-            )
-        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver))
-        best, strict = cases.first, cases.first_strict
-        if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
-            return Bound(
-                math.nan,
-                reason="no forces of the wheels that this motion drags slow the vehicle down "
-                "without turning it or pushing it off its line",
-            )
-        distance = self._integrate(maneuver, speed, cases)
-        if not math.isfinite(distance):
-            return Bound(math.nan, reason=_WEAK)
-        gap = best.bound / best.feasible - 1.0
-        lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
-        gain = max(lagging / best.bound - 1.0, 0.0)
-        turned = max(cases.turned(angle) for angle in cases.near)
-        leeway = distance * (1.0 - best.bound / max(turned, best.bound))
-        give = self._limit.give(maneuver.twist[:2] / speed, best.bound)
-        return Bound(distance, gap, speed * self._transfer_time * gain + leeway + give)
-
-    def straight_sketch(self, maneuver: Maneuver) -> float:
-        """Return an upper estimate of the bound of stops that keep heading and line [m]."""
-        cases = _Straight(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
-        if cases.first is None or cases.first.bound <= _LEAST:
-            return math.inf
-        return self._integrate(maneuver, math.hypot(*maneuver.twist[:2]), cases)
-
-    def any_heading_sketch(self, maneuver: Maneuver) -> float:
-        """Return an upper estimate of the bound of every stop [m]."""
-        cases = _OneHeading(self._limit, self._friction, maneuver, self._cap(maneuver), sketch=True)
-        return self._integrate(maneuver, self._center_speed(maneuver), cases)
-
-    def _center_speed(self, maneuver: Maneuver) -> float:
-        center = self._limit.masses.center
-        return math.hypot(
-            *(maneuver.twist[:2] + maneuver.twist[2] * np.array([-center[1], center[0]]))
-        )
-
-    def any_heading(self, maneuver: Maneuver) -> Bound:
-        """Bound every stop."""
-        speed = self._center_speed(maneuver)
-        if speed <= 0.0:
-            return Bound(0.0)
-        cases = _AnyHeading(self._limit, self._friction, maneuver, self._cap(maneuver))
-        distance = self._integrate(maneuver, speed, cases)
-        if not math.isfinite(distance):
-            return Bound(math.nan, reason=_WEAK)
-        # While the loads lag they may be anything.
-        first = cases.deceleration(0.0, 0.0, math.inf)
-        loose = self._limit.loose(cases.friction(0.0, 0.0))
-        gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
-        return Bound(distance, cases.tolerance, speed * self._transfer_time * gain)
-
-
-class _Cases:
-    """Decelerations by position and torque; each distinct case is solved once."""
-
-    def __init__(
-        self,
-        limit: LimitVehicle,
-        friction: FrictionMap,
-        maneuver: Maneuver,
-        cap: float,
-        *,
-        sketch: bool = False,
-    ) -> None:
-        self._limit = limit
-        self._map = friction
-        self._maneuver = maneuver
-        self._cap = cap
-        self._sketch = sketch
-        self._solved: dict[tuple[object, ...], float] = {}
-        top = max((friction.base, *friction.table[:, 6])) * float(np.max(limit.grip))
-        weakest = max(float(np.min(limit.torque_force)), _LEAST)
-        self.enough_torque: float = top * limit.strongest_peak / weakest
-        self.uniform = len(friction.table) == 0
-        self.step = math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES
-        self.step = max(self.step, 1e-3)
-        self._lay_out(limit, maneuver)
-
-    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
-        """Store the vehicle and its motion for the cases."""
-        raise NotImplementedError
-
-    def level(self, torque: float) -> float:
+    def _level(self, torque: float) -> float:
         """Round a torque [N m] during build-up to limit the number of cases; up for a bound."""
-        if self._sketch:
-            grain = self.enough_torque / _SKETCHED_LEVELS
-            return float(math.floor(torque / grain) * grain)
-        grain = self.enough_torque / _LEVELS
-        return float(math.ceil(torque / grain) * grain)
+        grain = self._enough_torque / (_SKETCHED_LEVELS if self._sketch else _LEVELS)
+        rounded = math.floor if self._sketch else math.ceil
+        return float(rounded(torque / grain) * grain)
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
         """Return the strongest deceleration [m/s^2] between two positions along the path [m]."""
@@ -323,37 +280,36 @@ class _Cases:
 class _Straight(_Cases):
     """A stop that keeps its heading and its line."""
 
-    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
-        v = maneuver.twist[:2]
-        self._direction = v / math.hypot(*v)
-        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
-        self._turn = np.array([[cos, -sin], [sin, cos]])
-        self._start = maneuver.pose[:2] + limit.position @ self._turn.T
+    @property
+    def _direction(self) -> FloatArray:
+        v = self._maneuver.twist[:2]
+        return v / math.hypot(*v)
 
     def friction(self, start: float, end: float) -> FloatArray:
         along = self._turn @ self._direction
-        return self._limit.grip * [
+        wheels = self._maneuver.pose[:2] + self.limit.position @ self._turn.T
+        return self.limit.grip * [
             _largest_friction(self._map, wheel + start * along, wheel + end * along)
-            for wheel in self._start
+            for wheel in wheels
         ]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         return self._strongest(self._direction, Case(friction, True, torque))
 
     def _strongest(self, direction: FloatArray, case: Case) -> float:
-        found = self._limit.strongest(direction, case)
+        found = self.limit.strongest(direction, case)
         return 0.0 if found is None else found.bound
 
     @property
     def first(self) -> Deceleration | None:
-        case = Case(self.friction(0.0, 0.0), True, self._cap)
-        return self._limit.strongest(self._direction, case)
+        case = Case(self.friction(0.0, 0.0), True, self._final)
+        return self.limit.strongest(self._direction, case)
 
     @property
     def first_strict(self) -> Deceleration | None:
         """As `first`, without the force of locked wheels that the motion does not drive."""
         case = Case(self.friction(0.0, 0.0), True, standing=False)
-        return self._limit.strongest(self._direction, case)
+        return self.limit.strongest(self._direction, case)
 
     @property
     def near(self) -> list[float]:
@@ -362,7 +318,7 @@ class _Straight(_Cases):
         A locked wheel that the motion does not drive may exert a force of either sign; at a
         slightly different direction it may not.
         """
-        d, active = self._direction, self._limit.active
+        d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
         square = [float(a - side * 0.5 * math.pi) for a in away for side in (-1.0, 1.0)]
         return [-2.0 * KEPT, 2.0 * KEPT, *{a for a in square if abs(a) < 2.0 * KEPT}]
@@ -371,11 +327,11 @@ class _Straight(_Cases):
         """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
         cos, sin = math.cos(angle), math.sin(angle)
         direction = np.array([[cos, -sin], [sin, cos]]) @ self._direction
-        return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._cap))
+        return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._final))
 
     def lagging(self, lag: float) -> float:
         """Return the strongest deceleration while the loads lag [m/s^2]."""
-        case = Case(self.friction(0.0, 0.0), True, self._cap, lag)
+        case = Case(self.friction(0.0, 0.0), True, self._final, lag)
         return self._strongest(self._direction, case)
 
 
@@ -384,20 +340,21 @@ class _AnyHeading(_Cases):
 
     tolerance = 1e-3
 
-    def _lay_out(self, limit: LimitVehicle, maneuver: Maneuver) -> None:
-        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
-        turn = np.array([[cos, -sin], [sin, cos]])
-        self._center = maneuver.pose[:2] + turn @ limit.masses.center
-        self._reach = np.hypot(*(limit.position - limit.masses.center).T)
+    @property
+    def center_speed(self) -> float:
+        """Speed of the center of gravity [m/s]."""
+        center, twist = self.limit.masses.center, self._maneuver.twist
+        return math.hypot(*(twist[:2] + twist[2] * np.array([-center[1], center[0]])))
 
     def friction(self, start: float, end: float) -> FloatArray:
         del start
-        return self._limit.grip * [
-            _reachable_friction(self._map, self._center, end + arm) for arm in self._reach
-        ]
+        masses = self.limit.masses
+        center = self._maneuver.pose[:2] + self._turn @ masses.center
+        arms = np.hypot(*(self.limit.position - masses.center).T)
+        return self.limit.grip * [_reachable_friction(self._map, center, end + arm) for arm in arms]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
-        return self._limit.largest(Case(friction, False, min(torque, self._cap)), self.tolerance)
+        return self.limit.largest(Case(friction, False, min(torque, self._final)), self.tolerance)
 
 
 class _OneHeading(_AnyHeading):
@@ -407,12 +364,12 @@ class _OneHeading(_AnyHeading):
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         if self._heading is None:
-            case = Case(friction, False, self._cap)
+            case = Case(friction, False, self._final)
             angles = np.arange(_SKETCHED_HEADINGS) * 2.0 * math.pi / _SKETCHED_HEADINGS
             headings = np.column_stack((np.cos(angles), np.sin(angles)))
-            self._heading = max(headings, key=lambda one: self._limit.at_least(one, case))
-        case = Case(friction, False, min(torque, self._cap))
-        return self._limit.at_least(self._heading, case)
+            self._heading = max(headings, key=lambda one: self.limit.at_least(one, case))
+        case = Case(friction, False, min(torque, self._final))
+        return self.limit.at_least(self._heading, case)
 
 
 def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
