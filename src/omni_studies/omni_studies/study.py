@@ -104,8 +104,9 @@ class StudyResult:
 
     @property
     def missed(self) -> list[str]:
-        """The names of the metrics that miss their limits."""
-        return [name for name, metric in self.metrics.items() if metric.status == "missed"]
+        """The names of the metrics that miss their limits, and the claims that do not hold."""
+        found = {claim.sentence: claim.found for claim in self.claims} | dict(self.metrics)
+        return [name for name, metric in found.items() if metric.status == "missed"]
 
 
 def claim(words: str, found: str, *, holds: bool) -> str:

@@ -28,7 +28,7 @@ class _Output(Configuration):
     """folder of the figures and data (results/STUDY)"""
     json: bool = json_option()
     strict: bool = option(False)
-    """end with exit code 1 if a metric misses its limit"""
+    """end with exit code 1 if a metric misses its limit or a claim does not hold"""
 
 
 def command(name: str) -> _StudyCommand:
@@ -72,24 +72,31 @@ class _StudyCommand:
 
 
 def _text(result: StudyResult) -> Iterator[Any]:
+    """Yield the table of metrics, by quantity so that long names fit, and the sentences."""
+    from rich import box
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table("quantity", "unit", pad_edge=False)
-    shown = [
-        kind
-        for kind in ("value", "reference", "at_least", "at_most")
-        if any(getattr(metric, kind) is not None for metric in result.metrics.values())
-    ]
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("quantity and case", overflow="fold")
+    metrics = result.metrics.values()
+    kinds = ("value", "reference", "at_least", "at_most")
+    shown = [kind for kind in kinds if any(getattr(m, kind) is not None for m in metrics)]
     for kind in shown:
-        table.add_column(kind, justify="right")
-    judged = any(metric.status for metric in result.metrics.values())
-    if judged:
-        table.add_column("status")
+        table.add_column(kind, justify="right", no_wrap=True)
+    table.add_column("status" if any(metric.status for metric in metrics) else "", no_wrap=True)
+    groups: dict[str, list[str]] = {}
     for name, metric in result.metrics.items():
-        numbers = (getattr(metric, kind) for kind in shown)
-        cells = ["" if n is None else f"{n:.4g}" for n in numbers]
-        row = (name, metric.unit, *cells, *([metric.status] if judged else []))
-        table.add_row(*row, style="bold red" if metric.status == "missed" else "")
+        quantity = name.partition(".")[0] + ("" if metric.unit == "1" else f" [{metric.unit}]")
+        groups.setdefault(quantity, []).append(name)
+    for quantity, names in groups.items():
+        table.add_row(Text(quantity))
+        for name in names:
+            metric = result.metrics[name]
+            numbers = (getattr(metric, kind) for kind in shown)
+            cells = ["" if n is None else f"{n:.4g}" for n in numbers]
+            style = "bold red" if metric.status == "missed" else ""
+            table.add_row(f"  {name.partition('.')[2]}", *cells, metric.status, style=style)
     yield table
     yield from result.findings
     yield from map(str, result.claims)

@@ -158,7 +158,7 @@ class LawStop(NamedTuple):
         case: its name.
         distance: stopping distance, or its bound [m].
         rotation: change of orientation [deg], NaN for a bound.
-        note: why a number is missing.
+        note: why a number is missing, or the tolerance of a bound.
     """
 
     seed: int
@@ -246,7 +246,8 @@ class LawStops:
         if case.bound:
             maneuver = maneuver_of(experiment.maneuver)
             found = _BOUNDS[case.bound](experiment.vehicle, experiment.ground, maneuver)
-            return LawStop(number, name, found.distance, math.nan, found.reason)
+            note = found.reason or f"with a tolerance of {1e3 * found.tolerance:.0f} mm"
+            return LawStop(number, name, found.distance, math.nan, note)
         optical = experiment.feedback == "optical"
         history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
         metrics = run_metrics(history)
@@ -379,10 +380,10 @@ def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
     if missed:
         sentences.append(f"Missed: {', '.join(missed)}.")
     distance = metrics["stopping_distance.straight_line_allocation_proportional"].value
-    bound = metrics["stopping_distance.straight_line_bound"].value
+    bound = metrics["stopping_distance.straight_line_bound"]
     sentences.append(
         f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its "
-        f"heading is shorter than {bound:.2f} m."
+        f"heading is shorter than {bound.value:.2f} m, {bound.note}."
     )
     shorter = [
         f"{case.removesuffix('_unassisted')} ({metric.value:.2f} m, bound {bound:.2f} m)"

@@ -1,0 +1,42 @@
+"""What a study prints, and when it fails."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+
+from omni_bringup.commands.study import _text
+from omni_loop.metrics import Metric
+from omni_studies.claims import Claim
+from omni_studies.study import StudyResult
+
+
+def printed(result: StudyResult) -> list[str]:
+    console = Console(width=80, file=io.StringIO())
+    for part in _text(result):
+        console.print(part)
+    return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+
+
+def test_a_table_of_80_columns_breaks_no_name_of_a_case() -> None:
+    case = "turn_while_translate_allocation_proportional_46_deg"
+    metrics = {
+        f"stopping_distance.{case}": Metric(12.345, "m", at_most=10.0),
+        "orientation_change.short": Metric(0.05564, "deg", at_most=5.0),
+    }
+    lines = printed(StudyResult(metrics))
+    assert max(map(len, lines)) <= 80
+    (row,) = (line.split() for line in lines if case in line)
+    assert row == [case, "12.35", "10", "missed"]
+    assert [line.strip() for line in lines if "[" in line] == [
+        "stopping_distance [m]",
+        "orientation_change [deg]",
+    ]
+
+
+def test_a_limit_or_a_claim_is_missed_and_what_holds_is_not() -> None:
+    held, broken = Metric(1.0, "1", at_most=2.0), Metric(3.0, "1", at_most=2.0)
+    assert StudyResult({"x.a": held}, claims=(Claim("it holds", held),)).missed == []
+    assert StudyResult({"x.a": broken, "x.b": held}).missed == ["x.a"]
+    assert StudyResult({"x.a": held}, claims=(Claim("it fails", broken),)).missed == ["it fails"]
