@@ -156,14 +156,14 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
 
 
 @pytest.mark.safety(
-    "a second publisher is obeyed",
+    "a command of a second publisher acts",
     "a second publisher of pedal, twist, wheel states or enables",
-    "the assistant sees it in the graph: all brakes on, and reports it",
+    "the assistant detects it in the graph: all brakes on, and an error is reported",
     within="an event of the graph",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
 def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle: Vehicle) -> None:
-    # Simulated time is in use and nobody tells it.
+    # Simulated time is in use, and no node publishes it.
     vehicle.wait(lambda: vehicle.states[-2:] == ["no_demand"] * 2)
     vehicle.swerve_until_assisted()
     for kind, topic in (
@@ -185,8 +185,8 @@ def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle:
 
 @pytest.mark.safety(
     "brakes act late",
-    "pedal, twist or both silent",
-    "watchdogs on a steady clock: all brakes on unasked",
+    "pedal, twist or both stop sending",
+    "watchdogs on a steady clock: all brakes on without a request",
     within="`demand_timeout`, `feedback_timeout`",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
@@ -194,7 +194,7 @@ def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle:
     ("silent", "state"),
     [("both", "no_demand"), ("pedal", "no_demand"), ("twist", "stale_feedback")],
 )
-def test_silence_puts_all_brakes_on_unasked(vehicle: Vehicle, silent: str, state: str) -> None:
+def test_missing_messages_put_all_brakes_on(vehicle: Vehicle, silent: str, state: str) -> None:
     vehicle.swerve_until_assisted()
 
     due = time.monotonic()

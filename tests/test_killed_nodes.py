@@ -24,9 +24,9 @@ def benchmark() -> Any:
 
 
 @pytest.mark.safety(
-    "a run fails quietly",
-    "a node killed, halted or asked to stop",
-    "the others notice: the run ends with an error in one sentence",
+    "a run fails without an error",
+    "a node is killed, halted or asked to stop",
+    "the other nodes detect it: the run ends with an error in one sentence",
     within="some seconds",
 )
 @pytest.mark.parametrize(

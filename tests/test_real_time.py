@@ -41,12 +41,12 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
 
 @pytest.mark.safety(
     "brakes act late",
-    "the assistant stands still",
-    "the valves' own time-out: all brakes on; the run ends with an error",
+    "the process of the assistant hangs",
+    "the timeout of the valves: all brakes on; the run ends with an error",
     within="`enable_timeout`",
 )
 def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
-    """The vehicle then brakes as if it had no assistant: it swerves, but stops, and it is told."""
+    """The vehicle then brakes without the assistant: it swerves but stops; an error is reported."""
     folder = tmp_path / "run"
     process = subprocess.Popen(
         omni_command([*REAL_TIME, "--set", "maneuver.brake_time=3", "--out", str(folder)]),

@@ -62,7 +62,7 @@ def found(
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a brake without torque",
-    "monitor of the brakes: its wheel rolls while others slide; all brakes on, and reports it",
+    "brake monitor: the wheel rolls while others slide; all brakes on, and an error is reported",
     within=0.2,
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])

@@ -86,8 +86,8 @@ def test_a_steady_stop_is_left_alone_whatever_its_brakes_do(
 
 @pytest.mark.safety(
     RELEASED,
-    "several sensors at once, or the law: the vehicle rolls unbraked from 5 m/s on",
-    "monitor of the effect",
+    "several faulty sensors, or a faulty law: the vehicle rolls unbraked from 5 m/s",
+    "effect monitor",
     within=0.2,
 )
 @pytest.mark.parametrize("imu", [True, False])
@@ -106,15 +106,15 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
         pytest.param(
             True,
             marks=pytest.mark.safety(
-                RELEASED, "the same in the middle of a stop", "monitor of the effect", within=1.2
+                RELEASED, "the same, in the middle of a stop", "effect monitor", within=1.2
             ),
         ),
         pytest.param(
             False,
             marks=pytest.mark.safety(
                 RELEASED,
-                "the same in the middle of a stop, without an IMU",
-                "monitor of the effect, by the wheels",
+                "the same, in the middle of a stop, without an IMU",
+                "effect monitor, by the wheel speeds",
                 within=2.5,
             ),
         ),
@@ -131,7 +131,7 @@ def test_one_wheel_that_rolls_is_enough_to_tell_it(constants: EffectConstants) -
 
 
 @pytest.mark.safety(
-    RELEASED, "the same at the end of a stop, at a tenth of its speed", "monitor of the effect",
+    RELEASED, "the same, at the end of a stop, at a tenth of its speed", "effect monitor",
     within=1.1,
 )  # fmt: skip
 @pytest.mark.parametrize("imu", [True, False])
@@ -194,8 +194,8 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
 
 @pytest.mark.safety(
     RELEASED,
-    "a scale error that the twist and all encoders share, from the pedal on",
-    "monitor of the effect: its speed is that of the integrated specific force",
+    "a scale error that the twist and all encoders share, from the start of braking",
+    "effect monitor: its speed is that of the integrated specific force",
     within=1.2,
 )
 @pytest.mark.parametrize("scale", [0.0, 0.5, 0.7])

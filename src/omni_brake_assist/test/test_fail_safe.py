@@ -103,7 +103,7 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
 
 @pytest.mark.safety(
     "brakes released when they should act",
-    "twist without a number, late, from the future, of large variance, too fast, or a jump; "
+    "twist that is NaN, late, from the future, of large variance, too fast, or that jumps; "
     "pedal without a value",
     "gate: all brakes on until `recovery_count` valid twists",
     within=0.01,
@@ -277,7 +277,7 @@ def test_silence_has_all_brakes_on_and_costs_trust(mecanum: Wheels, state: Assis
 @pytest.mark.safety(
     "brakes released when they should act",
     "twist stuck, without an IMU",
-    "gate: the same bits while braking",
+    "gate: the value does not change while braking",
     within=0.22,
 )
 def test_twist_that_never_changes_while_braking_is_implausible(
@@ -495,7 +495,7 @@ def test_some_brake_is_always_on(
 @pytest.mark.safety(
     "brakes released when they should act",
     "the law fails",
-    "its exception and what is no share of 0 to 1 mean all brakes on",
+    "an exception or an enable outside [0, 1] puts all brakes on",
     within="the same step",
 )
 def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -149,7 +149,7 @@ def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
 
 
 @pytest.mark.safety(
-    RELEASED, "twist missing for good", "dead reckoning by IMU and wheels", within=0.0
+    RELEASED, "twist permanently lost", "dead reckoning by IMU and wheels", within=0.0
 )
 def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> None:
     drive.run(180, "silence")

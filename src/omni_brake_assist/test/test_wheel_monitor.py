@@ -53,7 +53,7 @@ def rejected(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "an encoder that reads nothing, too little, too much, or backwards, under `allocation`",
-    "monitor of the wheels: no wheel can have that speed; it is withheld from the law",
+    "wheel monitor: the speed is physically impossible and is not passed to the law",
     within=0.3,
 )
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_possible_wheel_speed_is_used(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "a fault that twist and IMU share",
-    "monitor of the wheels: two wheels contradict the estimate; all brakes on",
+    "wheel monitor: two wheels contradict the estimate; all brakes on",
     within=0.15,
 )
 def test_two_wheels_refute_the_estimate(mecanum: dict[str, WheelMount], within: float) -> None:

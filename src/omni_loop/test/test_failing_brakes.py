@@ -40,7 +40,7 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
     "a brake does not follow its command",
     "a brake without torque, in the closed loop: any wheel of four, some of six, four directions, "
     "6 to 10 m/s",
-    "the stop is not longer than unassisted by more than 15 %, and turns as that does",
+    "the stop is at most 15 % longer than unassisted and rotates as that does",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a brake without torque, valve stuck or brake stuck, under `allocation`",
-    "monitor of the brakes, or the law: up to 1.5 times the distance unassisted, 20 deg more",
+    "brake monitor, or the law: up to 1.5 times the distance unassisted, 20 deg more",
     within="the whole stop",
 )
 @pytest.mark.parametrize("fails", [{"brake": 0.0}, {"open_valve": 1.0}, {"stuck_brake": 0.5}])

@@ -33,7 +33,7 @@ def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray
 @pytest.mark.safety(
     "brakes held without pedal",
     "any enable of the assistant",
-    "an enable is a share of what the pedal asks: none where the pedal is up",
+    "an enable is a share of the pedal's demand, which is zero if the pedal is up",
     within=0.0,
 )
 def test_pressure_without_lag_is_what_is_asked() -> None:

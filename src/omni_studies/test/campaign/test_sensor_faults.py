@@ -134,8 +134,8 @@ def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
 
 @pytest.mark.safety(
     "the stop is longer or turns more",
-    "a fault too small to be found, also while the line of motion is stored",
-    "it costs little",
+    "a fault too small to be detected, also while the line of motion is stored",
+    "its effect on the stop is small",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_disputes_that_come_and_go_are_settled() -> None:
 
 @pytest.mark.safety(
     "the stop is longer or turns more",
-    "twist lost for good 0.3 s after the pedal",
+    "twist permanently lost 0.3 s after the pedal",
     "dead reckoning, then all brakes: at most 8 deg",
     within="the whole stop",
 )
@@ -273,7 +273,7 @@ def test_a_configured_delay_costs_little(
 @pytest.mark.safety(
     "the stop is longer or turns more",
     "twist and all encoders scaled by 0.64 to 0.74 as the pedal goes down",
-    "monitor of the effect: at most 1.5 times the distance",
+    "effect monitor: at most 1.5 times the distance",
     within="the whole stop",
 )
 @pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
