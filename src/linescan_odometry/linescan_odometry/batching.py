@@ -46,7 +46,7 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Make the collector of an odometry; without cameras, flow sensors form groups."""
+        """Return the collector of an odometry; without cameras, flow sensors form the groups."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:

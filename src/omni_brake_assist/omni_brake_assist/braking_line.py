@@ -36,7 +36,7 @@ def new_line() -> NDArray[np.void]:
 
 @lean
 def forget_line(line: Record) -> None:
-    """Drop the line, as when the pedal is released.
+    """Delete the line, for example when the pedal is released.
 
     Args:
         line: changed in place.

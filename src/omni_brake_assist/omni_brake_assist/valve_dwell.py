@@ -1,4 +1,4 @@
-"""Minimum dwell time of valves, since real ones cannot switch every 10 ms.
+"""Minimum dwell time of valves, for valves that cannot switch every 10 ms.
 
 A valve that has switched keeps its state for the dwell time. There are two
 exceptions, both of which apply more brakes: when all brakes must act they do so at once, and so do

@@ -37,7 +37,7 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
 @contextmanager
 def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
-    """Print every few seconds that a command of unknown duration is still running.
+    """Print every few seconds that a command of unknown duration is running.
 
     Args:
         program: program at the beginning of each line.

@@ -133,7 +133,7 @@ def _span(history: RunHistory, rest: RestCriterion) -> _Span:
 
 
 def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
-    """Return `count` times or fewer, multiples of `step` [s], about equally far along a path."""
+    """Return up to `count` times, multiples of `step` [s], about equally spaced along a path."""
     traveled = span.traveled
     wanted = traveled[-1] * np.arange(1, count + 1) / (count + 1)
     stamps = span.start + np.searchsorted(traveled, wanted)

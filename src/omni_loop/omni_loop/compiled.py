@@ -96,7 +96,7 @@ def _new_record(stamps: int, wheels: int) -> Record:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FastRun:
-    """One run of T control stamps.
+    """Result of one run with T control stamps.
 
     Attributes:
         wheel_names: wheel names of the columns.
@@ -411,7 +411,7 @@ def _listen(run: _Run, stamp: int) -> Inputs:
 
 @lean
 def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop from a stamp on; fill the records and return the next stamp and the outcome."""
+    """Run the loop from a stamp; fill the records and return the next stamp and the outcome."""
     for stamp in range(first, last):
         inputs = _listen(run, stamp)
         assist_step(run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable)

@@ -23,7 +23,7 @@ _SHORT = f"the way is shorter than {DELTA:g} m"
 
 
 def odometry_path(history: RunHistory) -> FloatArray:
-    """Return the poses of the odometry x, y, yaw [m, m, rad] from the true first pose on, (T, 3).
+    """Return the odometry's poses x, y, yaw [m, m, rad], starting at the true pose, (T, 3).
 
     An unmeasured twist is integrated as zero, as in the node.
     """

@@ -354,7 +354,7 @@ def _nearest(name: str, near: Path | None) -> str:
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Refuse a vehicle that would silently take a default for a value specific to a vehicle."""
+    """Refuse a vehicle without values that have no sensible default."""
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):
@@ -368,7 +368,7 @@ def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
 
 
 class _Part(dict[str, Any]):
-    """A part read from a file: it replaces the value before instead of being merged into it."""
+    """A part read from a file: it replaces the previous value instead of being merged with it."""
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -503,7 +503,7 @@ def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> None:
 
 
 def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge a tree into another; values that are not mappings replace those before."""
+    """Merge a tree into another; values that are not mappings replace earlier ones."""
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)

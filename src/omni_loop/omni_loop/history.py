@@ -157,7 +157,7 @@ class RunHistory:
 
     @property
     def measured(self) -> NDArray[np.bool_]:
-        """Where the odometry measured all three components of the twist, shape (T,)."""
+        """Whether the odometry measured all three components of the twist, shape (T,)."""
         return np.asarray(np.all(np.isfinite(self.estimate), axis=1))
 
     @property

@@ -112,7 +112,7 @@ class RestCriterion:
     rocking_yaw_rate: float = 0.4
 
     def first_stamp(self, twist: FloatArray, start: int = 0) -> int | None:
-        """Return the index of the first stamp at rest, None if it moves to the end.
+        """Return the index of the first stamp at rest, None if the vehicle moves to the end.
 
         Args:
             twist: body twists [m/s, m/s, rad/s], shape (T, 3).

@@ -21,7 +21,7 @@ ALONE = "OMNI_ONE_THREAD"
 
 
 class _Work(Generic[_T]):
-    """Work that is done once, by the first thread that gets to it."""
+    """A task that is executed once, by the first thread that is free."""
 
     def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]]) -> None:
         self._work = work

@@ -1,4 +1,4 @@
-"""Parameters of a wheel's brake, true for the simulator and nominal for the assistant."""
+"""Parameters of a wheel's brake: true values in the simulator, nominal ones in the assistant."""
 
 import dataclasses
 from collections.abc import Mapping

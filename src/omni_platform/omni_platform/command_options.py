@@ -30,7 +30,7 @@ C = TypeVar("C", bound=Configuration)
 
 @dataclasses.dataclass(frozen=True)
 class _Spelling:
-    """Form of an option where it does not follow from its field."""
+    """Command-line form of an option that does not have the default form of its field."""
 
     flag: str | None = None
     metavar: str | None = None
@@ -114,7 +114,7 @@ def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> No
 def parse_options(
     cls: type[C], words: Sequence[str], parser: argparse.ArgumentParser | None = None
 ) -> C:
-    """Return the options that the words of a command line give.
+    """Return the options given by the words of a command line.
 
     Args:
         cls: declares the options.
@@ -131,7 +131,7 @@ def parse_options(
 
 
 def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
-    """Return the options that were parsed, checked.
+    """Return the checked options of a parsed command line.
 
     Args:
         cls: declares the options.

@@ -30,7 +30,7 @@ def _enable_caching(dispatcher: Any) -> None:
 
 
 def _defer_blas() -> None:
-    """Let numba search for a BLAS when a kernel calls it, not when the first kernel is loaded.
+    """Defer numba's search for a BLAS from the first loaded kernel to the first call of BLAS.
 
     The search imports all of scipy.linalg, 0.3 s in each process. SciPy is always installed, and
     compiling a product of matrices still loads it.

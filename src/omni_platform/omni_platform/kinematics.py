@@ -137,7 +137,7 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the condition number of ``M``, with lengths in units of the platform's radius [1]."""
+    """Return the smallest singular value of ``M`` in units of the platform's radius [1]."""
     return float(_singular_values(matrix, geometry)[-1])
 
 

@@ -78,7 +78,7 @@ def build_instruments(
 
 
 def draws(wheels: int) -> int:
-    """Return the number of standard normal draws of a stamp: the sensors', then the faults'."""
+    """Return the number of standard normal draws per stamp: of the sensors, then of the faults."""
     return 2 * (IMU_DRAWS + wheels) + 3
 
 

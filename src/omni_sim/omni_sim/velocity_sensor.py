@@ -48,14 +48,14 @@ class VelocitySensorConfiguration(Configuration):
 
     @property
     def failure_ns(self) -> tuple[int, int]:
-        """From when and until before when it fails [ns], the same where it never does."""
+        """Begin and end of the failure [ns]; both are equal if the sensor does not fail."""
         start = round(self.failure_time * SECOND_NS)
         fails = self.failure != "none"
         return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
 
 
 class SensorConstants(NamedTuple):
-    """What a reading depends on; see `VelocitySensorConfiguration`.
+    """Constants of the readings; see `VelocitySensorConfiguration`.
 
     Attributes:
         period_ns: period of the samples [ns].
@@ -109,7 +109,7 @@ def sensor_memory() -> NDArray[np.void]:
 
 @lean
 def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
-    """Return whether a sample is due [ns]; one that fails takes none."""
+    """Return whether a sample is due at a stamp [ns]; a failed sensor takes none."""
     if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
         return False
     due: bool = stamp_ns // sensor.period_ns > memory[0].sample
@@ -207,5 +207,5 @@ class VelocitySensor:
         return TwistSample(taken_ns, reading, covariance)
 
     def state_covariance(self, reading: FloatArray, covariance: FloatArray) -> None:
-        """Write the covariance, shape (3, 3), that the sensor claims of a reading, shape (3,)."""
+        """Write the covariance, shape (3, 3), that the sensor states for a reading, shape (3,)."""
         state_covariance(self._constants, reading, covariance)

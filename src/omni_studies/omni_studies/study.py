@@ -131,7 +131,7 @@ class Study(Protocol):
 
 
 class _Case:
-    """One case of a module that has several."""
+    """One of several studies that are defined in one module."""
 
     def __init__(self, module: Any, name: str) -> None:
         self.__doc__ = f"{module.CASES[name]}.\n\n{module.__doc__}"

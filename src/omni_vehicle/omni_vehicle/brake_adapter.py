@@ -1,4 +1,4 @@
-"""Commands of brakes and drives from the brake enables of the wheels.
+"""Converts the brake enables of the wheels to commands of brakes and drives.
 
 An enable is the share of the braking demand that passes to a wheel [0, 1]. What a controller is
 commanded depends on the brake:

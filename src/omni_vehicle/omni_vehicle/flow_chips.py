@@ -1,4 +1,4 @@
-"""Optical-flow chips through their makers' libraries: velocities of the ground with a covariance.
+"""Reads optical-flow chips by their makers' libraries: ground velocity with covariance.
 
 - PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
 - the SparkFun OTOS (I2C) filters a PAA5160 with an IMU and reports velocities of its own frame of
@@ -148,7 +148,7 @@ class CountingChip:
         self.counts = [0, 0]
 
     def read(self, time: float) -> FlowSample:
-        """Return the mean velocity since the reading before."""
+        """Return the mean velocity since the last reading."""
         try:
             # In one transfer, which the chip answers consistently; it then starts from zero.
             burst = self._chip.spi_dev.xfer2([_MOTION_REGISTER] + [0] * 12)

@@ -79,7 +79,7 @@ def find_inliers(
 def average(
     displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
 ) -> float:
-    """Average the inliers.
+    """Return the mean of the inliers.
 
     Args:
         displacement: of m consecutive pairs [px], shape (m,).

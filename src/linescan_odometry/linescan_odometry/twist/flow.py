@@ -1,4 +1,4 @@
-"""Optical-flow sensors, in addition to line cameras or alone: two velocities of one position.
+"""Optical-flow sensors, which measure two components of the velocity at their position.
 
 Such a sensor (PMW3901, PAA5160 of an OTOS, a mouse sensor) counts the displacement of the ground
 along two axes; its driver publishes a velocity with a covariance. The velocity is weighted by this
@@ -22,7 +22,7 @@ _DEVIATIONS = 6.0  # of both measurements, by which a velocity may jump without 
 
 
 class FlowMonitor:
-    """Checks the measurements of one flow sensor by their range and by the last measurement."""
+    """Checks the range of one flow sensor's measurements, and their change since the last one."""
 
     def __init__(self, sensor: FlowSensor, maximum_acceleration: float) -> None:
         """Prepare for one sensor.

@@ -1,4 +1,4 @@
-"""The nodes that the files in ``launch/`` start for `omni run` and `omni drive`, and their end."""
+"""Start and end of the nodes of the files in ``launch/``, as `omni run` and `omni drive` do."""
 
 import dataclasses
 import io

@@ -139,7 +139,7 @@ class RunningProcess:
             self.process.send_signal(number)
 
     def ask_to_stop(self) -> None:
-        """Request the end of the process; after a second request a node waits for no reader."""
+        """Request the end of the process; after a second one a node does not wait for readers."""
         self._note_halts()  # which going on takes along
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # one that is halted could not answer

@@ -66,7 +66,7 @@ def write_summary(document: Mapping[str, Any], folder: Path) -> None:
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
-    """Return the incomplete recordings of the runs in a folder, as a killed recorder leaves them.
+    """Return the recordings in a folder of runs whose recorder was killed.
 
     Such a file can be read from the beginning up to its last complete chunk; its index, which is
     at the end, is missing.

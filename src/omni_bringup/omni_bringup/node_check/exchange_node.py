@@ -90,7 +90,7 @@ class Partner:
             self._executor.spin_once(timeout_sec=left)
 
     def await_node(self, topic: str, alive: Callable[[], bool]) -> list[bool]:
-        """Return whether each publisher of a topic is reliable, as soon as there is one.
+        """Wait for a publisher of a topic; return whether each of its publishers is reliable.
 
         Raises:
             WorkError: there is none within a minute, or the node has ended.

@@ -1,4 +1,4 @@
-"""What a compiled kernel contains besides its own code.
+"""Linkage of compiled kernels: a kernel calls linked kernels and does not include their code.
 
 numba includes the code of a kernel in every kernel that calls it, and LLVM optimizes it again with
 each level of the call tree. The callers of a `linked` kernel contain only a call of its address.
@@ -87,12 +87,12 @@ class CompiledKernel(CompileResultCacheImpl):
     """A compiled kernel on disk, with the linked kernels that it calls."""
 
     def reduce(self, result: CompileResult) -> tuple[list[_Kernel], Any]:
-        """Return what is stored of a compiled kernel."""
+        """Return the data of a compiled kernel that are stored on disk."""
         names = (function.name for function in result.library._final_module.functions)
         return [_published[name] for name in names if name in _published], super().reduce(result)
 
     def rebuild(self, target_context: Any, payload: tuple[list[_Kernel], Any]) -> CompileResult:
-        """Load a kernel, and before it those that it calls: without them it cannot be loaded."""
+        """Load a kernel after the kernels that it calls, which it needs for loading."""
         callees, reduced = payload
         for module, name, types in callees:
             getattr(importlib.import_module(module), name).compile(types)

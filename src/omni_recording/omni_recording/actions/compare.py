@@ -1,4 +1,4 @@
-"""Two recordings of the same topic, message by message."""
+"""Compares two recordings of the same topics, message by message."""
 
 import dataclasses
 import math

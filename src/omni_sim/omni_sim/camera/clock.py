@@ -34,7 +34,7 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the lines with ``after < time <= until`` as (first, end), end not included.
+        """Return the lines with ``after < time <= until`` as the range first to end, end excluded.
 
         Args:
             after_ns: open end of the interval [ns]; -1 includes line 0.

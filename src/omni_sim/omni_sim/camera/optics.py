@@ -48,7 +48,7 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
 def transmission(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
 ) -> NDArray[np.float32] | None:
-    """Return the share of the light that reaches each pixel (pixels,), None if all of it does.
+    """Return the share of the light that reaches each pixel, shape (pixels,); None if all does.
 
     The shading decreases with the square of the distance from the middle; specks of dirt, far out
     of focus, cast shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.

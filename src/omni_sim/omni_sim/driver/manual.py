@@ -96,7 +96,7 @@ class ManualDriver:
         return np.zeros(3)
 
     def halt(self) -> None:
-        """Set the drive's velocity to zero, for a vehicle that has been placed."""
+        """Set the drive's velocity to zero after the vehicle has been placed somewhere."""
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:

@@ -216,7 +216,7 @@ class MujocoVehicle(Vehicle):
         return np.array([*place[:2], yaw]), np.array([*velocity[:2], velocity[5]])
 
     def _write_back(self, limits: FloatArray) -> None:
-        """Write the planar state from MuJoCo's; the wheels' friction limits are given [N]."""
+        """Copy MuJoCo's state to the planar state, for given friction limits of the wheels [N]."""
         data, body, wheels = self._data, self.state.body[0], self.state.wheels
         (x, y, yaw), (v_x, v_y, rate) = self._base()
         g_x, g_y = in_turned_frame(*self.masses.center, -yaw)

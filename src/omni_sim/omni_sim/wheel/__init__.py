@@ -1,1 +1,1 @@
-"""One wheel: hub, drive, brake, and its rollers, each of its own or as one."""
+"""One wheel: hub, drive, brake, and its rollers, individual or modeled as one."""

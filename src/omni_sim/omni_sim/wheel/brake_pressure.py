@@ -1,4 +1,4 @@
-"""The pressure in the brakes: it follows the valves late, and not at once.
+"""Pressure in the brakes, which follows the valves after a dead time and with a lag.
 
 What is asked of a brake, ``c`` (the pedal's share of the largest torque, times the share that its
 valve lets pass: all or nothing, or any in steps), reaches its cylinder after a dead time ``t_d``,
@@ -22,7 +22,7 @@ from omni_platform.quantities import FloatArray, IntArray
 
 
 class BrakePressure(NamedTuple):
-    """Pressure in the brakes of N wheels, as the torque that it lets each exert.
+    """Pressure in the brakes of N wheels, as the largest torque of each brake.
 
     Attributes:
         remainder: remainder of a difference to what is asked, after a step [1].

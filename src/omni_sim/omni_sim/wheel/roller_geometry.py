@@ -32,7 +32,7 @@ roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the roller that is lowest, not wrapped to 0..n-1 [1].
+    """Return the number of the lowest roller, counted beyond n after a full turn [1].
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].

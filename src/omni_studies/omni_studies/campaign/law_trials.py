@@ -130,7 +130,7 @@ def ablations() -> dict[str, str]:
 
 
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return what the laws cost against the first one, in two independent sets of stops.
+    """Return the cost of the laws relative to the first one, in two independent sets of stops.
 
     Args:
         trials: of an even number of whole seeds, in the order of `LawTrials`.
@@ -145,7 +145,7 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
 
 
 def unpaid(metrics: Mapping[str, Metric]) -> list[str]:
-    """Return the parameters without which no quantity is worse in both sets, from their costs."""
+    """Return the parameters that can be removed without a worse result in both sets of stops."""
 
     def worse(key: str) -> bool:
         return metrics[key].value > 2.0 * metrics[key.replace("_change", "_change_error")].value

@@ -139,7 +139,7 @@ class RandomBraking:
 
 
 def draw(seed: int) -> Tree:
-    """Draw the differences of a run from ``straight_line`` as a tree of configuration values.
+    """Draw a run; return how its configuration differs from ``straight_line``, as a tree.
 
     Args:
         seed: seed of the run; one seed is always the same run.

@@ -1,4 +1,4 @@
-"""One run of the robustness campaign: the same braking unassisted and assisted, and its limits.
+"""One run of the robustness campaign: a stop without and with the assistant, and its limits.
 
 A run that violates a limit is repeated with one adversity after the other removed; the one without
 which the limit holds is its cause.
@@ -115,7 +115,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
 
 
 def without(drawn: Tree, cause: str) -> Tree:
-    """Return a drawn run without one of its adversities."""
+    """Return a drawn run without one of its disturbances."""
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
         return drawn | {"velocity_sensor": kept}

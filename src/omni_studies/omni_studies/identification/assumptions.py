@@ -63,7 +63,7 @@ of `QUANTITIES`."""
 
 
 def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[str, float]]:
-    """Yield the ten numbers of a candidate under each of `ASSUMPTIONS`.
+    """Yield the ten numbers of a candidate for each of `ASSUMPTIONS`.
 
     Args:
         library: where the experiment is.

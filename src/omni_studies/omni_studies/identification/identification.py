@@ -149,7 +149,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
 
 def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
-    """Return the parameters with which `configure` gives this experiment."""
+    """Return the parameters from which `configure` makes this experiment."""
     vehicle, maneuver = configuration.vehicle, configuration.maneuver
     ground = configuration.ground
     mount = next(iter(vehicle.wheels.values()))

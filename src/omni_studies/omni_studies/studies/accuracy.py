@@ -1,4 +1,4 @@
-"""Accuracy of refined displacements over noise, resolution and ground, against the physical limit.
+"""Accuracy of refined displacements by noise, resolution and ground, and its physical limit.
 
 Pairs of lines are rendered at random displacements along the axis and matched. Their errors are
 compared with the Cramer-Rao bound of each pair, the smallest variance of an unbiased estimator, and

@@ -164,7 +164,7 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Fit the variance factors on all grounds but one, and evaluate them on that one, for each."""
+    """For each ground, fit the variance factors on the others and evaluate them on it."""
     found: dict[str, list[NDArray[np.float64]]] = {}
     for kind in dict.fromkeys(case.ground for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]

@@ -228,7 +228,7 @@ def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
 
 
 def _line_rates() -> tuple[Figure, dict[str, Metric]]:
-    """Draw the displacement of a vehicle between two lines; return some of these distances."""
+    """Draw the displacement of a vehicle between two lines; return some of its values."""
     rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
     figure, grid = style.panels(
         "From one line to the next, over the line rate (Figure 54)",

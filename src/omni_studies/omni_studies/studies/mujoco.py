@@ -111,7 +111,7 @@ def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Compute the load change by a millimeter of height at the first wheel in both engines."""
+    """Return the load change for a millimeter of height at the first wheel, in both engines."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = _MISMOUNTED
     metrics = {}

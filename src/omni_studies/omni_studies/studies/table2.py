@@ -86,7 +86,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the ten numbers of all vehicles for every assumption, and return the ranges of ours."""
+    """Write the ten numbers of all vehicles for every assumption; return the ranges of ours."""
     vehicles = {"identified": parameters, **OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

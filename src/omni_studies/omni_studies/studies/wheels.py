@@ -1,4 +1,4 @@
-"""The single-roller wheel against the wheel of individual rollers: forces, motion, cost.
+"""The single-roller wheel compared with a wheel of individual rollers: forces, motion, cost.
 
 Both platforms drive, brake and are pushed sideways with the single-roller wheel (section 2.4.2),
 with the single-roller wheel and the contact of rollers (section 2.3.2), and with individual rollers

@@ -224,7 +224,7 @@ def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return fitted less measured impulses, cumulated [m/s], flat."""
+    """Return fitted less measured impulses, cumulated [m/s], as one vector."""
     torque, dead_time, time_constant = unknowns
     parts = [
         _summed(
@@ -248,7 +248,7 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
 
 
 def _rolling_share(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> FloatArray:
-    """Return rolling radius over nominal radius of each wheel, shape (N,); 1 if not observable."""
+    """Return rolling radius over nominal radius of each wheel, shape (N,); 1 if unobservable."""
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
     found = np.sum(expected * stop.wheel_speed[rolling], axis=0)

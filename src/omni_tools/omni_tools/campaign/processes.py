@@ -21,7 +21,7 @@ Run = Callable[[Sequence[int]], Any]
 
 
 class WorkerDiedError(RuntimeError):
-    """The same work ended several workers in turn."""
+    """Several workers died one after the other on the same work."""
 
 
 class _Worker:

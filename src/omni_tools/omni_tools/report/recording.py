@@ -61,7 +61,7 @@ class ReportedRun:
 
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
-    """Return a recording as the runs of a report: each stop of a drive is one, named after it."""
+    """Return the runs of a recording for a report: one for each stop of a drive, named after it."""
     return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 

@@ -143,7 +143,7 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """Estimate slope and peak in the lighter and the heavier half of the data."""
+    """Estimate slope and peak in the halves of the data with smaller and with larger load."""
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]

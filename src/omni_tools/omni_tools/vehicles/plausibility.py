@@ -70,7 +70,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
-    """Return the fastest motion in a direction with 60 % overlap of consecutive lines [m/s].
+    """Return the fastest speed in a direction with 60 % overlap of consecutive lines [m/s].
 
     Args:
         sensor: the camera.

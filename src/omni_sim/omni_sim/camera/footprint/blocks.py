@@ -84,7 +84,7 @@ def add_four_until(
 def _adding(
     sums: Any, texture: Any, tuples: list[Any], blocks: int, choose: _Choice | None
 ) -> Intrinsic:
-    """Return signature and instructions; tuples: offsets, following offsets, bounds."""
+    """Return signature and instructions; the tuples are offsets, following offsets and bounds."""
     signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""From sums of rows by class to pixels: cells of a quarter texel, their integral, and pixels."""
+"""Converts sums of rows to pixels: cells of a quarter texel, their integral, and pixels."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The linear tire: force proportional to slip up to the friction limit, both to the load.
+"""The linear tire: force proportional to slip and load, up to a limit proportional to load.
 
 ``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. The force does not fall beyond the peak, so a patch
 has no second state: it slides exactly while it is saturated. It is the simplest tire, and a
