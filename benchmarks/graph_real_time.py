@@ -1,4 +1,4 @@
-"""Measure how fast the whole graph runs, beside the same loop in one process.
+"""Measure how fast the whole graph runs, compared with the same loop in one process.
 
 The graph: four processes, three cameras of 1024 px at 2500 lines/s, everything recorded. Prints
 simulated over elapsed time (the loop alone, without start and stop) for each variant of the

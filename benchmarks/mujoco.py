@@ -1,4 +1,4 @@
-"""Real-time factors of the forklift's wheel models beside MuJoCo's, by processor time.
+"""Real-time factors of the forklift's wheel models compared with MuJoCo's, by processor time.
 
 All brake from 10 m/s straight ahead with a physics step of 0.5 ms, in turns; the fastest of several
 runs counts. With ``--json`` one document for programs. MuJoCo is optional, see CONTRIBUTING.md.

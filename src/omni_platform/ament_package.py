@@ -17,7 +17,7 @@ def install(
     Args:
         requires: what pip needs for the core; the nodes need ROS too.
         programs: entry points of executables, as ``name = module:function``.
-        data: patterns of files beside the modules.
+        data: patterns of files next to the modules.
         shared: files by folder below ``share/<package>``.
     """
     package = ElementTree.parse("package.xml").getroot()

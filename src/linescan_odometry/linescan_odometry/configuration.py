@@ -23,7 +23,7 @@ class OdometryConfiguration(Configuration):
 
     sensors: Mapping[str, LineSensor] = parameter(
         description="Line cameras on the platform: three or more, or two with a constraint of the "
-        "kinematics; fewer or none beside flow sensors"
+        "kinematics; fewer or none in addition to flow sensors"
     )
     flow_sensors: Mapping[str, FlowSensor] = section(
         dict,

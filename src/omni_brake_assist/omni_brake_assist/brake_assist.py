@@ -103,7 +103,7 @@ class BrakeAssist:
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
 
-        Total: whatever the demand holds, the decision is finite and its enables are 0 or 1.
+        Raises no exception: for any demand the decision is finite and its enables are 0 or 1.
 
         Args:
             demand: pedal and latest feedback, in order of their stamps.

@@ -57,7 +57,7 @@ class Scene:
         center_of_gravity: center of gravity of vehicle and load together, in the body frame [m], if
             known.
         load: position of the load in the body frame [m], if there is one.
-        patches: ground with a friction of its own.
+        patches: ground with a different friction.
     """
 
     chassis_length: float

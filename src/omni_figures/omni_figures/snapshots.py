@@ -27,7 +27,7 @@ _CLEARANCE = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class Snapshots:
-    """Indices of the stamps to draw, in order, and the time to write beside each."""
+    """Indices of the stamps to draw, in order, and the time to write next to each."""
 
     indices: tuple[int, ...]
     labels: tuple[str, ...]

@@ -176,7 +176,7 @@ def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Li
 
 
 def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
-    """Draw the legend of each row beside its last panel."""
+    """Draw the legend of each row next to its last panel."""
     pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
     odometry = Line2D([], [], label="odometry", **_ODOMETRY)
     by_wheel = [

@@ -1,4 +1,4 @@
-"""The stops of a recorded drive: each is a run of its own, from the pedal to rest."""
+"""The stops of a recorded drive; each is a separate run, from the pedal to rest."""
 
 import dataclasses
 import math

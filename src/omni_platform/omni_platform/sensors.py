@@ -1,6 +1,6 @@
 """Positions, axes and fields of view of ground sensors.
 
-A line camera measures the velocity of its own position along its own axis, a flow sensor that and
+A line camera measures the velocity of its position along its axis, a flow sensor that and
 the velocity to the left of it. The footprint of a line camera is a rectangle: `length` along the
 axis, divided into `pixels`, and `width` across it, over which each pixel integrates (section
 4.3.2).
@@ -31,7 +31,7 @@ class Mount(Configuration):
     """Sensor axis (measuring direction), counter-clockwise from forward"""
     scale_error: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Standard error of its scale (of a camera pixel pitch times line rate), as a share: what
-    calibration leaves (`omni calibrate-sensors`); 0 where it counts for exact"""
+    calibration leaves (`omni calibrate-sensors`); 0 if it is taken as exact"""
     heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
     """Standard error of the axis"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)

@@ -36,7 +36,7 @@ class RecorderConfiguration(Configuration):
     compression: str = parameter("none", choices=tuple(COMPRESSIONS))
     """Compression of the chunks"""
     chunk_size: int = parameter(1 << 20, unit="B", minimum=1, maximum=1 << 27)
-    """Size after which a chunk ends by itself"""
+    """Size after which a chunk ends without a flush"""
     flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
     """Longest time until a message is written to the file"""
     synchronize: bool = parameter(False)
@@ -83,7 +83,7 @@ class StampedRecording:
     """Writes messages under their own stamps, so that a recording does not depend on timing.
 
     A list of stamped messages has the stamp of its first message, if that is plausible. A message
-    without a stamp of its own gets the latest one seen on any topic. Those of a shared topic wait
+    without a stamp gets the latest stamp received on any topic. Those of a shared topic wait
     for a second of stamps, so that their order depends on no node's speed either.
 
     Args:
@@ -109,7 +109,7 @@ class StampedRecording:
             stamp_ns: its stamp [ns] where that is not at its beginning.
 
         Raises:
-            RecordingError: the file cannot be written any more.
+            RecordingError: the file cannot be written anymore.
         """
         if stamp_ns is None and topic in self._stamped:
             stamp_ns = leading_stamp(data)
@@ -132,7 +132,7 @@ class StampedRecording:
         """Write the buffered messages.
 
         Raises:
-            RecordingError: the file cannot be written any more.
+            RecordingError: the file cannot be written anymore.
         """
         self._release(None)
 

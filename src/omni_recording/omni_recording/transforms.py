@@ -1,7 +1,7 @@
 """Transforms in a recording, for its viewers: `/tf` from an odometry, `/tf_static` at the start.
 
 Viewers need `tf2_msgs/msg/TFMessage`, a type that ROS from wheels does not have, so that no node
-can publish it. The recorder writes it by itself: the pose of every `nav_msgs/msg/Odometry` as a
+can publish it. The recorder writes it directly: the pose of every `nav_msgs/msg/Odometry` as a
 transform, and the frames that are fixed to the platform.
 """
 
@@ -68,7 +68,7 @@ class RecordedTransforms:
         """Write the transform of a message that has been recorded, if it is the odometry's.
 
         Raises:
-            RecordingError: the file cannot be written any more.
+            RecordingError: the file cannot be written anymore.
         """
         if topic != self._odometry:
             return

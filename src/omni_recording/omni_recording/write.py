@@ -123,7 +123,7 @@ class Rosbag2Writer:
             publish_ns: publish time [ns], not negative; the log time if None.
 
         Raises:
-            RecordingError: the file cannot be written any more.
+            RecordingError: the file cannot be written anymore.
             ValueError: the stamp is negative.
         """
         if self._closed:
@@ -144,7 +144,7 @@ class Rosbag2Writer:
         """End the chunk and hand it to the operating system; does nothing without new messages.
 
         Raises:
-            RecordingError: the file cannot be written any more.
+            RecordingError: the file cannot be written anymore.
         """
         if self._pending and not self._closed:
             with self._ending_on_failure():

@@ -54,7 +54,7 @@ class WheelDemand:
     """Inputs of a step, N wheels.
 
     Attributes:
-        pedal: braking demand, 0 to 1; NaN where it is unknown.
+        pedal: braking demand, 0 to 1; NaN if it is unknown.
         enable: share of the demand that passes to each wheel, NaN where unknown, shape (N,).
         speed: speed of the wheels [rad/s], NaN where unknown, shape (N,).
         drive: command of the vehicle's own drive, passed on while the pedal is released [N m] or

@@ -42,7 +42,7 @@ class SideslipWheel(Configuration):
     """A wheel whose sideslip angle is measured."""
 
     sensor: str = parameter()
-    """Line camera beside the wheel, parallel to its axis of rotation within 30 deg"""
+    """Line camera next to the wheel, parallel to its axis of rotation within 30 deg"""
     x: float = parameter(unit="m")
     """Wheel contact, forward of base_link"""
     y: float = parameter(unit="m")

@@ -38,7 +38,7 @@ class Options(Configuration):
     recording: Path | None = option(None, metavar="BAG")
     """recording of ./omni run to feed (default: bags/small_stop/assisted)"""
     start: str | None = option(None, metavar="COMMAND")
-    """command that starts the node in a ROS domain of its own (default: it runs in that of
+    """command that starts the node in a separate ROS domain (default: it runs in that of
     ROS_DOMAIN_ID)"""
     duration: float = parameter(10.0, unit="s", above=1.0, maximum=600.0)
     """time for which messages of a simulator are checked"""

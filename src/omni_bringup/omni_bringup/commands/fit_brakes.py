@@ -34,7 +34,7 @@ class Options(Configuration):
     """rosbag2 folders with wheel_states, brake/pedal, brake/enable and a twist"""
     vehicle: str | None = parameter(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
-    configuration beside the first recording)"""
+    configuration next to the first recording)"""
     twist: str = parameter(
         "odometry/twist", choices=("odometry/twist", "velocity_sensor/twist", "ground_truth/odom")
     )

@@ -46,7 +46,7 @@ class Options(Configuration):
     friction: float | None = parameter(None, minimum=0.0, maximum=2.0)
     """factor of the ground (default: 1)"""
     best: bool = parameter(False)
-    """also plan the shortest stops for several rotations, and draw them with the laws beside them:
+    """also plan the shortest stops for several rotations, and draw them together with the laws:
     minutes, needs CasADi"""
     out: Path | None = option(None, metavar="DIR")
     """folder of --best's figure (default: results/limit/NAME)"""

@@ -45,7 +45,7 @@ class Options(Configuration):
         description="largest difference of a value, in its SI unit",
     )
     out: Path | None = option(None, metavar="DIR")
-    """new folder of the results (default: beside the recording, BAG_replayed_TIME)"""
+    """new folder of the results (default: next to the recording, BAG_replayed_TIME)"""
     json: bool = json_option()
 
 

@@ -33,7 +33,7 @@ class Options(Configuration):
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
     """rosbag2 folder, or a single .mcap file; several are laid over each other"""
     out: Path | None = option(None, metavar="FILE")
-    """the page (default: report.html beside the first recording)"""
+    """the page (default: report.html next to the first recording)"""
     json: bool = json_option()
 
 

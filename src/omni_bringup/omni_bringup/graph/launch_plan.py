@@ -58,7 +58,7 @@ class LaunchPlan:
         return self.scratch / f"{name}.reports"
 
     def finish(self) -> run_variant.VariantResult:
-        """Write configuration, versions and results beside a finished recording.
+        """Write configuration, versions and results next to a finished recording.
 
         Raises:
             ProcessError: the run did not come to its end.

@@ -113,7 +113,7 @@ def run_variant(
     recording: graph.RecordingOptions = _PLAIN_RECORDING,
     external: Collection[str] = (),
 ) -> Run:
-    """Run one variant over real processes in a ROS domain of its own and record it.
+    """Run one variant over real processes in a separate ROS domain and record it.
 
     Args:
         configuration: the whole loop.

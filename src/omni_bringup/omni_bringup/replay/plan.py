@@ -131,7 +131,7 @@ def recorded_configuration(
     """
     path = (bag.path if bag.path.is_dir() else bag.path.parent) / CONFIGURATION
     if not path.is_file():
-        words = f"there is no {CONFIGURATION} beside the recording; {remedy}"
+        words = f"there is no {CONFIGURATION} next to the recording; {remedy}"
         raise ConfigurationError(option, words)
     try:
         return recorded_experiment(path.read_text(encoding="utf-8"), overrides)

@@ -30,7 +30,7 @@ class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 
     rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Rolling resistance of the rollers per load, as far as it does not depend on the load; about
+    """Rolling resistance of the rollers per load, the part independent of the load; about
     0.015 for car tires on concrete"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
     """C of Eq. (19), the resistance that grows with the load"""

@@ -187,7 +187,7 @@ def _maneuver(random: np.random.Generator, largest_speed: float) -> Tree:
 
 
 def _patches(random: np.random.Generator, direction_deg: float) -> Tree:
-    """Place patches randomly along the path, in front of and beside the vehicle."""
+    """Place patches randomly along the path, in front of and next to the vehicle."""
     patches = {}
     for index in range(int(random.integers(0, 4))):
         along, across = random.uniform(0.0, 12.0), random.uniform(-2.0, 2.0)

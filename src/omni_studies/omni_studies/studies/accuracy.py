@@ -238,7 +238,7 @@ def _findings(cases: list[Case], metrics: dict[str, Metric]) -> tuple[str, ...]:
         f"Up to {_JUDGED_NOISE} gray levels of noise the error is {min(ratios):.2f} to "
         f"{max(ratios):.2f} times the Cramer-Rao bound; "
         + (f"missed: {', '.join(missed)}." if missed else "all limits hold."),
-        "The dissertation measures whole pixels only, an error of 0.29 px whatever the noise; "
+        "The dissertation measures whole pixels only, an error of 0.29 px at any noise; "
         f"refined it is {min(c.rmse for c in cases):.3f} to {max(c.rmse for c in cases):.3f} px.",
         f"At most {100.0 * wrong:.2g} % of the pairs of a case are off by a pixel or more (84).",
     )

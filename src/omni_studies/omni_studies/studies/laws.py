@@ -120,7 +120,7 @@ class Options(CampaignOptions):
     without_optical: bool = parameter(False)
     """leave out the stop on the line cameras, which takes longest"""
     law: tuple[str, ...] = parameter(())
-    """a law of one's own, as module:Class, beside ours on every experiment"""
+    """your own law, as module:Class, compared with the built-in ones on every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
     """run this many random stops in place of the experiments and compare every --law with the first
     one (default: allocation alone)"""

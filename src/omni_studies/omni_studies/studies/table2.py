@@ -32,7 +32,7 @@ class Options(Configuration):
     """Identification and assumptions."""
 
     identify: bool = parameter(False)
-    """search the vehicle that gives Table 2 (minutes) and write its configuration files beside the
+    """search the vehicle that gives Table 2 (minutes) and write its configuration files next to the
     results"""
     sound: bool = parameter(False)
     """search only vehicles whose load is between the wheels and whose wheels carry no more than the

@@ -117,7 +117,7 @@ def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]
 
 
 def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
-    """Return a stop of a recording as a run of its own."""
+    """Return a stop of a recording as a separate run."""
     if history is whole.history:
         return whole
     forces, ratios = whole.forces, whole.test_ratios
@@ -142,7 +142,7 @@ def _during(history: RunHistory, stamp_ns: IntArray) -> BoolArray:
 
 
 def read_reported_run(path: Path, name: str) -> ReportedRun:
-    """Read a recording and the configuration beside it, as one run.
+    """Read a recording and the configuration next to it, as one run.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -234,7 +234,7 @@ def _read_tree(path: Path) -> dict[str, Any]:
             raise ValueError(f"{CONFIGURATION} is not a file of a sensible size")
         tree = read_plain_yaml(path.read_text(encoding="utf-8"))
     except OSError:
-        raise ValueError(f"there is no {CONFIGURATION} beside the recording") from None
+        raise ValueError(f"there is no {CONFIGURATION} next to the recording") from None
     except UnicodeDecodeError:
         raise ValueError(f"{CONFIGURATION} is not text") from None
     except ValueError as error:

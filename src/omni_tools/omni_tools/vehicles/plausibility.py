@@ -199,7 +199,7 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
         if moved > _HEAVY_WHEEL * carried:
             yield (
                 f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 act at the rim of "
-                f"wheel {name} as {plain(moved)} kg, beside {plain(carried)} kg that it carries; a "
+                f"wheel {name} as {plain(moved)} kg, but it carries {plain(carried)} kg; a "
                 "solid disc has half of its mass times its radius squared"
             )
             return

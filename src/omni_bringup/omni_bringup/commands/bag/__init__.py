@@ -20,7 +20,7 @@ def bag_option() -> Any:
 
 def out_option(ending: str) -> Any:
     """Declare the option for the folder of the files that an action writes."""
-    words = f"new folder (default: beside the recording, BAG_{ending})"
+    words = f"new folder (default: next to the recording, BAG_{ending})"
     return option(None, metavar="DIR", description=words)
 
 

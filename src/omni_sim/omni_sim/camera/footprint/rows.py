@@ -49,7 +49,7 @@ class Placement(NamedTuple):
         downwards: whether the mirror image is used.
         column: column 0 within the period.
         ahead: shift of the first row against the middle one [quarter texels, fixed point].
-        ahead_per_row: shift of each row against the one before [quarter texels, fixed point].
+        ahead_per_row: shift of each row relative to the previous one [quarter texels, fixed point].
     """
 
     first: int
