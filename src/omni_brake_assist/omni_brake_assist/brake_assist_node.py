@@ -76,8 +76,8 @@ class TimingConfiguration(Configuration):
     await_imu: bool = parameter(False)
     """Lockstep: whether an answer waits for the IMU of its step"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Lockstep: time between two samples of the twist, each of which belongs to all steps until the
-    next; 0 where every step has its own"""
+    """Lockstep: time between two samples of the twist, each of which is used until the next; 0
+    if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """Real time: time without a pedal message after which all brakes are on"""
 

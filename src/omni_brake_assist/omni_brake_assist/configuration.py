@@ -29,24 +29,24 @@ class AllocationConfiguration(Configuration):
     """Time constant of the friction observer; disturbances take twice as long, the mass and the
     return of the heading four times"""
     growth_time: float = parameter(0.5, unit="s", minimum=0.01, maximum=100.0)
-    """Time constant with which the estimated friction capacity of a wheel grows while all of it is
-    used without a slide (probing)"""
+    """Time constant with which the estimated friction capacity of a wheel grows while all of it
+    is used without sliding (probing)"""
     slip_time: float = parameter(0.015, unit="s", minimum=0.001, maximum=1.0)
     """Time constant of slip control: of a wheel's speed on its way to the set-point"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Feed-forward of slip control: sliding speed beyond the set-point while a tire has yet to
-    deflect (relaxation)"""
+    """Feed-forward of slip control: additional sliding speed of the set-point until the tire has
+    deflected (relaxation)"""
     return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
     """Control barrier function of the heading: its time constants as a share of the time that is
     left of the stop"""
     line_time: float = parameter(0.4, unit="s", minimum=0.01, maximum=100.0)
     """Control barrier function of the direction of motion: its time constant"""
     heading_weight: float = parameter(60.0, minimum=0.0, maximum=1.0e6)
-    """Control allocation: cost of a yaw acceleration beyond its bounds, against 1 of the
+    """Control allocation: cost of a yaw acceleration beyond its bounds, relative to 1 for the
     deceleration"""
     line_weight: float = parameter(12.0, minimum=0.0, maximum=1.0e6)
-    """Control allocation: cost of a lateral acceleration beyond its bounds, against 1 of the
-    deceleration"""
+    """Control allocation: cost of a lateral acceleration beyond its bounds, relative to 1 for
+    the deceleration"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """Share of the fastest hub's speed along the active direction below which a wheel is locked, as
     the motion does not drive it"""
@@ -61,18 +61,19 @@ class BrakeAssistConfiguration(Configuration):
     enabled: bool = parameter(True)
     """Whether brakes may be released; the errors are computed either way"""
     law: str = parameter("sliding_mode")
-    """Control law: sliding_mode is that of 2013, allocation shares the braking between the wheels
-    by what they can bear; my_module:MyLaw is a class of your own, see docs/extending.md"""
+    """Control law: sliding_mode is that of 2013, allocation distributes the braking between the
+    wheels by their friction capacities; my_module:MyLaw is your own class, see
+    docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
     """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops
     shortest, enhanced is between, by k"""
     k: int = parameter(7, minimum=1, maximum=999)
     """Tuning constant of the enhanced weighting, odd; larger is closer to zero"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Change of heading, and of the direction of motion, that the law allocation spends for a
-    shorter way"""
+    """Largest change of heading, and of the direction of motion, that the law allocation allows
+    in order to stop shorter"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
-    """Mass of the vehicle, roughly; the law allocation starts from it and learns"""
+    """Approximate mass of the vehicle, with which the estimate of the law allocation starts"""
     wheel_inertia: float = parameter(1.0, unit="kg m^2", above=0.0, maximum=1.0e4)
     """Nominal moment of inertia of a wheel about its axis, for the law allocation"""
     brake: BrakeConfiguration = section(BrakeConfiguration)
@@ -80,25 +81,26 @@ class BrakeAssistConfiguration(Configuration):
     allocation: AllocationConfiguration = section(AllocationConfiguration)
     """Parameters of the law allocation"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Shortest time between two switchings of a valve; ignored where all brakes must act"""
+    """Shortest time between two switchings of a valve; ignored if all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position from which the driver brakes"""
     speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0)
     """Speed of the fastest wheel center below which all brakes are on"""
     speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0)
-    """How far the speed must rise above the threshold again to resume assisting"""
+    """Rise of the speed above the threshold at which assistance resumes"""
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0)
     """Speed at the start of braking below which there is no line to keep"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
     """Age at which feedback is stale"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
-    """Longest step between demands; across a longer gap in the feedback the heading is not carried
-    on and the line to keep is taken anew"""
+    """Longest step between demands; after a longer gap in the feedback the change of heading is
+    unknown, and a new line of motion is stored"""
     recovery_count: int = parameter(3, minimum=1, maximum=1000)
-    """Consecutive valid twists before brakes are released, at the start and after a fault"""
+    """Number of consecutive valid twists before brakes are released, at the start and after a
+    fault"""
     maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0)
-    """Largest standard deviation of the velocity, in its worst direction; one that is less sure is
-    still weighed where there is an IMU"""
+    """Largest standard deviation of the velocity, in its worst direction; with an IMU a less
+    certain twist is used too, weighted by its covariance"""
     maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0)
     """Largest standard deviation of the yaw rate"""
     maximum_speed: float = parameter(60.0, unit="m/s", above=0.0)
@@ -114,8 +116,8 @@ class BrakeAssistConfiguration(Configuration):
     yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0)
     """Step in yaw rate that noise alone may cause between two feedbacks"""
     fault_detection: bool = parameter(True)
-    """Fault detection: whether the twist is compared with IMU and wheel speeds and replaced by them
-    where it is missing, and whether the effect of braking is monitored"""
+    """Fault detection: whether the twist is compared with IMU and wheel speeds and replaced by
+    them if it is missing, and whether the effect of braking is monitored"""
     imu_x: float = parameter(0.0, unit="m")
     """Mounting of the IMU, forward of the platform center"""
     imu_y: float = parameter(0.0, unit="m")

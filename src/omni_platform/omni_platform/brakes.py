@@ -29,23 +29,23 @@ class BrakeConfiguration(Configuration):
     """The brake of each wheel."""
 
     kind: str = parameter(ON_OFF, choices=KINDS)
-    """What brakes: 'on_off' valves, open from an enable of one half on; 'proportional' brakes,
-    electric or by servo valves, that follow any enable; or 'velocity' drives, whose speed command
-    falls along a ramp"""
+    """Kind of the brake: 'on_off' valves, which are open if the enable is at least one half;
+    'proportional' brakes, electric or with servo valves, that follow any enable; or
+    'velocity' drives, whose speed command falls along a ramp"""
     resolution: float = parameter(0.0, minimum=0.0, maximum=0.5)
     """Step of the enable that a proportional brake resolves (0: any)"""
     max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
     """Torque of a wheel's brake with the pedal fully down"""
     max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
-    """Largest power of a wheel's brake, beyond which its torque falls with the speed, as of an
-    electric drive that brakes (0: no limit)"""
+    """Largest power of a wheel's brake, above which its torque falls with the speed, as with a
+    braking electric drive (0: no limit)"""
     ramp: float = parameter(3.0, unit="m/s^2", above=0.0, maximum=1000.0)
     """Deceleration that a velocity drive commands the rim of its wheel with the pedal fully down"""
     dead_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time until the pressure in a brake begins to follow pedal and valve"""
     release_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time until the pressure begins to fall after a release, where that is longer than dead_time,
-    as of spring-applied brakes (0: dead_time)"""
+    """Time until the pressure begins to fall after a release, if that is longer than dead_time,
+    as with spring-applied brakes (0: dead_time)"""
     time_constant: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
     """Time constant with which the pressure then builds up and falls"""
 

@@ -25,11 +25,11 @@ class GroundConfiguration(Configuration):
     """Friction, elevation and texture of the ground."""
 
     texture: TextureConfiguration = section(TextureConfiguration)
-    """Look of the ground"""
+    """Texture of the ground"""
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Friction factor mu/mu_0 of the ground, relative to the tire's own data"""
     patches: Mapping[str, FrictionPatch] = section(dict)
-    """Patches with another friction"""
+    """Patches with different friction"""
     elevation: ElevationConfiguration = section(ElevationConfiguration)
     """Height of the ground, flat by default"""
 
@@ -43,13 +43,13 @@ class SimulationConfiguration(Configuration):
     control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
     """Time between two control steps"""
     duration_limit: float = parameter(30.0, unit="s", above=0.0)
-    """Time at which a run ends at the latest"""
+    """Longest duration of a run"""
     settling_time: float = parameter(0.5, unit="s", minimum=0.0)
     """Time for which the vehicle must be at rest before the run ends"""
     rest_speed: float = parameter(0.05, unit="m/s", above=0.0)
     """Speed below which the vehicle is at rest"""
     render_lines: bool = parameter(True)
-    """Render the line cameras and read the flow sensors; without, there is no optical odometry"""
+    """Render the line cameras and read the flow sensors; if false, there is no optical odometry"""
 
     @property
     def control_period_ns(self) -> int:

@@ -64,18 +64,18 @@ class FaultConfiguration(Configuration):
     """One fault of one sensor."""
 
     channel: str = parameter(choices=CHANNELS)
-    """What fails"""
+    """Faulty signal"""
     kind: str = parameter(choices=KINDS)
-    """How it fails"""
+    """Kind of the fault"""
     axis: int = parameter(-1, minimum=-1, maximum=63)
     """Axis of the channel, or index of the wheel; -1 for all"""
     time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Onset"""
+    """Onset of the fault"""
     duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
-    """For how long"""
+    """Duration of the fault"""
     amplitude: float = parameter(0.0)
-    """Size ``a`` in the unit of the channel, of a drift per second, of a scale and an echo as a
-    share"""
+    """Size ``a`` in the unit of the channel; of a drift per second, of a scale error and an echo
+    as a share"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
     """Time ``T`` of a ramp, a sine or a delay"""
 

@@ -31,8 +31,8 @@ class FlowConfiguration(Configuration):
     failing: str = parameter("")
     """Name of a failing sensor; empty for none"""
     failure: str = parameter("zero", choices=("zero", "frozen", "invalid", "double"))
-    """Failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) or twice the
-    velocity (double)"""
+    """Kind of the failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) or
+    twice the velocity (double)"""
     failure_start: float = parameter(0.0, unit="s", minimum=0.0)
     """Time from which it fails"""
 

@@ -63,13 +63,13 @@ class LoopConfiguration(Configuration):
     reply_timeout: float = parameter(10.0, unit="s", above=0.0)
     """Lockstep: longest wait for a reply"""
     await_odometry: bool = parameter(False)
-    """Lockstep: wait for the odometry of each step too, where the brake assistant that answers does
-    not"""
+    """Lockstep: also wait for the odometry of each step, for a brake assistant that does not
+    wait for it"""
     publish_clock: bool = parameter(True)
     """Publish the simulated time on /clock; only one of several simulators in a ROS domain does"""
     driver: str = parameter("scripted", choices=("scripted", "topics", "cmd_vel"))
-    """Driver: the script of the maneuver; demands on driver/pedal and cmd_vel (topics); or cmd_vel
-    alone while no pedal is published"""
+    """Driver: the script of the maneuver (scripted); demands on driver/pedal and cmd_vel
+    (topics); or cmd_vel alone while no pedal is published"""
     stamped_cmd_vel: bool = parameter(True)
     """Whether cmd_vel is a TwistStamped; otherwise it is a Twist"""
     lines_recorded: bool = parameter(True)

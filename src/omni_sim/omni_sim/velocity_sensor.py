@@ -44,7 +44,7 @@ class VelocitySensorConfiguration(Configuration):
     failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
     """Time at which it fails"""
     failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
-    """For how long it fails"""
+    """Duration of the failure"""
 
     @property
     def failure_ns(self) -> tuple[int, int]:

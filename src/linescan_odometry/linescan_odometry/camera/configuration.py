@@ -29,23 +29,23 @@ class CameraConfiguration(Configuration):
     columns: bool = parameter(False)
     """Whether the columns of a frame are its rows"""
     row_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time between rows, where every row is a line: of a rolling shutter; 0 where the rows of all
-    frames follow each other evenly, as blocks of a line camera do"""
+    """Time between the rows of a frame if every row is a line: that of a rolling shutter; 0 if
+    the rows of all frames follow each other evenly, as in blocks of a line camera"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time from the exposure of a frame's last row to its stamp (of the driver where it gives one,
-    else of the arrival)"""
+    """Time from the exposure of a frame's last row to its stamp, which is that of the driver if
+    there is one, else the time of arrival"""
     batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
-    """Time of the lines of a message"""
+    """Duration of the lines in one message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Field of view along the axis, published in camera_info so that the odometry can compare it
     with its own; 0 if unknown"""
     frame_width: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Requested from a device; 0 to keep its setting"""
+    """Frame width requested from a device; 0 to keep its setting"""
     frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Requested from a device; 0 to keep its setting"""
+    """Frame height requested from a device; 0 to keep its setting"""
     pixel_format: str = parameter("")
-    """Asked of a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a name of GenICam
-    (Mono8, Mono12); empty as it is, Mono8 of GenICam"""
+    """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a
+    name of GenICam (Mono8, Mono12); empty to keep its setting, with GenICam for Mono8"""
     exposure: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Exposure requested from a device, which disables its automatic exposure; 0 to keep its
     setting"""

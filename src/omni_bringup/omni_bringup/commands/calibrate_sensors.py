@@ -32,8 +32,8 @@ class Options(Configuration):
     drives: tuple[Path, ...] = option(positional=True, metavar="DRIVE")
     """recordings with the lines of the cameras and the motion of the vehicle"""
     reference: str = parameter("auto", choices=("auto", "truth", "wheels"))
-    """the known motion: wheel speeds while they are steady, or the truth of a simulation, taken by
-    itself where it was recorded"""
+    """source of the known motion: wheel speeds during steady driving, or the ground truth of a
+    simulation (default: ground truth if it was recorded)"""
     out: Path | None = option(None, metavar="DIR")
     """folder of sensors.yaml and the picture (default: results/calibrate-sensors)"""
     json: bool = json_option()

@@ -51,10 +51,10 @@ class Options(Configuration):
     max_speed: float = option(5.0, metavar="M/S")
     """speed of a full stick"""
     host: str = option("127.0.0.1", metavar="ADDRESS")
-    """address of this machine that serves the page, for example to a phone; anybody with the token
-    in the page's address can drive"""
+    """address of this machine at which the page is served, for example to a phone; anyone who
+    has the page's address with its token can drive"""
     port: int = option(0, metavar="PORT", minimum=0, maximum=65535)
-    """TCP port of the page; 0 is any"""
+    """TCP port of the page; 0 for any free one"""
     unstamped: bool = parameter(False)
     """cmd_vel is a Twist, as older teleoperation nodes send it"""
     out: Path | None = option(None, metavar="DIR")

@@ -31,7 +31,7 @@ class Options(configuration.Configuration):
     model: str = configuration.parameter("tmeasy")
     """tire model, such as tmeasy, linear, magic_formula"""
     wheel_radius: float = configuration.parameter(0.2, unit="m", above=0.0, maximum=2.0)
-    """of the wheel, from which stiffness and damping are estimated"""
+    """radius of the wheel, from which stiffness and damping are estimated"""
     out: Path | None = command_options.option(None, metavar="DIR")
     """folder of the tire and the figure (default: results/fit-tire/DATA)"""
     json: bool = command_options.json_option()

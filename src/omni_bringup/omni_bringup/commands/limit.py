@@ -40,11 +40,11 @@ class Options(Configuration):
     vehicle: str | None = parameter(None)
     """a file of config/vehicles/ instead of an experiment"""
     speed: float | None = parameter(None, unit="m/s", minimum=0.0, maximum=50.0)
-    """of the vehicle before braking (default: 10)"""
+    """speed before braking (default: 10)"""
     direction: float | None = parameter(None, unit="deg", minimum=-360.0, maximum=360.0)
-    """of its motion, counter-clockwise from forward (default: 0)"""
+    """direction of motion, counter-clockwise from forward (default: 0)"""
     friction: float | None = parameter(None, minimum=0.0, maximum=2.0)
-    """factor of the ground (default: 1)"""
+    """friction factor of the ground (default: 1)"""
     best: bool = parameter(False)
     """also plan the shortest stops for several rotations, and draw them together with the laws:
     minutes, needs CasADi"""

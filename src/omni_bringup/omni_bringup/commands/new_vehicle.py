@@ -33,19 +33,19 @@ class Options(Configuration):
     """Options of ``omni new-vehicle``."""
 
     name: str = option(positional=True, metavar="NAME")
-    """of the vehicle; its folder is called so"""
+    """name of the vehicle, and of its folder"""
     length: float | None = parameter(None, unit="m")
     """length of the chassis"""
     width: float | None = parameter(None, unit="m")
     """width of the chassis"""
     mass: float | None = parameter(None, unit="kg")
-    """mass with the wheels"""
+    """mass of the chassis with the wheels"""
     wheel_radius: float | None = parameter(None, unit="m")
     """radius of a wheel"""
     kind: str | None = parameter(None, choices=KINDS)
-    """mecanum wheels in pairs (default), omni-wheels on a circle, or kiwi: three of them"""
+    """mecanum: wheels in pairs (default); omni: omni-wheels on a circle; kiwi: three of them"""
     wheels: int | None = parameter(None)
-    """how many (default: 4, a kiwi has 3)"""
+    """number of wheels (default: 4, a kiwi has 3)"""
     load: float | None = parameter(None, unit="kg")
     """mass of a load, to the front left (default: 0)"""
     drive_torque: float | None = parameter(None, unit="N m")
@@ -53,8 +53,8 @@ class Options(Configuration):
     drive_power: float | None = parameter(None, unit="W")
     """largest power with which a drive brakes its wheel (default: no limit)"""
     brakes: str | None = parameter(None, choices=tuple(TYPICAL))
-    """what brakes: on_off valves (default), spring-applied brakes, proportional brakes, or drives
-    with a torque or a velocity command"""
+    """kind of brakes: on_off valves (default), spring-applied brakes, proportional brakes, or
+    drives with a torque or a velocity command"""
     out: Path | None = option(None, metavar="DIR")
     """new folder of the files (default: NAME)"""
     json: bool = json_option()

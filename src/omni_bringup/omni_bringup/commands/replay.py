@@ -35,7 +35,7 @@ class Options(Configuration):
     rate: float | None = option(None, metavar="R", above=0.0)
     """speed as a multiple of the recorded one (default: as fast as the nodes follow)"""
     offline: bool = parameter(False)
-    """in one process and without topics; --rate is void"""
+    """in one process and without topics; --rate has no effect"""
     check: bool = parameter(False)
     """exit code 1 if the results differ from the recorded ones by more than --tolerance"""
     tolerance: float = parameter(

@@ -31,7 +31,7 @@ class Options(Configuration):
     """Options of ``omni report``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
-    """rosbag2 folder, or a single .mcap file; several are laid over each other"""
+    """rosbag2 folder, or a single .mcap file; several runs are played over each other"""
     out: Path | None = option(None, metavar="FILE")
     """the page (default: report.html next to the first recording)"""
     json: bool = json_option()

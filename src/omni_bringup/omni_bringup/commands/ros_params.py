@@ -18,9 +18,10 @@ class Options(Configuration):
     """Options of ``omni ros-params``."""
 
     configuration: Path = option(positional=True, metavar="CONFIGURATION")
-    """such as config/hardware/mecanum_agv.yaml, or the configuration.yaml of a run"""
+    """file of the vehicle, such as config/hardware/mecanum_agv.yaml, or the configuration.yaml
+    of a run"""
     out: Path = option(metavar="DIR")
-    """folder of the files; made if it is missing"""
+    """folder of the files; it is created if it is missing"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
     json: bool = json_option()

@@ -47,16 +47,16 @@ class Options(LoopOptions):
     ground: str | None = option(None, metavar="NAME|PICTURE")
     """a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi"""
     dpi: float | None = parameter(None)
-    """dots per inch of the picture on the ground, or to draw the ground in"""
+    """dots per inch of the picture, or resolution in which a ground is drawn"""
     real_time: bool = parameter(False)
     """pace the simulation by the wall clock instead of waiting for every reply"""
     compression: str = parameter("none", choices=("none", "zstd", "lz4"))
-    """of the recording; reduces noisy lines by about an eighth"""
+    """compression of the recording; reduces noisy lines by about an eighth"""
     fsync: bool = parameter(False)
     """wait for the disk at every flush, so that a power cut loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")
-    """do not start brake_assist or linescan_odometry; a node of your own in the same ROS_DOMAIN_ID
-    answers"""
+    """do not start brake_assist or linescan_odometry; your own node in the same ROS_DOMAIN_ID
+    takes its place"""
     json: bool = json_option()
 
     @property

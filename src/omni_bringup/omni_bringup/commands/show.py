@@ -33,7 +33,7 @@ class Options(configuration.Configuration):
     name: str = command_options.option(positional=True, metavar="NAME")
     """one of ./omni list, or a path that ends in .yaml"""
     kind: str | None = command_options.option(None, metavar="KIND", choices=EVERY)
-    """where two kinds share a name, or a path"""
+    """kind of the item; needed for a path, or if two kinds share the name"""
     out: Path | None = command_options.option(None, metavar="FILE")
     """the picture (default: results/show/NAME.png)"""
     json: bool = command_options.json_option()

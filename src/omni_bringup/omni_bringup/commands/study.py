@@ -25,7 +25,7 @@ class _Output(Configuration):
     """Options of every study besides its own."""
 
     out: Path | None = option(None, metavar="DIR")
-    """folder of the figures and data (results/STUDY)"""
+    """folder of the figures and data (default: results/STUDY)"""
     json: bool = json_option()
     strict: bool = option(False)
     """end with exit code 1 if a metric misses its limit or a claim does not hold"""

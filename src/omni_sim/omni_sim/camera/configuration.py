@@ -27,7 +27,7 @@ class CameraConfiguration(Configuration):
     """Brightness added to every pixel, in gray levels of an 8-bit scale"""
     exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time over which a line is exposed, half before and half after its stamp; motion blurs the
-    line meanwhile"""
+    line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
     """Whether the magnification is the same at every height or goes with it"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)

@@ -16,7 +16,7 @@ class FrictionPatch(Configuration):
     """A rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
 
     shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
-    """Shape of the patch; an ellipse has length and width as its axes, and a circle both alike"""
+    """Shape of the patch; length and width are the axes of an ellipse"""
 
     x: float = parameter(unit="m")
     """Center of the patch"""

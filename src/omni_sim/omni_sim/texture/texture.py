@@ -51,8 +51,8 @@ class TextureConfiguration(Configuration):
     picture: str = parameter("")
     """File of the kind picture, PNG, TIFF or JPEG"""
     dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
-    """Dots per inch on the ground; a picture needs them, of a material they take the place of
-    texels and round its period up to a multiple of 32 texels; 0 for texels"""
+    """Dots per inch on the ground, required for a picture; for a material they replace texels
+    and round its period up to a multiple of 32 texels; 0 to use texels"""
 
     def check_consistency(self) -> None:
         """Refuse a picture without scale, an unused picture, and too many texels.

@@ -28,7 +28,7 @@ class DriveConfiguration(Configuration):
     """The drive of each wheel: an exact speed source behind a clutch (Appendix A)."""
 
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
-    """Pedal position from which on the clutch is open"""
+    """Pedal position at which the clutch opens"""
     stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
     """Torque of the engaged clutch per difference of speed"""
     max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
@@ -46,8 +46,8 @@ class WheelCondition(Configuration):
     mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
     """Mounting height of this wheel relative to the others; needs a suspension"""
     open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Smallest share of the pedal's pressure that the valve of this brake passes, 1 for one that
-    cannot release"""
+    """Smallest share of the pedal's pressure that the valve of this brake passes; 1 for a valve
+    that cannot release"""
     stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of its torque that this brake exerts even with the pedal up"""
     onset: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
@@ -74,9 +74,9 @@ class VehicleConfiguration(Configuration):
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
     wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
-    """Model of every wheel: 'single' with one idealized roller (section 2.4.2), or 'rollers' with
-    free rollers of their own (section 2.4.1), or 'mujoco' with such rollers in MuJoCo, an optional
-    package"""
+    """Model of every wheel: 'single' with one idealized roller (section 2.4.2), 'rollers' with
+    individual rollers (section 2.4.1), or 'mujoco' with individual rollers in MuJoCo, an
+    optional package"""
     contact: str = parameter("ideal", choices=("ideal", "roller"))
     """Contact of the wheel model 'single': 'ideal' under the wheel's center, or 'roller', which
     moves along the roller on the ground and jumps to the next (8)-(10)"""

@@ -45,7 +45,7 @@ class LineOptions(Configuration):
     texels: int = parameter(8192, minimum=256, maximum=8192)
     """resolution of the ground over 0.2 m"""
     seed: int = parameter(1, minimum=0)
-    """of places and noise"""
+    """seed of positions and noise"""
 
     @property
     def kinds(self) -> list[str]:
@@ -75,7 +75,7 @@ class TextureOptions(Configuration):
     )
     runs: int = runs_option(2)
     seed: int = parameter(1, minimum=0)
-    """of places and noise"""
+    """seed of positions and noise"""
 
 
 def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str, GroundTexture]:

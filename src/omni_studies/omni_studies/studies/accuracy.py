@@ -92,11 +92,11 @@ class Options(Configuration):
     peak_recovery: int = option(
         OdometryConfiguration.peak_recovery, metavar="PX", minimum=0, maximum=16
     )
-    """as the odometry's parameter of this name"""
+    """value of the parameter odometry.peak_recovery"""
     pairs: int = parameter(480, minimum=2 * _FRACTIONS, maximum=100_000)
     """pairs of lines for each resolution, noise and ground"""
     seed: int = parameter(1, minimum=0)
-    """of places and noise"""
+    """seed of positions and noise"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

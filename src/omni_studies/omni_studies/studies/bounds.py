@@ -27,9 +27,9 @@ class Options(CampaignOptions):
     """Number of stops, and workers."""
 
     runs: int = parameter(10_000, minimum=4, maximum=10**7)
-    """number of runs; four laws share a braking"""
+    """number of runs: four laws for each random stop"""
     seed: int = parameter(0, minimum=0)
-    """seed of the first braking; others follow"""
+    """seed of the first stop; the others follow"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -119,9 +119,9 @@ class Options(Configuration):
         maximum=10_000,
     )
     noise: float = parameter(1.0, minimum=0.0, maximum=50.0)
-    """standard deviation in gray levels"""
+    """standard deviation of the noise in gray levels"""
     seed: int = parameter(1, minimum=0)
-    """of places and noise"""
+    """seed of positions and noise"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

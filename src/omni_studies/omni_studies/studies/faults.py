@@ -31,7 +31,7 @@ class Options(CampaignOptions, LoopOptions):
     runs: int = parameter(4000, minimum=1, maximum=10_000_000)
     """number of stops"""
     seed: int = parameter(0, minimum=0)
-    """seed of the first; the others follow"""
+    """seed of the first stop; the others follow"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -42,9 +42,9 @@ class Options(CampaignOptions):
     vehicle: tuple[str, ...] = parameter(_VEHICLES)
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
     source: tuple[str, ...] = parameter(tuple(SOURCES), choices=tuple(SOURCES))
-    """a source of the twist"""
+    """source of the twist"""
     runs: int = parameter(20, minimum=1, maximum=10000)
-    """random stops of each vehicle"""
+    """number of random stops of each vehicle"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
     """largest speed of the random stops"""
     named: bool = parameter(False)

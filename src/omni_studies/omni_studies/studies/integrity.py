@@ -79,9 +79,9 @@ class Options(CampaignOptions):
         maximum=10_000,
     )
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
-    """of the odometry: estimator of displacements"""
+    """value of the parameter odometry.method"""
     seed: int = parameter(1, minimum=0)
-    """of grounds, places and noise"""
+    """seed of grounds, positions and noise"""
 
 
 class Drive(NamedTuple):

@@ -47,7 +47,7 @@ class Options(Configuration):
     """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """vehicle in config/vehicles"""
+    """a file of config/vehicles/"""
     speed: float = parameter(10.0, unit="m/s", above=0.5, maximum=20.0)
     """speed before braking"""
 

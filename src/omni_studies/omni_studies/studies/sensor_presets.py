@@ -56,7 +56,7 @@ class Options(TextureOptions):
     hard: tuple[str, ...] = grounds_option("brick", "planks", "bark")
     runs: int = runs_option(40)
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
-    """of the odometry: estimator of displacements"""
+    """value of the parameter odometry.method"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -175,13 +175,13 @@ class Options(Configuration):
     speed: float = parameter(1.0, unit="m/s", minimum=-5.0, maximum=5.0)
     """constant velocity along x of the world"""
     amplitude: float = parameter(0.8, unit="m/s", minimum=-5.0, maximum=5.0)
-    """of the velocity along y of the world"""
+    """amplitude of the velocity along y of the world"""
     period: float = parameter(5.0, unit="s", minimum=0.5, maximum=1000.0)
-    """of the velocity along y"""
+    """period of the velocity along y of the world"""
     yaw_rate_deg: float = parameter(36.0, unit="deg/s", minimum=-180.0, maximum=180.0)
     """constant yaw rate"""
     duration: float = parameter(10.0, unit="s", minimum=0.1, maximum=600.0)
-    """time driven"""
+    """duration of the drive"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -45,9 +45,9 @@ class Options(Configuration):
     vehicle: str = parameter("mecanum_forklift")
     """a file of config/vehicles/"""
     speed: float = parameter(5.0, unit="m/s", minimum=1.0, maximum=50.0)
-    """straight ahead"""
+    """speed straight ahead"""
     k: int = parameter(3, minimum=1, maximum=99)
-    """of the enhanced weighting"""
+    """tuning constant of the enhanced weighting"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -35,8 +35,8 @@ class Options(Configuration):
     """search the vehicle that gives Table 2 (minutes) and write its configuration files next to the
     results"""
     sound: bool = parameter(False)
-    """search only vehicles whose load is between the wheels and whose wheels carry no more than the
-    range of the tire"""
+    """search only vehicles whose load is between the wheels and whose wheel loads are within the
+    range of the tire model"""
     assumptions: bool = parameter(False)
     """also brake this vehicle, and two others that fit, with other tires, wheels and patches, one
     change at a time"""

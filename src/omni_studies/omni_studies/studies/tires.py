@@ -36,7 +36,7 @@ class Options(Configuration):
     tire: tuple[str, ...] = parameter(_TIRES)
     """a file of config/tires/, or a path that ends in .yaml"""
     vehicle: str = parameter("mecanum_forklift")
-    """vehicle that stands, drives and brakes on them"""
+    """vehicle that brakes, drives and is parked on these tires"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -33,11 +33,11 @@ class Options(CampaignOptions, LoopOptions):
     vehicle: str | None = configuration.parameter(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)"""
     experiment: str = configuration.parameter("turn_while_translate")
-    """whose maneuver and ground it brakes on"""
+    """experiment whose maneuver and ground are used"""
     max_rotation: float | None = command_options.option(None, metavar="DEG", above=0.0)
-    """recommend the setting that stops shortest without turning further than this"""
+    """recommend the setting that stops shortest and rotates by at most this angle"""
     max_distance: float | None = command_options.option(None, metavar="M", above=0.0)
-    """recommend the setting that turns least without needing more than this to stop"""
+    """recommend the setting that rotates least and stops within this distance"""
     k: tuple[int, ...] = command_options.option((1, 3, 5, 7, 11, 31), metavar="K")
     """tuning constant of the enhanced weighting to try"""
     dwell: tuple[float, ...] = command_options.option((0.0, 0.02, 0.05, 0.1, 0.2), metavar="S")
@@ -47,9 +47,9 @@ class Options(CampaignOptions, LoopOptions):
     )
     """dead time and time constant [s] of other brakes to compare"""
     situations: int = configuration.parameter(8, minimum=1)
-    """slightly different maneuvers that a setting is judged by"""
+    """number of slightly different maneuvers by which a setting is judged"""
     seed: int = configuration.parameter(1, minimum=0)
-    """of the situations"""
+    """seed of the situations"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

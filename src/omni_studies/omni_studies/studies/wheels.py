@@ -50,9 +50,9 @@ class Options(Configuration):
     """Extent of the averages."""
 
     starts: int = parameter(16, minimum=2, maximum=1000)
-    """start angles of the wheels to average over"""
+    """number of start angles of the wheels to average over"""
     seed: int = parameter(1, minimum=0)
-    """of the start angles"""
+    """seed of the start angles"""
 
 
 class Difference(NamedTuple):

@@ -64,15 +64,15 @@ class CampaignOptions(Configuration):
     """Options of a study with many runs."""
 
     workers: int | None = parameter(None, minimum=1, maximum=1024)
-    """processes on this machine (default: one on every core); 1 needs no other one"""
+    """processes on this machine (default: one per core); with 1 the runs stay in this process"""
     scheduler: str | None = option(None, metavar="tcp://HOST:PORT")
     """run on this dask.distributed cluster, whose workers have this workspace"""
     resume: bool = parameter(False)
     """keep the finished runs of an interrupted or shorter campaign and run what is missing"""
     seeds: str = option("", metavar="A:B")
-    """run only this piece of the campaign, from A to before B"""
+    """run only this part of the campaign, from A to before B"""
     merge: tuple[Path, ...] = option((), metavar="DIR")
-    """take the finished runs of a piece from its folder; may be repeated"""
+    """take the finished runs of a part from its folder"""
 
     def check_consistency(self) -> None:
         """Refuse contradicting options.

@@ -20,15 +20,15 @@ class FileOptions(Configuration):
     """Layout of the lines in pictures and in raw bytes."""
 
     rows: str = parameter("")
-    """rows of each picture to take, such as 240 or 236:244; without, all of them"""
+    """rows of each picture to take, such as 240 or 236:244 (default: all)"""
     band: bool = parameter(False)
-    """average these rows to one line a picture"""
+    """average these rows to one line per picture"""
     columns: bool = parameter(False)
     """lines are the columns of the pictures"""
     pixels: int = option(0, minimum=0, maximum=16384, unit="px")
-    """of a line in raw bytes"""
+    """pixels of a line in raw bytes"""
     bits: str = parameter("8", choices=("8", "16"))
-    """of a pixel in raw bytes"""
+    """bits of a pixel in raw bytes"""
 
     @property
     def cut(self) -> Cut:

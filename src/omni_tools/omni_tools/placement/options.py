@@ -12,29 +12,30 @@ class PlacementOptions(configuration.Configuration):
     vehicle: str = configuration.parameter("mecanum_forklift")
     """a file of config/vehicles/, or a path that ends in .yaml"""
     sensors: int | None = configuration.parameter(None)
-    """how many, 3 to 8 (default: 3, or as --check)"""
+    """number of cameras, 3 to 8 (default: 3, or that of --check)"""
     type: str | None = configuration.parameter(None)
-    """type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, or a path that
-    ends in .yaml; its places are judged too (default: generic, or as --check)"""
+    """type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, or a path
+    that ends in .yaml; its positions are evaluated too (default: generic, or that of --check)"""
     check: tuple[str, ...] = configuration.parameter(())
-    """judge this placement, a file as for --type; exit code 1 if one is singular"""
+    """evaluate this placement, a file as for --type; exit code 1 if it is singular"""
     redundant: bool = configuration.parameter(False)
-    """minimize the error without the camera whose failure is the worst; four or more"""
+    """minimize the error after the worst failure of one camera; needs at least four"""
     speed: float | None = command_options.option(None, metavar="M/S")
-    """of the motions to design for (default: 10, or less if the cameras are too slow)"""
+    """speed of the motions to design for (default: 10, or less if the cameras are too slow)"""
     yaw_rate: float = command_options.option(1.0, metavar="RAD/S", minimum=0.0, maximum=100.0)
-    """of the turning motion"""
+    """yaw rate of the turning motion"""
     mix: str = command_options.option("1:1:1:1", metavar="A:B:C:D")
     """shares of straight, sideways, diagonal and turning motion"""
     ground: str = command_options.option("cork", metavar="KIND")
-    """on which the camera's error is measured"""
+    """ground on which the camera's error is measured"""
     noise: float = command_options.option(1.0, metavar="LEVELS", minimum=0.0, maximum=100.0)
-    """of the camera in gray levels"""
+    """noise of the camera in gray levels"""
     housing: float = command_options.option(0.02, metavar="M", minimum=0.0, maximum=1.0)
-    """of a camera, around its field of view"""
+    """size of a camera's housing around its field of view"""
     clearance: float = command_options.option(0.02, metavar="M", minimum=0.0, maximum=1.0)
-    """to the edge of the chassis, wheels and other cameras"""
+    """distance to the edge of the chassis, to wheels and to other cameras"""
     confirm: bool = configuration.parameter(False)
-    """drive every placement over rendered lines and compare the errors"""
+    """drive every placement over rendered lines and compare the measured error with the expected
+    one"""
     seed: int = configuration.parameter(1, minimum=0)
-    """of search, ground and noise"""
+    """seed of search, ground and noise"""

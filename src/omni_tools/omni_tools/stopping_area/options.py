@@ -15,32 +15,32 @@ class AreaOptions(CampaignOptions):
     """a file of config/vehicles/, or a path that ends in .yaml; the load in the file is used as the
     worst case: maximum mass at maximum offset"""
     unassisted: bool = parameter(False)
-    """without the brake assistant"""
+    """compute the areas for stops without the brake assistant"""
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
-    """largest, in every direction"""
+    """largest speed, in every direction"""
     bands: int = parameter(2, minimum=1, maximum=20)
-    """of speed; more of them give smaller areas at low speeds, and with 1 the ranges also fit
-    collision monitors before 2026, which compare v_x instead of the speed"""
+    """number of speed bands; more of them give smaller areas at low speeds, and with 1 the
+    ranges also suit collision monitors before 2026, which compare v_x instead of the speed"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
-    """largest, to either side"""
+    """largest yaw rate, to either side"""
     turns: int = parameter(1, minimum=1, maximum=9)
-    """bands of the yaw rate; with 3 straight motion has smaller areas"""
+    """number of yaw-rate bands; with 3 straight motion has smaller areas"""
     friction_min: float = parameter(0.6, minimum=0.05, maximum=2.0)
-    """lowest of the ground, as a factor"""
+    """lowest friction factor of the ground"""
     friction_max: float = parameter(1.0, minimum=0.05, maximum=2.0)
-    """highest of the ground, as a factor"""
+    """highest friction factor of the ground"""
     reaction_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=5.0)
-    """from an obstacle in the area to the pedal: sensor, monitor, network"""
+    """time from an obstacle in the area to the pedal: sensor, monitor, network"""
     padding: float = parameter(0.0, unit="m", minimum=0.0, maximum=5.0)
-    """added around every area"""
+    """margin added around every area"""
     coverage: float = parameter(0.99, minimum=0.5, maximum=0.9999)
     """share of stops that stay within the area of their motion"""
     confidence: float = parameter(0.95, minimum=0.5, maximum=0.9999)
-    """with which each area has it"""
+    """confidence with which each area reaches the coverage"""
     held_out: int = parameter(2000, minimum=0)
-    """further stops by which the areas are checked"""
+    """number of further stops by which the areas are checked"""
     seed: int = parameter(1, minimum=0)
-    """of everything drawn"""
+    """seed of all random numbers"""
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:

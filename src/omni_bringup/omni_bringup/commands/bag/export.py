@@ -22,7 +22,7 @@ class Options(Configuration):
 
     bag: Path = bag_option()
     format: str = parameter("csv", choices=("csv", "parquet"))
-    """of the tables"""
+    """format of the tables"""
     topic: tuple[str, ...] = parameter(())
     """export only this topic"""
     out: Path | None = out_option("exported")

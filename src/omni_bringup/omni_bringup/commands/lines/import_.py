@@ -30,11 +30,11 @@ class Options(FileOptions):
     rate: float | None = option(None, above=0.0, unit="1/s")
     """lines per second (default: that of the cameras)"""
     batch: float = parameter(0.01, above=0.0, maximum=1.0, unit="s")
-    """time of the lines of a message"""
+    """duration of the lines in one message"""
     start: float = parameter(0.0, minimum=0.0, unit="s")
     """stamp of the first line"""
     experiment: str = parameter("straight_line")
-    """whose vehicle and settings go with the recording"""
+    """experiment whose vehicle and settings are stored with the recording"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path = option(metavar="DIR")
     """new folder of the recording"""

@@ -38,11 +38,11 @@ class Options(FileOptions):
     white: tuple[str, ...] = option((), metavar="CAMERA=FILE")
     """lines of an even white surface"""
     drive: Path | None = option(None, metavar="BAG")
-    """recorded drive, whose lines show the fixed pattern"""
+    """recorded drive whose lines show the fixed pattern"""
     sensors: str = parameter("three_generic")
     """the line cameras by name, as of `lines import`"""
     out: Path = option(metavar="DIR")
-    """folder of the tables, a file a camera"""
+    """folder of the tables, one file for each camera"""
     json: bool = json_option()
 
 

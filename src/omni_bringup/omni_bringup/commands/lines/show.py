@@ -28,13 +28,13 @@ class Options(Configuration):
     """Options of ``omni lines show``."""
 
     bag: Path = option(positional=True, metavar="BAG")
-    """rosbag2 folder, of a run or an import"""
+    """rosbag2 folder of a run or an import"""
     sensor: tuple[str, ...] = option((), metavar="NAME")
-    """camera to show; all without"""
+    """camera to show (default: all)"""
     start: float = parameter(0.0, minimum=0.0, unit="s")
-    """since the first line of the recording"""
+    """start of the shown lines, after the first line of the recording"""
     duration: float = parameter(0.2, above=0.0, maximum=60.0, unit="s")
-    """that is shown"""
+    """duration of the shown lines"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path | None = option(None, metavar="FILE")
     """figure, .png or .svg (default: results/lines/BAG.png)"""
