@@ -62,7 +62,7 @@ def test_the_safety_case_is_what_the_tests_say() -> None:
         "brakes released when they should act",
         "brakes held without pedal",
         "brakes act late",
-        "a second publisher is obeyed",
+        "a command of a second publisher acts",
     }
 
 
