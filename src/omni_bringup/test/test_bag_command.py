@@ -119,7 +119,7 @@ def test_a_cut_anywhere_keeps_every_chunk_before_it(tmp_path: Path) -> None:
         assert read_strictly(result.folder) == messages[: kept[-1]]
     assert kept == sorted(kept)
     assert len(set(kept)) > 3
-    assert all(refusal.startswith("there is no message to save") for refusal in refusals)
+    assert all(refusal.startswith("contains no complete message") for refusal in refusals)
 
 
 def test_a_damaged_chunk_costs_no_other(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_metadata_that_were_lost_are_made_again(tmp_path: Path) -> None:
 def test_what_holds_nothing_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run"
     Rosbag2Writer(path, TOPICS)
-    with pytest.raises(BagError, match=r"no message to save: run_0\.mcap is cut off"):
+    with pytest.raises(BagError, match=r"no complete message: run_0\.mcap is cut off"):
         recover(path, tmp_path / "saved")
     mcap_file(path).write_bytes(b"text")
     with pytest.raises(BagError, match="is not an MCAP file"):

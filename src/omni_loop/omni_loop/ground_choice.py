@@ -28,7 +28,7 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
         return named if dpi is None else (*named, f"ground.texture.dpi={dpi!r}")
     if dpi is None:
         raise ConfigurationError(
-            "--dpi", f"how many dots per inch of the ground does {ground} have? 2400, for a scan"
+            "--dpi", f"is required: dots per inch of {ground} on the ground, 2400 for a scan"
         )
     path = str(Path(ground).expanduser().absolute())
     texture = json.dumps({"kind": PICTURE, "picture": path, "dpi": dpi})

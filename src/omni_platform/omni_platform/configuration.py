@@ -58,6 +58,10 @@ class ConfigurationError(InputError):
         self.key = key
         self.problem = problem
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let worker processes hand the error to the command."""
+        return type(self), (self.key, self.problem)
+
     def below(self, parent: str) -> ConfigurationError:
         """Return the same error with its key below `parent`."""
         return ConfigurationError(join_key(parent, self.key), self.problem)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import pickle
 from collections.abc import Mapping
 from typing import Any
 
@@ -58,6 +59,12 @@ GOOD: dict[str, Any] = {
     "main": {"stiffness": 10, "tags": ["a", "b"]},
     "spares": {"left": {"stiffness": 1.0, "coils": 3}},
 }
+
+
+def test_an_error_of_a_worker_process_names_the_same_value() -> None:
+    error = ConfigurationError("brake_assist.minimum_dwell_time", "must be at least 0")
+    received = pickle.loads(pickle.dumps(error))
+    assert (str(received), received.key) == (str(error), error.key)
 
 
 def test_the_string_below_a_field_describes_it_in_derived_classes_too() -> None:

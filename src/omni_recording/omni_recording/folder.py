@@ -83,8 +83,8 @@ def _remedy(folder: Path) -> str:
     except OSError:
         return ""
     if inside:
-        return f"; take one of those in it: {', '.join(inside)}"
-    return "; ./omni bag recover writes it anew" if cut_off else ""
+        return f"; name one of the recordings in it: {', '.join(inside)}"
+    return "; ./omni bag recover writes it again" if cut_off else ""
 
 
 def open_vehicle(path: Path | str) -> Bag:

@@ -54,7 +54,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             report,
         )
     if options.seeds:
-        words = f"{len(sweeps)} stops are kept in {folder}; --merge puts pieces together"
+        words = f"{len(sweeps)} stops are kept in {folder}; combine the parts with --merge"
         return Report(name="nav2-polygons", text=(words,))
     limits = areas(campaign, sweeps) + options.padding
     held_out = sweeps[campaign.fitted :]

@@ -85,7 +85,7 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
         raise configuration.ConfigurationError(
             "NAME",
             f"{options.name!r} is not known"
-            f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list names all",
+            f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list shows all names",
         )
     for kind, _ in found[1:]:
         workspace.note(f"--kind {kind} shows the one of that name there")

@@ -63,8 +63,8 @@ def recover(path: Path, folder: Path) -> Recovery | None:
     if not survey.problems and _metadata_fit(path, survey.count):
         return None
     if not survey.count:
-        words = "; ".join(survey.problems) or "it holds none"
-        raise BagError(path, f"there is no message to save: {words}")
+        words = "; ".join(survey.problems) or "the files are empty"
+        raise BagError(path, f"contains no complete message: {words}")
     with write.Rosbag2Writer(folder, [_topic(path, one) for one in survey.channels]) as writer:
         for message in _whole_messages(files, [], []):
             writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)

@@ -40,7 +40,9 @@ class Options(CampaignOptions, LoopOptions):
     """recommend the setting that rotates least and stops within this distance"""
     k: tuple[int, ...] = command_options.option((1, 3, 5, 7, 11, 31), metavar="K")
     """tuning constant of the enhanced weighting to try"""
-    dwell: tuple[float, ...] = command_options.option((0.0, 0.02, 0.05, 0.1, 0.2), metavar="S")
+    dwell: tuple[float, ...] = command_options.option(
+        (0.0, 0.02, 0.05, 0.1, 0.2), metavar="S", minimum=0.0
+    )
     """minimum dwell time of the valves to try"""
     brakes: tuple[str, ...] = command_options.option(
         ("0.005:0.01", "0.02:0.05"), metavar="DEAD:LAG"
@@ -67,7 +69,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         work.run, range(work.count), trials.Numbers, options, work.fingerprint, "trials.csv"
     )
     if len(rows) < work.count:
-        words = f"{len(rows)} of {work.count} runs are done; --merge puts all pieces together"
+        words = f"{len(rows)} of {work.count} runs are done; combine the parts with --merge"
         return study.result({"runs.all": Metric(len(rows), "1")}, words)
     every = work.collected(rows)
     unassisted = [trial for trial in every if trial.setting == OFF]

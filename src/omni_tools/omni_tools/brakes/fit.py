@@ -117,9 +117,9 @@ def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfigu
     size = float(np.sqrt(np.mean(_differences(equations, np.array([0.0, 0.0, 1.0])) ** 2)))
     if residual > _LARGEST_RESIDUAL * size:
         raise BrakeDataError(
-            f"no such brakes explain the stops: differences of {residual:.2g} m/s where the brakes "
-            f"took {size:.2g} m/s (root mean squares); is it this vehicle, and does the pedal "
-            "leave the wheels turning?"
+            f"the fitted brakes do not explain the stops: RMS error of {residual:.2g} m/s where "
+            f"they changed the speed by {size:.2g} m/s (RMS); check that the recordings are of "
+            "this vehicle, and brake with less pedal, so that the wheels do not lock"
         )
     if not errors[0] < _LARGEST_ERROR * torque:
         raise BrakeDataError(

@@ -47,7 +47,9 @@ class AreaOptions(CampaignOptions):
         """Refuse frictions in the wrong order."""
         super().check_consistency()
         if self.friction_min > self.friction_max:
-            raise ConfigurationError("--friction-min", "must not be above --friction-max")
+            lowest, highest = self.friction_min, self.friction_max
+            problem = f"{lowest:g} must not be above --friction-max, {highest:g}"
+            raise ConfigurationError("--friction-min", problem)
 
     @property
     def variant(self) -> str:
