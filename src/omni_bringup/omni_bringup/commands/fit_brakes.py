@@ -48,8 +48,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     """Fit the brakes, write their parameters and draw the fit."""
     from omni_figures.style import save_figure
     from omni_tools.brakes.data import read_brake_data
-    from omni_tools.brakes.figure import brake_figure
-    from omni_tools.brakes.fit import fit_brakes
+    from omni_tools.brakes.fit import brake_figure, fit_brakes
     from omni_tools.report.recording import run_names
 
     names = run_names(options.recordings)

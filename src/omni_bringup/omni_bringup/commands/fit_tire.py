@@ -42,8 +42,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_figures.style import save_figure
     from omni_sim.tire.models import MODELS
     from omni_tools.tires.data import TireDataError, read_tire_data
-    from omni_tools.tires.fit import fit_tire
-    from omni_tools.tires.fit_figure import fit_figure
+    from omni_tools.tires.fit import fit_figure, fit_tire
 
     if options.model not in MODELS:
         hint = configuration.did_you_mean(options.model, MODELS)

@@ -12,17 +12,8 @@ import numpy as np
 
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
-from omni_studies.identification import table_2
-from omni_studies.identification.assumptions import ASSUMPTIONS, EXPERIMENT, OTHERS, under
-from omni_studies.identification.figures import sensitivity_map, trade_off, weighting_functions
+from omni_studies.identification import assumptions, figures, identification, table_2
 from omni_studies.identification.files import write_files
-from omni_studies.identification.identification import (
-    GENERATIONS,
-    configure,
-    measure,
-    parameters_of,
-    search,
-)
 from omni_studies.identification.sensitivity import Sensitivity, sensitivities
 from omni_studies.study import StudyResult, StudyRun
 
@@ -42,14 +33,14 @@ class Options(Configuration):
     change at a time"""
     seed: int = parameter(1, minimum=0)
     """seed of the search"""
-    generations: int = parameter(GENERATIONS, minimum=1)
+    generations: int = parameter(identification.GENERATIONS, minimum=1)
     """largest number of generations of the search"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute the ten numbers and their sensitivities."""
     bases = {
-        case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
+        case: study.experiments.load(assumptions.EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
     }
     if options.identify:
@@ -61,17 +52,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             share = min(done / options.generations, 1.0)
             study.report(share, f"generation {done}, cost {cost:.2f}")
 
-        found = search(
+        found = identification.search(
             bases,
             seed=options.seed,
             generations=options.generations,
             sound=options.sound,
             on_generation=on_generation,
         )
-        bases = {case: configure(base, found) for case, base in bases.items()}
+        bases = {case: identification.configure(base, found) for case, base in bases.items()}
         study.written.extend(write_files(bases[table_2.CASES[0]], study.folder))
-    measured = measure(bases)
-    parameters = parameters_of(bases[table_2.CASES[0]])
+    measured = identification.measure(bases)
+    parameters = identification.parameters_of(bases[table_2.CASES[0]])
     sensitivity = sensitivities(bases, parameters)
     _write(measured, sensitivity, study)
     metrics = table_2.metrics(measured)
@@ -87,11 +78,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
     """Write the ten numbers of all vehicles for every assumption; return the ranges of ours."""
-    vehicles = {"identified": parameters, **OTHERS}
-    names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
+    vehicles = {"identified": parameters, **assumptions.OTHERS}
+    names, changed = list(table_2.REFERENCES), [each.name for each in assumptions.ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))
     for i, vehicle in enumerate(vehicles.values()):
-        for j, numbers in enumerate(under(study.experiments, vehicle)):
+        for j, numbers in enumerate(assumptions.under(study.experiments, vehicle)):
             share = (i * len(changed) + j) / (len(vehicles) * len(changed))
             study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
             found[i, j] = [numbers[name] for name in names]
@@ -127,6 +118,6 @@ def _write(measured: Mapping[str, float], sensitivity: Sensitivity, study: Study
     }
     study.columns("table_2.csv", table)
     study.columns("sensitivity.csv", sensitivity.columns())
-    study.figure("trade_off.png", trade_off(measured))
-    study.figure("weighting.png", weighting_functions())
-    study.figure("sensitivity.png", sensitivity_map(sensitivity))
+    study.figure("trade_off.png", figures.trade_off(measured))
+    study.figure("weighting.png", figures.weighting_functions())
+    study.figure("sensitivity.png", figures.sensitivity_map(sensitivity))

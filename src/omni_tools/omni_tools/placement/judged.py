@@ -11,13 +11,7 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
-from omni_tools.placement.error import (
-    ConditionNumber,
-    MeanError,
-    after_failure,
-    closeness,
-    poses_of,
-)
+from omni_tools.placement import error as errors
 from omni_tools.placement.mounting_area import MountingArea
 
 MINIMUM_LEVER = OdometryConfiguration.minimum_lever
@@ -67,7 +61,7 @@ class JudgedPlacement:
 
 
 def judge(
-    name: str, sensors: Mapping[str, LineSensor], criterion: MeanError, area: MountingArea
+    name: str, sensors: Mapping[str, LineSensor], criterion: errors.MeanError, area: MountingArea
 ) -> JudgedPlacement:
     """Evaluate a placement on a chassis.
 
@@ -77,7 +71,7 @@ def judge(
         criterion: gives the error.
         area: where cameras can be mounted.
     """
-    poses = poses_of(sensors)
+    poses = errors.poses_of(sensors)
     mix = criterion.mix
     variance = np.einsum("mii->mi", criterion.covariance(poses))
     squared = variance @ np.array([1.0, 1.0, criterion.gyration**2])
@@ -86,9 +80,9 @@ def judge(
         for motion in dict.fromkeys(mix.names)
         for own in [np.array([other == motion for other in mix.names])]
     }
-    condition = ConditionNumber()
-    spread, lever = closeness(sensors)
-    without = after_failure(criterion, poses)
+    condition = errors.ConditionNumber()
+    spread, lever = errors.closeness(sensors)
+    without = errors.after_failure(criterion, poses)
     for index, missing in enumerate(sensors):
         if singularity({name: own for name, own in sensors.items() if name != missing}):
             without[index] = math.inf

@@ -1,5 +1,6 @@
 """Results of `sensor_design`: numbers, sentences and a file for experiments."""
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -8,67 +9,79 @@ from omni_loop.commented_yaml import commented_yaml
 from omni_loop.metrics import Metric, results_entry
 from omni_tools.placement import design, judged, trials
 
+_COLUMN = {
+    "mean_error": "mean_error",
+    "deviation_v_x": "forward",
+    "deviation_v_y": "sideways",
+    "deviation_yaw_rate": "yaw_rate",
+    "mean_error_after_failure": "after_one_failure",
+    "mean_error_measured": "measured",
+    "condition_number": "condition_number",
+    "axes_spread": "axes_spread",
+    "effective_lever": "effective_lever",
+}
+"""Rows of the table of placements by their metrics."""
+
 
 def entries(
     task: design.DesignTask, result: design.Design, driven: Mapping[str, trials.PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of the results' document."""
-    radius = result.criterion.gyration
-    found: dict[str, dict[str, Any]] = {}
-
-    def add(name: str, value: float, unit: str, note: str = "") -> None:
-        found[name] = results_entry(Metric(value, unit, note=note))
-
+    found: dict[str, Metric] = {}
     for name, sensor in result.best.sensors.items():
-        add(f"x.{name}", sensor.x, "m")
-        add(f"y.{name}", sensor.y, "m")
-        add(f"heading.{name}", sensor.heading_deg, "deg")
+        found[f"x.{name}"] = Metric(sensor.x, "m")
+        found[f"y.{name}"] = Metric(sensor.y, "m")
+        found[f"heading.{name}"] = Metric(sensor.heading_deg, "deg")
     for placement in result.placements:
-        case = placement.name
-        add(f"mean_error.{case}", placement.mean_error, "m/s", placement.singular)
-        for axis, quantity in enumerate(("v_x", "v_y", "yaw_rate")):
-            unit = "rad/s" if axis == 2 else "m/s"
-            add(f"deviation_{quantity}.{case}", placement.deviation[axis], unit)
-        for motion, error in placement.by_motion.items():
-            add(f"mean_error_{motion}.{case}", error, "m/s")
-        if len(placement.sensors) > 3:
-            add(f"mean_error_after_failure.{case}", placement.worst_without, "m/s")
-        add(f"condition_number.{case}", placement.condition, "1")
-        add(f"axes_spread.{case}", placement.spread_deg, "deg")
-        add(f"effective_lever.{case}", placement.lever, "m")
-        add(f"singular.{case}", float(bool(placement.singular)), "1", placement.singular)
-        add(f"mountable.{case}", float(not placement.mounting), "1", placement.mounting)
-        if case in driven:
-            add(f"mean_error_measured.{case}", driven[case].mean_error(radius), "m/s")
-    add("rounding_loss.best", result.found.rounding, "1")
+        own = _metrics(placement, driven.get(placement.name), result.criterion.gyration)
+        found |= {f"{quantity}.{placement.name}": metric for quantity, metric in own.items()}
     camera = result.trial
-    add("speed.design", task.speed, "m/s")
-    add("deviation.one_camera_straight", math.sqrt(camera.error.straight), "m/s")
-    add("deviation.one_camera_sideways", float(camera.fitted[-1]), "m/s")
-    add("misfit.one_camera", camera.misfit, "1")
-    return found
+    found |= {
+        "rounding_loss.best": Metric(result.found.rounding, "1"),
+        "speed.design": Metric(task.speed, "m/s"),
+        "deviation.one_camera_straight": Metric(math.sqrt(camera.error.straight), "m/s"),
+        "deviation.one_camera_sideways": Metric(float(camera.fitted[-1]), "m/s"),
+        "misfit.one_camera": Metric(camera.misfit, "1"),
+    }
+    return {name: results_entry(metric) for name, metric in found.items()}
+
+
+def _metrics(
+    placement: judged.JudgedPlacement, trial: trials.PlacementTrial | None, gyration: float
+) -> dict[str, Metric]:
+    metrics = {"mean_error": Metric(placement.mean_error, "m/s", note=placement.singular)}
+    names = (("v_x", "m/s"), ("v_y", "m/s"), ("yaw_rate", "rad/s"))
+    for value, (quantity, unit) in zip(placement.deviation, names, strict=True):
+        metrics[f"deviation_{quantity}"] = Metric(value, unit)
+    for motion, error in placement.by_motion.items():
+        metrics[f"mean_error_{motion}"] = Metric(error, "m/s")
+    if len(placement.sensors) > 3:
+        metrics["mean_error_after_failure"] = Metric(placement.worst_without, "m/s")
+    if trial is not None:
+        metrics["mean_error_measured"] = Metric(trial.mean_error(gyration), "m/s")
+    singular, mountable = bool(placement.singular), not placement.mounting
+    return metrics | {
+        "condition_number": Metric(placement.condition, "1"),
+        "axes_spread": Metric(placement.spread_deg, "deg"),
+        "effective_lever": Metric(placement.lever, "m"),
+        "singular": Metric(float(singular), "1", note=placement.singular),
+        "mountable": Metric(float(mountable), "1", note=placement.mounting),
+    }
 
 
 def column(
     placement: judged.JudgedPlacement, trial: trials.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     """Return a column of the table in millimeters per second."""
-    singular = f"singular: {placement.singular}" if placement.singular else ""
-    deviation = placement.deviation
-    values = {
-        "mean_error": Metric(1e3 * placement.mean_error, "mm/s", note=singular),
-        "forward": Metric(1e3 * deviation[0], "mm/s"),
-        "sideways": Metric(1e3 * deviation[1], "mm/s"),
-        "yaw_rate": Metric(1e3 * deviation[2], "mrad/s"),
+    metrics = _metrics(placement, trial, gyration)
+    shown = {words: metrics[name] for name, words in _COLUMN.items() if name in metrics}
+    if placement.singular:
+        note = f"singular: {placement.singular}"
+        shown["mean_error"] = dataclasses.replace(shown["mean_error"], note=note)
+    return {
+        words: Metric(1e3 * m.value, f"m{m.unit}", note=m.note) if m.unit.endswith("/s") else m
+        for words, m in shown.items()
     }
-    if len(placement.sensors) > 3:
-        values["after_one_failure"] = Metric(1e3 * placement.worst_without, "mm/s")
-    if trial is not None:
-        values["measured"] = Metric(1e3 * trial.mean_error(gyration), "mm/s")
-    values["condition_number"] = Metric(placement.condition, "1")
-    values["axes_spread"] = Metric(placement.spread_deg, "deg")
-    values["effective_lever"] = Metric(placement.lever, "m")
-    return values
 
 
 def findings(task: design.DesignTask, result: design.Design, conditions: str) -> list[str]:

@@ -18,8 +18,8 @@ from omni_figures.comparison_table import in_small_units, metric_label, metric_n
 from omni_figures.scene import Scene
 from omni_loop.history import RunHistory
 from omni_platform.geometry import PlatformGeometry
-from omni_platform.quantities import FloatArray, IntArray
 from omni_tools.report import derived, recording
+from omni_tools.report.series import Series
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; of a longer run every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
@@ -86,8 +86,8 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
         "notes": notes,
         "columns": {name: _columns(values, stride) for name, values in columns.items()},
         "states": _states(history, stride),
-        "forces": _forces(run),
-        "testRatios": _test_ratios(run),
+        "forces": _sampled(history, run.forces),
+        "testRatios": _sampled(history, run.test_ratios),
         "brakeStart": None if history.brake_start is None else history.brake_start // stride,
         "scene": scene,
     }
@@ -110,28 +110,15 @@ def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
     return changes
 
 
-def _forces(run: recording.ReportedRun) -> dict[str, Any] | None:
-    if run.forces is None:
+def _sampled(history: RunHistory, series: Series | None) -> dict[str, Any] | None:
+    if series is None:
         return None
-    force = run.forces.force
-    return _sampled(run.history, run.forces.stamp_ns, force.reshape(len(force), -1))
-
-
-def _test_ratios(run: recording.ReportedRun) -> dict[str, Any] | None:
-    if run.test_ratios is None:
-        return None
-    stamp_ns, ratio = run.test_ratios.stamp_ns, run.test_ratios.ratio
-    names = [name.replace("_", " ") for name in run.test_ratios.names]
-    return {"names": names, **_sampled(run.history, stamp_ns, ratio)}
-
-
-def _sampled(history: RunHistory, stamp_ns: IntArray, values: FloatArray) -> dict[str, Any]:
-    """Return values (M, K) that have stamps of their own."""
     start_ns = history.stamp_ns[history.brake_start or 0]
-    stride = max(math.ceil(len(stamp_ns) / _MOST_STAMPS), 1)
+    stride = max(math.ceil(len(series.stamp_ns) / _MOST_STAMPS), 1)
     return {
-        "time": _columns((stamp_ns - start_ns) * 1e-9, stride)[0],
-        "values": _columns(values, stride),
+        "names": [name.replace("_", " ") for name in series.names],
+        "time": _columns((series.stamp_ns - start_ns) * 1e-9, stride)[0],
+        "values": _columns(series.values, stride),
     }
 
 

@@ -15,11 +15,9 @@ from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric, RestCriterion, run_metrics
 from omni_loop.stops import stops_of
 from omni_platform.configuration import InputError, from_mapping
-from omni_platform.quantities import BoolArray, IntArray
 from omni_recording.folder import read_plain_yaml
 from omni_tools.limit.share import limit_share
-from omni_tools.report.forces import WheelForces, read_wheel_forces
-from omni_tools.report.source_ratios import SourceRatios, read_test_ratios
+from omni_tools.report.series import Series, read_test_ratios, read_wheel_forces
 
 CONFIGURATION = "configuration.yaml"
 
@@ -53,8 +51,8 @@ class ReportedRun:
     name: str
     history: RunHistory
     metrics: Mapping[str, Metric]
-    forces: WheelForces | None = None
-    test_ratios: SourceRatios | None = None
+    forces: Series | None = None
+    test_ratios: Series | None = None
     configuration: experiment.ExperimentConfiguration | None = None
     values: Mapping[str, str] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -121,24 +119,14 @@ def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
     if history is whole.history:
         return whole
     forces, ratios = whole.forces, whole.test_ratios
-    if forces is not None:
-        shown = _during(history, forces.stamp_ns)
-        forces = WheelForces(forces.stamp_ns[shown], forces.force[shown]) if any(shown) else None
-    if ratios is not None:
-        shown = _during(history, ratios.stamp_ns)
-        ratios = SourceRatios(ratios.names, ratios.stamp_ns[shown], ratios.ratio[shown])
     return dataclasses.replace(
         whole,
         name=name,
         history=history,
         metrics=_measured(history, whole.configuration),
-        forces=forces,
-        test_ratios=ratios,
+        forces=forces and forces.during(history),
+        test_ratios=ratios and ratios.during(history),
     )
-
-
-def _during(history: RunHistory, stamp_ns: IntArray) -> BoolArray:
-    return np.asarray((stamp_ns >= history.stamp_ns[0]) & (stamp_ns <= history.stamp_ns[-1]))
 
 
 def read_reported_run(path: Path, name: str) -> ReportedRun:

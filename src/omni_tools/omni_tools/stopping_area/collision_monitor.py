@@ -10,24 +10,16 @@ from omni_loop.commented_yaml import commented_yaml
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform import geometry, quantities
-from omni_tools.stopping_area.area import (
-    HULL_STOPS,
-    Cell,
-    StopCampaign,
-    Sweep,
-    calibration_stops,
-    corners,
-    make_cells,
-)
+from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions
 
-_ROUNDING = 0.001  # [m] by which an area grows, so that rounded corners cut nothing off
+_ROUNDING = 0.001  # [m] by which an area grows, so that rounded area.corners cut nothing off
 # Section 3.5 and straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 _LONGEST = 120.0  # [s] that a stop may take
 
 
-def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> StopCampaign:
+def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
     """Return the stops for the areas."""
     fixed = [
         f"vehicle={options.vehicle}",
@@ -38,21 +30,21 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> StopCampa
         *options.overrides,
         f"brake_assist.enabled={str(not options.unassisted).lower()}",
     ]
-    return StopCampaign(
+    return area.StopCampaign(
         base=library.load("straight_line", "assisted", fixed),
-        cells=make_cells(options.speed, options.bands, options.yaw_rate, options.turns),
+        cells=area.make_cells(options.speed, options.bands, options.yaw_rate, options.turns),
         friction=(options.friction_min, options.friction_max),
         reaction_time=options.reaction_time,
-        per_cell=HULL_STOPS + calibration_stops(options.coverage, options.confidence),
+        per_cell=area.HULL_STOPS + area.calibration_stops(options.coverage, options.confidence),
         seed=options.seed,
     )
 
 
 def area_metrics(
     options: AreaOptions,
-    campaign: StopCampaign,
+    campaign: area.StopCampaign,
     limits: quantities.FloatArray,
-    held_out: Sequence[Sweep],
+    held_out: Sequence[area.Sweep],
     stays: Sequence[bool],
 ) -> dict[str, Metric]:
     """Return the shares of held-out stops outside their area, and the size of each area."""
@@ -66,15 +58,15 @@ def area_metrics(
         metrics[f"outside_share.{case}"] = Metric(share, "1", at_most=allowed)
     metrics["confidence.each_polygon"] = Metric(options.confidence, "1")
     for cell, limit in zip(campaign.cells, limits, strict=True):
-        points = corners(limit)
-        area = 0.5 * float(np.sum(geometry.cross(points, np.roll(points, -1, axis=0))))
-        metrics[f"area.{cell.name}"] = Metric(area, "m^2")
+        points = area.corners(limit)
+        size = 0.5 * float(np.sum(geometry.cross(points, np.roll(points, -1, axis=0))))
+        metrics[f"area.{cell.name}"] = Metric(size, "m^2")
     return metrics
 
 
 def monitor_parameters(
     options: AreaOptions,
-    cells: Sequence[Cell],
+    cells: Sequence[area.Cell],
     limits: quantities.FloatArray,
     metrics: dict[str, Metric],
 ) -> str:
@@ -94,7 +86,7 @@ def monitor_parameters(
     )
     polygons = {
         cell.name: {
-            "points": str(np.round(corners(limit + _ROUNDING), 3).tolist()),
+            "points": str(np.round(area.corners(limit + _ROUNDING), 3).tolist()),
             "linear_min": round(min(lowest, cell.speed[0]), 4),
             "linear_max": round(cell.speed[1], 4),
             "theta_min": round(cell.yaw_rate[0], 4),

@@ -12,8 +12,7 @@ from omni_platform.configuration import from_mapping
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_tools.tires.data import TireData, TireDataError, read_tire_data
-from omni_tools.tires.fit import fit_tire
-from omni_tools.tires.fit_figure import fit_figure
+from omni_tools.tires.fit import fit_figure, fit_tire
 
 MODELS = ("linear", "magic_formula", "tmeasy")
 LOADS = (1500.0, 3000.0, 4500.0, 6000.0)

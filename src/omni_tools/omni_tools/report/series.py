@@ -1,0 +1,97 @@
+"""Recorded values with stamps of their own: forces of the wheels, test ratios of the sources."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from omni_loop.history import RunHistory
+from omni_loop.recorded_run import read_streams
+from omni_platform.quantities import FloatArray, IntArray
+from omni_platform.topics import MARKERS, TEST_RATIOS
+from omni_recording import decode, folder
+from omni_recording.error import BagError
+
+_NAMESPACE = "wheel_forces"
+_METERS_PER_NEWTON = 1e-4  # of the simulator's arrows
+
+
+@dataclasses.dataclass(frozen=True)
+class Series:
+    """Values at M stamps, K of each.
+
+    Attributes:
+        stamp_ns: stamps [ns], increasing, shape (M,).
+        values: values in the unit of their source, shape (M, K).
+        names: names of the columns, empty if they follow from the run.
+    """
+
+    stamp_ns: IntArray
+    values: FloatArray
+    names: tuple[str, ...] = ()
+
+    def during(self, history: RunHistory) -> Series | None:
+        """Return the part within a history, None if there is none."""
+        first, last = history.stamp_ns[[0, -1]]
+        part = (self.stamp_ns >= first) & (self.stamp_ns <= last)
+        return Series(self.stamp_ns[part], self.values[part], self.names) if any(part) else None
+
+
+def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
+    """Read the forces of the wheels on the vehicle from the markers of a recording.
+
+    Args:
+        bag_folder: rosbag2 folder, or a single ``.mcap`` file.
+        wheels: how many there must be.
+
+    Returns:
+        Components x and y of the force of each wheel in turn, in `odom` [N], in the order of the
+        recorded wheels; None if no marker shows the forces of that many wheels.
+
+    Raises:
+        BagError: the recording or a marker in it cannot be read.
+    """
+    decoder = decode.MessageDecoder()
+    found: dict[int, list[float]] = {}
+    for recorded in folder.bag_messages(folder.open_vehicle(bag_folder)):
+        if (recorded.channel.topic, recorded.channel.type_name) != (MARKERS.path, MARKERS.type):
+            continue
+        try:
+            message = decoder.decode(recorded)
+        except decode.DecodeError as error:
+            raise BagError(Path(bag_folder), f"{MARKERS.path}: {error}") from None
+        arrows = [marker for marker in message.markers if marker.ns == _NAMESPACE]
+        arrows = [marker for marker in arrows if len(marker.points) == 2]
+        if [marker.id for marker in arrows] == list(range(wheels)):
+            stamp_ns = decode.header_stamp_ns(arrows[0])
+            if stamp_ns is not None:
+                ends = [arrow.points for arrow in arrows]
+                lengths = [d for a, b in ends for d in (b.x - a.x, b.y - a.y)]
+                found[stamp_ns] = [length / _METERS_PER_NEWTON for length in lengths]
+    if not found:
+        return None
+    stamps = sorted(found)
+    values = np.array([found[stamp] for stamp in stamps], dtype=np.float64)
+    return Series(np.array(stamps, dtype=np.int64), values)
+
+
+def read_test_ratios(bag_folder: Path | str) -> Series | None:
+    """Return the test ratios as the assistant's fault detection published them, None without any.
+
+    A ratio is the squared innovation over its gate [1], NaN without an innovation.
+
+    Raises:
+        BagError: the recording cannot be read, or its messages name different sources.
+    """
+    bag = folder.open_vehicle(bag_folder)
+    stream = read_streams(bag, {TEST_RATIOS.name: TEST_RATIOS.type}, ()).get(TEST_RATIOS.name)
+    if stream is None:
+        return None
+    names = tuple(stream.messages[0].name)
+    for message in stream.messages:
+        if tuple(message.name) != names or len(message.position) != len(names):
+            raise BagError(bag.path, f"{TEST_RATIOS.path} names different sources")
+    rows = np.array([message.position for message in stream.messages], dtype=np.float64)
+    return Series(stream.stamp_ns, rows, names)
