@@ -20,26 +20,30 @@ _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 _ANY_WIDTH = 10_000  # more than any table needs
 
 
+@dataclasses.dataclass(frozen=True)
 class ComparisonTable:
     """A row per quantity and a column per variant, for as many variants as fit side by side.
 
-    Further variants follow in tables below, so that numbers never wrap; names may wrap.
+    Further variants follow in tables below, so that numbers never wrap; names may wrap. A value
+    that misses its limit is marked with ``!``; the dissertation's figure follows in brackets. An
+    undefined quantity is a dash, with the reason below the table.
+
+    Attributes:
+        metrics_by_variant: what `run_metrics` returned, in the order of the columns.
+        title: printed above the table.
     """
 
-    def __init__(
-        self, metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None
-    ) -> None:
-        self._metrics = dict(metrics_by_variant)
-        self._title = title
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]]
+    title: str | None = None
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
         """Yield tables that fit the width of the console."""
-        title = self._title
-        left = list(self._metrics)
+        title = self.title
+        left = list(self.metrics_by_variant)
         while left:
             # The widest that fits: as it is, with folded headings, with fewer variants.
             for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
-                shown = {name: self._metrics[name] for name in left[:count]}
+                shown = {name: self.metrics_by_variant[name] for name in left[:count]}
                 table = _table(shown, title, folded=folded)
                 needed = console.measure(table, options=options.update(width=_ANY_WIDTH)).minimum
                 if needed <= options.max_width:
@@ -47,22 +51,6 @@ class ComparisonTable:
             yield table
             title = None
             left = left[count:]
-
-
-def comparison_table(
-    metrics_by_variant: Mapping[str, Mapping[str, Metric]], *, title: str | None = None
-) -> ComparisonTable:
-    """Return a table with a row per quantity and a column per variant.
-
-    A value that misses its limit is marked with ``!``; the dissertation's figure follows in
-    brackets.
-    An undefined quantity is a dash, with the reason below the table.
-
-    Args:
-        metrics_by_variant: what `run_metrics` returned, in the order of the columns.
-        title: printed above the table.
-    """
-    return ComparisonTable(metrics_by_variant, title)
 
 
 def _table(
@@ -76,25 +64,22 @@ def _table(
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    quantities = _quantities(metrics_by_variant)
-    labels = {quantity: metric_label(quantity) for quantity in quantities}
-    words = [word for label in labels.values() for word in label.split()]
+    variants = metrics_by_variant.values()
+    # Every quantity once, in the order of the variants that have it.
+    rows = {
+        metric_label(quantity): in_small_units([metrics.get(quantity) for metrics in variants])
+        for quantity in dict.fromkeys(key for metrics in variants for key in metrics)
+    }
+    words = [word for label in rows for word in label.split()]
     table.add_column("", min_width=max(map(len, words), default=1))
     table.add_column("unit", no_wrap=True)
-    for variant, metrics in metrics_by_variant.items():
-        cells = [
-            _cell(entry).plain
-            for quantity in quantities
-            if quantity in metrics
-            for entry in _in_row(quantity, metrics_by_variant, metrics[quantity])
-        ]
+    for place, variant in enumerate(metrics_by_variant):
+        cells = [_cell(entries[place]).plain for _, entries in rows.values()]
         parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
         width = max(map(len, parts if folded else (variant, *cells)), default=1)
         table.add_column(Text(variant), justify="right", overflow="fold", width=width)
-    for quantity in quantities:
-        entries = [metrics.get(quantity) for metrics in metrics_by_variant.values()]
-        unit, entries = in_small_units(entries)
-        table.add_row(Text(labels[quantity]), "" if unit == "1" else unit, *map(_cell, entries))
+    for label, (unit, entries) in rows.items():
+        table.add_row(Text(label), "" if unit == "1" else unit, *map(_cell, entries))
     notes = {
         f"{variant}: {metric.note}": None
         for variant, metrics in metrics_by_variant.items()
@@ -120,14 +105,6 @@ def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric |
     return "mm", [None if entry is None else _times(entry, 1000.0, "mm") for entry in entries]
 
 
-def _in_row(
-    quantity: str, metrics_by_variant: Mapping[str, Mapping[str, Metric]], metric: Metric
-) -> list[Metric]:
-    """Return a metric in the unit of its row."""
-    unit, _ = in_small_units([metrics.get(quantity) for metrics in metrics_by_variant.values()])
-    return [_times(metric, 1000.0, unit) if unit != metric.unit else metric]
-
-
 def _times(metric: Metric, factor: float, unit: str) -> Metric:
     scaled: dict[str, Any] = {
         name: None if number is None else number * factor
@@ -144,11 +121,6 @@ def metric_label(quantity: str) -> str:
         f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)
     )
     return label.replace("_", " ")
-
-
-def _quantities(metrics_by_variant: Mapping[str, Mapping[str, Metric]]) -> list[str]:
-    """Return every quantity once, in the order of the variants that have it."""
-    return list(dict.fromkeys(key for metrics in metrics_by_variant.values() for key in metrics))
 
 
 def _cell(metric: Metric | None) -> Text:

@@ -47,10 +47,5 @@ def scene_of(configuration: experiment.ExperimentConfiguration) -> Scene:
         wheels=vehicle.wheels,
         center_of_gravity=(float(center[0]), float(center[1])),
         load=(vehicle.load.x, vehicle.load.y) if vehicle.load.mass > 0.0 else None,
-        patches=tuple(
-            (GroundPatch.ellipse if patch.shape == "ellipse" else GroundPatch.rectangle)(
-                patch.x, patch.y, patch.length, patch.width, patch.heading_deg, patch.friction
-            )
-            for patch in configuration.ground.patches.values()
-        ),
+        patches=tuple(map(GroundPatch.of, configuration.ground.patches.values())),
     )

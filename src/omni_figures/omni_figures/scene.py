@@ -10,6 +10,7 @@ import numpy as np
 
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
+from omni_sim.ground.friction import FrictionPatch
 
 # Width of a drawn wheel in diameters; the configuration has no wheel width.
 _WHEEL_WIDTH = 0.45
@@ -28,22 +29,15 @@ class GroundPatch:
     friction: float
 
     @classmethod
-    def rectangle(
-        cls, x: float, y: float, length: float, width: float, heading_deg: float, friction: float
-    ) -> GroundPatch:
-        """Return a patch about its center (x, y) [m], `length` [m] along its heading [deg]."""
-        corners = placed(rectangle(length, width), (x, y, math.radians(heading_deg)))
-        return cls(tuple((cx, cy) for cx, cy in corners.tolist()), friction)
-
-    @classmethod
-    def ellipse(
-        cls, x: float, y: float, length: float, width: float, heading_deg: float, friction: float
-    ) -> GroundPatch:
-        """Return an ellipse with these axes; arguments as of `rectangle`."""
-        angle = np.linspace(0.0, math.tau, 72, endpoint=False)
-        ring = 0.5 * np.column_stack((length * np.cos(angle), width * np.sin(angle)))
-        placed_ring = placed(ring, (x, y, math.radians(heading_deg)))
-        return cls(tuple((cx, cy) for cx, cy in placed_ring.tolist()), friction)
+    def of(cls, patch: FrictionPatch) -> GroundPatch:
+        """Return a rectangle or an ellipse about its center, its length along its heading."""
+        corners = rectangle(patch.length, patch.width)
+        if patch.shape == "ellipse":
+            angle = np.linspace(0.0, math.tau, 72, endpoint=False)
+            axes = 0.5 * patch.length, 0.5 * patch.width
+            corners = np.column_stack((np.cos(angle), np.sin(angle))) * axes
+        outline = placed(corners, (patch.x, patch.y, math.radians(patch.heading_deg)))
+        return cls(tuple((x, y) for x, y in outline.tolist()), patch.friction)
 
 
 @dataclasses.dataclass(frozen=True)

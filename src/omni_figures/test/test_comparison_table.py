@@ -8,7 +8,7 @@ import math
 import pytest
 from rich.console import Console
 
-from omni_figures.comparison_table import comparison_table
+from omni_figures.comparison_table import ComparisonTable
 from omni_loop.metrics import Metric
 
 METRICS = {
@@ -28,7 +28,7 @@ METRICS = {
 
 def printed(metrics: dict[str, dict[str, Metric]], width: int = 80) -> list[str]:
     stream = io.StringIO()
-    Console(file=stream, width=width, color_system=None).print(comparison_table(metrics))
+    Console(file=stream, width=width, color_system=None).print(ComparisonTable(metrics))
     return [" ".join(line.split()) for line in stream.getvalue().splitlines()]
 
 

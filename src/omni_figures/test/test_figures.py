@@ -30,6 +30,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_loop.history import RunHistory
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
+from omni_sim.ground.friction import FrictionPatch
 
 MakeHistory = Callable[..., RunHistory]
 NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")
@@ -49,10 +50,16 @@ def star(wheels: int) -> dict[str, WheelMount]:
     }
 
 
+def _patch(*numbers: float, shape: str = "rectangle") -> GroundPatch:
+    """Return a patch from x, y, length, width and heading [deg]."""
+    values = dict(zip(("x", "y", "length", "width", "heading_deg"), numbers, strict=True))
+    return GroundPatch.of(FrictionPatch(shape=shape, friction=0.3, **values))
+
+
 def scene(wheels: int = 4) -> Scene:
     patches = (
-        GroundPatch.rectangle(8.0, 1.0, 3.0, 1.0, 20.0, 0.3),
-        GroundPatch.ellipse(11.0, -1.0, 1.0, 1.0, 0.0, 0.6),
+        _patch(8.0, 1.0, 3.0, 1.0, 20.0),
+        _patch(11.0, -1.0, 1.0, 1.0, 0.0, shape="ellipse"),
     )
     return Scene(1.6, 1.2, star(wheels), (0.1, 0.1), (0.4, 0.3), patches)
 
@@ -343,9 +350,9 @@ def test_files_are_readable_and_repeat_to_the_byte(
 
 
 def test_patches_are_where_they_are_said_to_be() -> None:
-    corners = np.array(GroundPatch.rectangle(2.0, 3.0, 4.0, 1.0, 90.0, 0.5).outline)
+    corners = np.array(_patch(2.0, 3.0, 4.0, 1.0, 90.0).outline)
     np.testing.assert_allclose(sorted(corners.tolist()), [(1.5, 1), (1.5, 5), (2.5, 1), (2.5, 5)])
-    ring = np.array(GroundPatch.ellipse(1.0, -1.0, 4.0, 4.0, 0.0, 0.5).outline)
+    ring = np.array(_patch(1.0, -1.0, 4.0, 4.0, 0.0, shape="ellipse").outline)
     np.testing.assert_allclose(np.hypot(ring[:, 0] - 1.0, ring[:, 1] + 1.0), 2.0)
 
 

@@ -109,17 +109,6 @@ class StudyResult:
         return [name for name, metric in found.items() if metric.status == "missed"]
 
 
-def claim(words: str, found: str, *, holds: bool) -> str:
-    """Return the finding about a claim of the dissertation.
-
-    Args:
-        words: the claim.
-        found: the measured numbers.
-        holds: whether the claim holds.
-    """
-    return f"{words}: {found}; {'holds' if holds else 'does not hold'}"
-
-
 class Study(Protocol):
     """A study: a module, or a case of a module with ``CASES``."""
 

@@ -30,7 +30,7 @@ class Options(Configuration):
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
     """Compute the metrics of the recordings and return them as one table."""
-    from omni_figures.comparison_table import comparison_table
+    from omni_figures.comparison_table import ComparisonTable
     from omni_figures.data_table import write_table
     from omni_loop.metrics import results_document
     from omni_tools.report.recording import compared_runs, differing_values, run_names
@@ -51,7 +51,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     return command_report.Report(
         **results_document("compare", columns),
         details={"differences": differences},
-        text=(comparison_table(columns), *_in_words(differences)),
+        text=(ComparisonTable(columns), *_in_words(differences)),
     )
 
 

@@ -77,14 +77,14 @@ def _text(
 ) -> Iterator[Any]:
     from rich.table import Table
 
-    from omni_figures.comparison_table import comparison_table
+    from omni_figures.comparison_table import ComparisonTable
     from omni_tools.placement.report import column, findings
 
     sensors = Table("sensor", r"x \[m]", r"y \[m]", r"heading \[deg]", pad_edge=False)
     for name, sensor in result.best.sensors.items():
         sensors.add_row(name, f"{sensor.x:.3f}", f"{sensor.y:.3f}", f"{sensor.heading_deg:.0f}")
     yield sensors
-    yield comparison_table(
+    yield ComparisonTable(
         {
             placement.name: column(placement, driven.get(placement.name), result.criterion.gyration)
             for placement in result.placements

@@ -218,7 +218,7 @@ def _draw(
 def _report(
     experiment: str, results: Sequence[VariantResult], pictures: Sequence[Path], folder: Path
 ) -> command_report.Report:
-    from omni_figures.comparison_table import comparison_table
+    from omni_figures.comparison_table import ComparisonTable
 
     return command_report.Report(
         **_document(experiment, results),
@@ -228,7 +228,7 @@ def _report(
             "figures": [str(picture) for picture in pictures],
         },
         text=(
-            comparison_table({result.variant: result.metrics for result in results}),
+            ComparisonTable({result.variant: result.metrics for result in results}),
             *(f"figure     {picture}" for picture in pictures),
             f"recordings {folder}",
         ),

@@ -14,7 +14,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph import process_group, run_folder, run_variant
-from omni_figures.comparison_table import comparison_table
+from omni_figures.comparison_table import ComparisonTable
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import results_document
 from omni_platform.configuration import ConfigurationError
@@ -135,5 +135,5 @@ def results_table(result: run_variant.VariantResult) -> str:
     from rich.console import Console
 
     console = Console(file=io.StringIO(), width=100)
-    console.print(comparison_table({result.variant: result.metrics}))
+    console.print(ComparisonTable({result.variant: result.metrics}))
     return str(console.file.getvalue())  # type: ignore[attr-defined]

@@ -216,24 +216,23 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
                 "./omni design-sensors finds places under it"
             )
-    worst = max(
+    share, speed, name = max(
         (
-            _Hurry.of(name, one, twist)
+            (math.hypot(x, y) / camera_speed(one, math.atan2(y, x)), math.hypot(x, y), name)
             for name, one in experiment.sensors.items()
-            for twist in twists
+            for x, y in (_velocity(one, twist) for twist in twists)
         ),
-        key=lambda hurry: hurry.share,
-        default=None,
+        default=(0.0, 0.0, ""),
     )
-    if worst is not None and worst.share > 1.0:
+    if share > 1.0:
         yield (
-            f"sensors.{worst.sensor}: consecutive lines share less than 60 % above "
-            f"{plain(worst.speed / worst.share)} m/s in the direction of motion, and it moves at "
-            f"up to {plain(worst.speed)} m/s; take a wider view or more lines per second, or move "
-            f"at most {90.0 / worst.share:.0f} % as fast"
+            f"sensors.{name}: consecutive lines share less than 60 % above "
+            f"{plain(speed / share)} m/s in the direction of motion, and it moves at "
+            f"up to {plain(speed)} m/s; take a wider view or more lines per second, or move "
+            f"at most {90.0 / share:.0f} % as fast"
         )
     for name, flow in experiment.flow_sensors.items():
-        speed = max(_speed(flow, twist) for twist in twists)
+        speed = max(math.hypot(*_velocity(flow, twist)) for twist in twists)
         if speed > flow.maximum_speed > 0.0:
             yield (
                 f"flow_sensors.{name}: it moves at up to {plain(speed)} m/s and can follow "
@@ -241,30 +240,9 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
             )
 
 
-def _speed(sensor: Mount, twist: tuple[float, float, float]) -> float:
-    return math.hypot(twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Hurry:
-    """Speed of a camera.
-
-    Attributes:
-        sensor: name of the camera.
-        speed: speed over the ground [m/s].
-        share: speed over the largest measurable speed in that direction [1].
-    """
-
-    sensor: str
-    speed: float
-    share: float
-
-    @classmethod
-    def of(cls, name: str, sensor: LineSensor, twist: tuple[float, float, float]) -> _Hurry:
-        """Return the speed of a camera under a vehicle with a twist [m/s, m/s, rad/s]."""
-        x, y = twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
-        speed = _speed(sensor, twist)
-        return cls(name, speed, speed / camera_speed(sensor, math.atan2(y, x)))
+def _velocity(sensor: Mount, twist: tuple[float, float, float]) -> tuple[float, float]:
+    """Return the velocity over the ground of a sensor under a vehicle [m/s]."""
+    return twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
 
 
 def _twists(maneuver: ManeuverConfiguration) -> list[tuple[float, float, float]]:
