@@ -2,11 +2,12 @@
 
 They are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
 ``quantity`` all of its cases, and ``of(quantity, "pattern")`` those whose names match; ``min``,
-``max``, ``mean`` and ``abs`` are known. A claim about metrics that a run does not have, such as
-those of another ground, is omitted.
+``max``, ``mean``, ``abs`` and ``zip`` are known. A claim about metrics that a run does not have,
+such as those of another ground, is omitted.
 """
 
 import dataclasses
+import functools
 import math
 import statistics
 from collections.abc import Iterator, Mapping
@@ -63,7 +64,14 @@ def _of(cases: _Cases, pattern: str) -> list[float]:
     return found
 
 
-_FUNCTIONS = {"of": _of, "min": min, "max": max, "abs": abs, "mean": statistics.fmean}
+_FUNCTIONS: dict[str, Any] = {
+    "of": _of, "min": min, "max": max, "abs": abs, "mean": statistics.fmean, "zip": zip
+}  # fmt: skip
+
+
+@functools.cache
+def _claims() -> Any:
+    return yaml.safe_load((files(__package__) / "claims.yaml").read_text(encoding="utf-8"))
 
 
 def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
@@ -76,18 +84,17 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
     Returns:
         The claims whose metrics exist.
     """
-    text = (files(__package__) / "claims.yaml").read_text(encoding="utf-8")
     names: dict[str, Any] = {}
     for name, metric in metrics.items():
         quantity, _, case = name.partition(".")
         names.setdefault(quantity, _Cases())[case] = metric.value
     claims = []
-    for row in (yaml.safe_load(text) or {}).get(study, ()):
+    for row in _claims().get(study, ()):
         try:
             value = float(eval(row["value"], {"__builtins__": {}, **_FUNCTIONS}, names))
         except (KeyError, NameError):
             continue
-        except ZeroDivisionError:
+        except (ZeroDivisionError, ValueError):  # also the largest of none
             value = math.nan
         limits = {name: row[name] for name in ("at_least", "at_most") if name in row}
         found = Metric(value, row.get("unit", "1"), note=row.get("note", ""), **limits)
