@@ -140,6 +140,6 @@ def test_a_camera_that_is_none_is_refused_in_a_sentence(tmp_path: Path) -> None:
     with reserved_domain() as domain, process_group(node_environment(domain)) as group:
         node = group.start(camera("left", tmp_path / "nothing.npy"))
         assert node.process.wait(60.0) == 2
-        assert "source: " in node.complaint()
-        assert "nothing.npy cannot be read" in node.complaint()
-        assert "Traceback" not in node.complaint()
+        assert "source: " in node.error_output()
+        assert "nothing.npy cannot be read" in node.error_output()
+        assert "Traceback" not in node.error_output()

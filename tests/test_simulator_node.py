@@ -42,7 +42,7 @@ class Assistant(Bystander):
         self.node.create_subscription(JointState, "wheel_states", self._on_wheels, RELIABLE)
 
     def heard(self) -> str:
-        return f"torque {self.torque} at {self.stamp}; {self.process.complaint()}"
+        return f"torque {self.torque} at {self.stamp}; {self.process.error_output()}"
 
     def _on_wheels(self, message: JointState) -> None:
         self.torque = np.array(message.effort)

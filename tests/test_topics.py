@@ -26,7 +26,7 @@ NODES = {
 PUBLISHED = re.compile(
     r'(?:advertise\(self|create\(|create_publisher\()[, ]*(\w+), f?"([^"/][^"]*)"'
 )
-SUBSCRIBED = re.compile(r'listen\(self, (\w+), f?"([^"/][^"]*)"')
+SUBSCRIBED = re.compile(r'subscribe\(self, (\w+), f?"([^"/][^"]*)"')
 
 
 @pytest.mark.parametrize("node", NODES)

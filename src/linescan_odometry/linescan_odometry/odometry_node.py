@@ -37,7 +37,7 @@ from omni_ros.messages import (
 )
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
-from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, listen
+from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, subscribe
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
 from omni_ros.transforms import MISSING, TransformPublisher
@@ -101,12 +101,12 @@ class OdometryNode(Node):
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
             topic, taken = f"line_scan/{name}/lines", partial(self._on_lines, name)
-            listen(self, Image, topic, taken, qos, raw=True)
+            subscribe(self, Image, topic, taken, qos, raw=True)
             received = partial(self._on_camera_info, name, sensor)
-            listen(self, CameraInfo, f"line_scan/{name}/camera_info", received, LATCHED)
+            subscribe(self, CameraInfo, f"line_scan/{name}/camera_info", received, LATCHED)
         for name in configuration.flow_sensors:
             taken = partial(self._on_flow, name)
-            listen(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
+            subscribe(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
 
     def _on_lines(self, sensor: str, wire: bytes) -> None:
         try:
@@ -204,7 +204,7 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # Of those who are there by now, some may listen to pose and angles.
+        # Of those who are there by now, some may subscribe to pose and angles.
         for publisher in node.further_outputs:
             listeners = node.count_subscribers(publisher.topic_name)
             await_subscribers((publisher,), listeners, spinner, node.startup.match_timeout)

@@ -35,7 +35,7 @@ from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
-from omni_ros.qos import RECENT, RELIABLE, advertise, listen
+from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
 
@@ -120,10 +120,10 @@ class BrakeAssistNode(Node):
         # In lockstep no step may be missed; in real time only the newest counts.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
-            listen(self, JointState, "brake/pedal", self._on_pedal, qos),
-            listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, qos),
-            listen(self, JointState, "wheel_states", self._on_wheel_states, qos),
-            listen(self, Imu, "imu", self._on_imu, qos),
+            subscribe(self, JointState, "brake/pedal", self._on_pedal, qos),
+            subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, qos),
+            subscribe(self, JointState, "wheel_states", self._on_wheel_states, qos),
+            subscribe(self, Imu, "imu", self._on_imu, qos),
         )
         self._guard = PublisherGuard(self, guarded, (self._enable,))
         self._feedback_timeout = configuration.feedback_timeout

@@ -59,27 +59,27 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
     out, known = int(isolation["out"]), isolation["inertial"] != 0.0
     velocity, rate = float(isolation["apart_velocity"]) ** 2, float(isolation["apart_rate"]) ** 2
     twist = max(velocity, rate) if known else float(memory.observer.score[ALONE]) / ALONE_GATE
-    found = [_judged("twist", twist, isolated=out in (NO_TWIST, NO_ESTIMATE))]
+    found = [_source("twist", twist, isolated=out in (NO_TWIST, NO_ESTIMATE))]
     if trust["cause"] != GOOD:
         state = CONDITIONS[int(trust["cause"])].state.value
         found[0] = Source("twist", twist, REJECTED, state)
     gyro, force = memory.workspace[0, 0], memory.workspace[0, 1]
-    found.append(_judged("gyro", rate, isolated=out == NO_GYRO, missing=not math.isfinite(gyro)))
+    found.append(_source("gyro", rate, isolated=out == NO_GYRO, missing=not math.isfinite(gyro)))
     found.append(
-        _judged(
+        _source(
             "accelerometer", velocity, isolated=out == NO_FORCE, missing=not math.isfinite(force)
         )
     )
     for i, name in enumerate(wheels):
         ratio = float(memory.observer.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
-        wheel = _judged(name, ratio, isolated=bool(memory.watch[i]["rejected"]), missing=missing)
+        wheel = _source(name, ratio, isolated=bool(memory.watch[i]["rejected"]), missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
         found.append(wheel._replace(state=BRAKED) if braked else wheel)
     return tuple(found)
 
 
-def _judged(name: str, ratio: float, *, isolated: bool, missing: bool = False) -> Source:
+def _source(name: str, ratio: float, *, isolated: bool, missing: bool = False) -> Source:
     if missing:
         return Source(name, math.nan, MISSING)
     if isolated:

@@ -104,15 +104,15 @@ def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
     assert error[2] > 0.0
 
 
-@pytest.mark.parametrize("grain", [0.0, 0.25])
-def test_of_locked_wheels_all_but_one_are_let_go(mecanum: Wheels, grain: float) -> None:
-    law, memory = _law(mecanum, grain)
+@pytest.mark.parametrize("pressure_step", [0.0, 0.25])
+def test_of_locked_wheels_all_but_one_are_let_go(mecanum: Wheels, pressure_step: float) -> None:
+    law, memory = _law(mecanum, pressure_step)
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(2):
         motion = _motion(10.0, 0.0, 4, first=step == 0)
         assert allocation.step(law, memory, motion, error, enable) == ASSIST
     assert np.count_nonzero(enable) == 1  # the assistant allows none to roll unbraked
-    assert np.max(enable) == max(grain, 0.01)
+    assert np.max(enable) == max(pressure_step, 0.01)
 
 
 def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:

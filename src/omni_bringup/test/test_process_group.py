@@ -266,7 +266,7 @@ def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> N
         wait_for(process, 20.0)
         assert process.new_reports() == [{"share": 0.5}, {"share": 1.0}]
         assert process.new_reports() == []
-        assert process.complaint() == "[RTPS Error] no such profile"
+        assert process.error_output() == "[RTPS Error] no such profile"
 
 
 def test_an_interruption_while_the_group_ends_is_not_lost(prefix: Path) -> None:
@@ -286,7 +286,7 @@ while True:
     def one_run() -> None:
         with process_group(dict(os.environ)) as group:
             started.append(group.start(node))
-            while not started[0].complaint():
+            while not started[0].error_output():
                 assert wait_for(started[0], 0.02) is None
 
     started: list[RunningProcess] = []

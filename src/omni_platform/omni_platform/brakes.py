@@ -50,6 +50,6 @@ class BrakeConfiguration(Configuration):
     """Time constant with which the pressure then builds up and falls"""
 
     @property
-    def grain(self) -> float:
+    def pressure_step(self) -> float:
         """Smallest step of the brake pressure [1], 0 for a continuous brake."""
         return 1.0 if self.kind == ON_OFF else self.resolution

@@ -60,7 +60,7 @@ def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> 
     return node.create_publisher(kind, topic, qos, qos_overriding_options=overridable)
 
 
-def listen(
+def subscribe(
     node: Node,
     kind: Any,
     topic: str,

@@ -29,12 +29,12 @@ class Encoders(NamedTuple):
     """Encoders in the layout of the kernel.
 
     Attributes:
-        grain: angle of a count [rad], 0 for none.
+        angle_step: angle of a count [rad], 0 for none.
         noise: standard deviation [rad/s].
         angle: angle at the last stamp, rounded down to counts [rad], shape (N,).
     """
 
-    grain: float
+    angle_step: float
     noise: float
     angle: FloatArray
 
@@ -70,8 +70,8 @@ def read_encoders(
     """
     for i in range(speed.size):
         reading[i] = speed[i]
-        if encoders.grain > 0.0:
-            whole = math.floor(angle[i] / encoders.grain) * encoders.grain
+        if encoders.angle_step > 0.0:
+            whole = math.floor(angle[i] / encoders.angle_step) * encoders.angle_step
             if step > 0:
                 reading[i] = (whole - encoders.angle[i]) / period
             encoders.angle[i] = whole

@@ -38,7 +38,7 @@ class RunControl:
         node.create_service(Trigger, "~/step", self._on_step)
         node.create_service(Trigger, "~/reset", self._on_reset)
         if start is not None:
-            qos.listen(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
+            qos.subscribe(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
 
     def wait(self, spinner: process.Spinner) -> float:
         """Wait while the time is paused; return the duration of the pause [s]."""

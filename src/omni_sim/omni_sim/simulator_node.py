@@ -41,7 +41,7 @@ from omni_ros.messages import (
     to_nanoseconds,
     to_time,
 )
-from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, listen
+from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, subscribe
 from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
@@ -92,9 +92,9 @@ class SimulatorNode(Node):
         if self.loop.driver != "scripted":
             self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
             self._inbox = DemandInbox(manual.driver_timeout, self.loop.driver == "topics")
-            listen(self, JointState, "driver/pedal", self._on_driver_pedal)
+            subscribe(self, JointState, "driver/pedal", self._on_driver_pedal)
             kind = TwistStamped if self.loop.stamped_cmd_vel else Twist
-            listen(self, kind, "cmd_vel", self._on_driver_command)
+            subscribe(self, kind, "cmd_vel", self._on_driver_command)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         start = self.manual_driver.start_pose if self.manual_driver is not None else None
         self.control = run_control_node.RunControl(self, start, f"{self._prefix}odom")
@@ -108,9 +108,9 @@ class SimulatorNode(Node):
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
-        self._enables = listen(self, JointState, "brake/enable", self._on_enable, qos)
+        self._enables = subscribe(self, JointState, "brake/enable", self._on_enable, qos)
         # Only its stamp is used: to keep step, and to name a silent node.
-        listen(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
+        subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)

@@ -130,6 +130,10 @@ def test_a_vehicle_that_is_placed_anew_has_no_pressure(forklift: VehicleConfigur
 
 def test_valves_are_open_or_shut_and_proportional_ones_take_steps() -> None:
     enable = np.array([0.0, 0.24, 0.49, 0.51, 1.0])
-    for grain, shares in ((0.0, enable), (1.0, [0, 0, 0, 1, 1]), (0.25, [0, 0.25, 0.5, 0.5, 1])):
-        pressure = build_brake_pressure(0.0, 0.0, 5, STEP, grain)
+    for pressure_step, shares in (
+        (0.0, enable),
+        (1.0, [0, 0, 0, 1, 1]),
+        (0.25, [0, 0.25, 0.5, 0.5, 1]),
+    ):
+        pressure = build_brake_pressure(0.0, 0.0, 5, STEP, pressure_step)
         np.testing.assert_allclose([passed(pressure, share) for share in enable], shares)

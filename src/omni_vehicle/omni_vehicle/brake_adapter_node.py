@@ -21,7 +21,7 @@ from omni_platform.quantities import FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
-from omni_ros.qos import RECENT, advertise, listen
+from omni_ros.qos import RECENT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter, steady_clock
 from omni_vehicle.brake_adapter import (
     BrakeAdapter,
@@ -73,12 +73,12 @@ class BrakeAdapterNode(Node):
         if topics.pedal != "joint_state":
             self._pedal_output = advertise(self, JointState, "brake/pedal")
         topic = {"joint_state": "brake/pedal", "twist": "cmd_vel"}.get(topics.pedal, "pedal_input")
-        listen(self, JointState, "brake/enable", self._on_enable, RECENT)
-        listen(self, JointState, "joint_states", self._on_joints, RECENT)
-        listen(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
-        listen(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
+        subscribe(self, JointState, "brake/enable", self._on_enable, RECENT)
+        subscribe(self, JointState, "joint_states", self._on_joints, RECENT)
+        subscribe(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
+        subscribe(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
         if topics.estop:
-            listen(self, Bool, "estop", self._on_estop, RECENT)
+            subscribe(self, Bool, "estop", self._on_estop, RECENT)
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,

@@ -16,7 +16,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
-from omni_ros.qos import BEST_EFFORT, advertise, listen
+from omni_ros.qos import BEST_EFFORT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter
 
 _TYPES = {
@@ -55,7 +55,7 @@ class TwistAdapterNode(Node):
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
         # A publisher of either reliability is received.
         kind = _TYPES[self._configuration.input_type]
-        listen(self, kind, "input", self._on_input, BEST_EFFORT)
+        subscribe(self, kind, "input", self._on_input, BEST_EFFORT)
         self._status = StatusReporter(
             self,
             declare_configuration(self, StatusConfiguration).diagnostics_period,

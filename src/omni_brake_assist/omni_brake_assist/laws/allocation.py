@@ -47,7 +47,9 @@ def make_constants(
         inertia=configuration.wheel_inertia,
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
-        brake=NominalBrake(brake.max_torque, brake.dead_time, brake.time_constant, brake.grain),
+        brake=NominalBrake(
+            brake.max_torque, brake.dead_time, brake.time_constant, brake.pressure_step
+        ),
         **dataclasses.asdict(configuration.allocation),
     )
 
@@ -94,7 +96,7 @@ def step(
         if wheel[i].demand > wheel[demanding].demand:
             demanding = i
     if not np.any(enable > 0.0):
-        enable[demanding] = max(law.brake.grain, LEAST_ENABLE)
+        enable[demanding] = max(law.brake.pressure_step, LEAST_ENABLE)
     remember_torque(law, memory, motion, dt, enable)
     body.steps += 1
     return ASSIST

@@ -68,7 +68,9 @@ def observe_friction(law: Constants, memory: Memory, wheels: Wheels, dt: float) 
             capacity = wheel.capacity
             growth = dt / law.growth_time * capacity
             if rise > growth:
-                capacity = max(capacity, wheel.force if law.brake.grain >= 1.0 else measured)
+                capacity = max(
+                    capacity, wheel.force if law.brake.pressure_step >= 1.0 else measured
+                )
             elif wheels.slip[i] > law.target_slip:
                 capacity += gain * (wheel.force - capacity)
             elif wheel.demand >= capacity:

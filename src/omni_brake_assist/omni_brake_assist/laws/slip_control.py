@@ -42,7 +42,7 @@ def control_slip(
     speed = math.hypot(motion.v_x, motion.v_y)
     slowing = body.deceleration / (speed + 1e-3)  # relative rate of all speeds [1/s]
     horizon = math.ceil((law.slip_time + brake.time_constant) / dt - 1e-9)
-    valves = brake.grain >= 1.0
+    valves = brake.pressure_step >= 1.0
     forces, deep = np.zeros((2, n)), np.zeros((2, n))
     for i in range(n):
         if wheels.locked[i]:
@@ -80,8 +80,10 @@ def control_slip(
         if brake.time_constant > 0.0:
             need = torque - (need - torque) / math.expm1(-dt / brake.time_constant)
         enable[i] = min(max(need / most, 0.0), 1.0)
-        if brake.grain > 0.0:
-            enable[i] = min(math.floor(enable[i] / brake.grain + 0.5) * brake.grain, 1.0)
+        if brake.pressure_step > 0.0:
+            enable[i] = min(
+                math.floor(enable[i] / brake.pressure_step + 0.5) * brake.pressure_step, 1.0
+            )
     if valves:
         _choose_valves(task, forces, deep, enable)
 

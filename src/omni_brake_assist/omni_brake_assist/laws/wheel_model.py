@@ -27,13 +27,13 @@ class NominalBrake(NamedTuple):
         max_torque: with the pedal fully down [N m].
         dead_time: [s].
         time_constant: [s].
-        grain: step of the share that passes [1], 1 for valves that are open or shut.
+        pressure_step: step of the share that passes [1], 1 for valves that are open or shut.
     """
 
     max_torque: float
     dead_time: float
     time_constant: float
-    grain: float
+    pressure_step: float
 
 
 class BrakedWheel(NamedTuple):

@@ -18,7 +18,7 @@ from omni_platform.command_options import json_option, option
 from omni_tools.placement.options import PlacementOptions
 
 if TYPE_CHECKING:
-    from omni_tools.placement import judged, trials
+    from omni_tools.placement import evaluation, trials
     from omni_tools.placement.design import Design, DesignTask
 
 _DRAWN = 4  # placements in the figure
@@ -66,7 +66,7 @@ def _conditions(task: DesignTask, options: Options) -> str:
     return f"{task.speed:.3g} m/s on {options.ground}"
 
 
-def _drawn(result: Design, task: DesignTask) -> list[judged.JudgedPlacement]:
+def _drawn(result: Design, task: DesignTask) -> list[evaluation.EvaluatedPlacement]:
     """Return the best placement and up to three others for comparison."""
     names = [*task.given, "tangential", "radial", "condition"]
     return [result.best, *(result.placement(name) for name in names[: _DRAWN - 1])]

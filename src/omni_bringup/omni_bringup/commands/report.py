@@ -73,7 +73,7 @@ def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
     from omni_figures.style import picture_of
     from omni_platform import topics
     from omni_recording.folder import bag_summary, open_vehicle
-    from omni_tools.line_files.kymograph import draw_sights, see
+    from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 
     if run.configuration is None:
         return {}  # a note of the run explains it
@@ -84,10 +84,10 @@ def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
         return {}
     braking = -float(run.history.braking_time[0])
     batches = read_batches(bag, cameras, max(braking - 0.25 * _SEEN, 0.0), _SEEN)
-    sights = {
-        camera: see(odometry.sensors[camera], own, odometry) for camera, own in batches.items()
+    kymographs = {
+        name: match_lines(odometry.sensors[name], own, odometry) for name, own in batches.items()
     }
-    return {run.name: picture_of(draw_sights(sights, ""))}
+    return {run.name: picture_of(draw_kymographs(kymographs, ""))}
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:

@@ -136,7 +136,7 @@ class DriverNode(Node):
 
         self.create_subscription(kind, topic, on_message, qos.RELIABLE)
 
-    def say_demand(self) -> None:
+    def publish_demand(self) -> None:
         """Publish the current demand."""
         demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
@@ -263,7 +263,7 @@ async def _drive(node: DriverNode, spinner: process.Spinner) -> None:
             _take_in(node, spinner)
             now = time.monotonic()
             if now >= demand_due:
-                node.say_demand()
+                node.publish_demand()
                 demand_due = now + _DEMAND_PERIOD
             if now >= state_due:
                 node.server.show(node.state)

@@ -43,9 +43,9 @@ def reserved_domain() -> Iterator[int]:
         candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
     else:
         candidates = [chosen]
-    inhabited = _inhabited_domains() if chosen is None else frozenset()
+    used = _used_domains() if chosen is None else frozenset()
     for number in candidates:
-        if number in inhabited:
+        if number in used:
             continue
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mark:
             if _take(mark, number):
@@ -62,7 +62,7 @@ def reserved_domain() -> Iterator[int]:
     )
 
 
-def _inhabited_domains() -> frozenset[int]:
+def _used_domains() -> frozenset[int]:
     """Return the domains in which a ROS program of this machine receives messages."""
     ports: set[int] = set()
     for path in _BOUND_PORTS:

@@ -125,7 +125,7 @@ class RunningProcess:
         self._read_until += complete
         return [json.loads(line) for line in text[:complete].splitlines()]
 
-    def complaint(self) -> str:
+    def error_output(self) -> str:
         """Return the standard error of the process, or its standard output if that is empty."""
         for stream in (self._errors, self._output):
             words = _COLORS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
@@ -230,9 +230,9 @@ def describe_end(process: RunningProcess) -> str:
     """Return in one sentence how a process ended."""
     code = process.returncode
     how = f"exit code {code}" if code is None or code >= 0 else f"signal {-code}"
-    complaint = process.complaint().splitlines()
+    error_output = process.error_output().splitlines()
     silent = "its output is above" if process.node.own_code else "without a message"
-    words = complaint[-1] if complaint else silent
+    words = error_output[-1] if error_output else silent
     return f"{process.node.name} ended ({how}): {words}"
 
 

@@ -117,7 +117,7 @@ class Vehicle:
                 brake.dead_time,
                 n,
                 self.physics_step,
-                brake.grain,
+                brake.pressure_step,
                 brake.release_time,
             ),
             loads=np.empty(n),

@@ -34,7 +34,7 @@ class BrakePressure(NamedTuple):
         oldest: row of `delayed` that takes effect next, shape (1,).
         open: share that each valve passes at least [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
-        grain: resolution of a valve [1], 1 for on-off, 0 for continuous.
+        pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
     """
 
@@ -47,7 +47,7 @@ class BrakePressure(NamedTuple):
     oldest: IntArray
     open: FloatArray
     stuck: FloatArray
-    grain: float = 0.0
+    pressure_step: float = 0.0
     release_lag: int = 0
 
 
@@ -56,7 +56,7 @@ def build_brake_pressure(
     dead_time: float,
     wheels: int,
     physics_step: float,
-    grain: float = 0.0,
+    pressure_step: float = 0.0,
     release_time: float = 0.0,
 ) -> BrakePressure:
     """Return brakes without pressure.
@@ -66,7 +66,7 @@ def build_brake_pressure(
         dead_time: ``t_d`` [s].
         wheels: number of them.
         physics_step: [s].
-        grain: resolution of a valve [1].
+        pressure_step: resolution of a valve [1].
         release_time: ``t_r`` [s], 0 for ``t_d``.
     """
     remainder = mean_remainder = 0.0
@@ -84,7 +84,7 @@ def build_brake_pressure(
         np.zeros(1, dtype=np.int64),
         np.zeros(wheels),
         np.zeros(wheels),
-        grain,
+        pressure_step,
         delay - round(dead_time / physics_step),
     )
 
@@ -99,8 +99,8 @@ def release(pressure: BrakePressure) -> None:
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
     """Return the share of the pressure that a valve passes at a command [1]."""
-    if pressure.grain > 0.0:
-        return min(math.floor(share / pressure.grain + 0.5) * pressure.grain, 1.0)
+    if pressure.pressure_step > 0.0:
+        return min(math.floor(share / pressure.pressure_step + 0.5) * pressure.pressure_step, 1.0)
     return share
 
 

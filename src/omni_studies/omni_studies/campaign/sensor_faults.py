@@ -196,7 +196,7 @@ class FaultyStops:
             for _ in range(SEARCH_STEPS):
                 changed = self._change(random, setting, extent, fault)
                 tried = self.run(setting, changed, seed)
-                if _badness(tried) > _badness(worst):
+                if _severity(tried) > _severity(worst):
                     worst, fault = tried, changed
         return worst
 
@@ -329,7 +329,7 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
     )
 
 
-def _badness(stop: Stop) -> float:
+def _severity(stop: Stop) -> float:
     """Return the severity of a stop, 1 at the limits of distance or rotation [1]."""
     limit = limits(stop.extent, imu=bool(stop.imu))
     far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)

@@ -15,7 +15,7 @@ from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
-from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held
+from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 
@@ -34,14 +34,14 @@ class Options(CampaignOptions):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the stops, and count those below a bound by more than its tolerance."""
-    work = BesideLimit(study.experiments)
+    work = BoundTrials(study.experiments)
     seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
-    held = study.campaign(work, seeds, Held, options, work.fingerprint)
-    metrics = {"runs.all": Metric(len(LAWS) * len(held), "1")}
+    stops = study.campaign(work, seeds, BoundTrial, options, work.fingerprint)
+    metrics = {"runs.all": Metric(len(LAWS) * len(stops), "1")}
     for bound in ("any_heading", "straight"):
-        shares, lower = _over_bound(held, bound), below(held, bound)
+        shares, lower = _over_bound(stops, bound), below(stops, bound)
         count = int(np.sum(~np.isnan(shares)))
-        solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in held)
+        solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in stops)
         metrics |= {
             f"compared.{bound}": Metric(count, "1"),
             f"solved.{bound}": Metric(solved, "1"),
@@ -49,37 +49,37 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
         if count:
             metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
-    study.figure("bounds.png", _draw(held))
+    study.figure("bounds.png", _draw(stops))
     return study.result(metrics)
 
 
-def _over_bound(held: Sequence[Held], bound: str) -> FloatArray:
+def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
     """Return the ratio of the runs to a bound, NaN if it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
-    taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in held])
-    shares: FloatArray = taken / np.array([[getattr(one, bound)] for one in held])
+    taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
+    shares: FloatArray = taken / np.array([[getattr(one, bound)] for one in stops])
     return shares
 
 
-def below(held: Sequence[Held], bound: str) -> int:
+def below(stops: Sequence[BoundTrial], bound: str) -> int:
     """Return the number of runs below a bound by more than its tolerance.
 
     Args:
-        held: the runs.
+        stops: the runs.
         bound: ``any_heading`` or ``straight``.
     """
-    slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in held])
-    return int(np.sum(_over_bound(held, bound) < 1.0 - np.nan_to_num(slack)))
+    slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in stops])
+    return int(np.sum(_over_bound(stops, bound) < 1.0 - np.nan_to_num(slack)))
 
 
-def _draw(held: Sequence[Held]) -> Figure:
+def _draw(stops: Sequence[BoundTrial]) -> Figure:
     """Draw the distribution of the ratio to the bounds, by law."""
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     style.draw_title(figure, "No stop is below its bound")
     panels = figure.subplots(1, 2, sharey=True)
     names = ("path of the center of gravity", "distance where heading and line are kept")
     for axes, bound, name in zip(panels, ("any_heading", "straight"), names, strict=True):
-        shares = _over_bound(held, bound)
+        shares = _over_bound(stops, bound)
         for column, (law, color) in enumerate(_COLORS.items()):
             values = np.sort(shares[~np.isnan(shares[:, column]), column])
             label = law.replace("_", " ")

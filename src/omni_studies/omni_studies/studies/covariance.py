@@ -26,7 +26,7 @@ from omni_platform.sensors import LineSensor
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, ground
 from omni_tools.line_trials.twist_trials import TwistTrial, drive
-from omni_tools.placement.classical import tangential
+from omni_tools.placement.common_placements import tangential
 
 _GROUNDS = ("cork", "asphalt", "stone")
 _HARDER = (
@@ -132,19 +132,19 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for kind in (_HARDER if _JUDGED in _CAMERAS else ())
         for case in _drive(_JUDGED, kind, options)
     ]
-    judged = _leave_one_out(cases)
+    left_out = _leave_one_out(cases)
     study.figure("covariance.png", _draw(cases))
     header: tuple[str, ...] = (
         "ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage",
     )  # fmt: skip
-    study.table("left_out.csv", header, ((kind, *values) for kind, values in judged.items()))
+    study.table("left_out.csv", header, ((kind, *values) for kind, values in left_out.items()))
     header = (
         "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
         "normalized_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
         "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
     )  # fmt: skip
     study.table("covariance.csv", header, map(_row, cases))
-    return study.result(_metrics(cases, judged))
+    return study.result(_metrics(cases, left_out))
 
 
 class LeftOut(NamedTuple):
@@ -173,15 +173,15 @@ def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
                 np.concatenate([case.squares_of(together=how) for case in own])
                 for how in (False, True)
             ]
-    judged = {}
+    left_out = {}
     for kind, own_squares in found.items():
         others = [squares for other, squares in found.items() if other != kind]
         pairs, together = (_fitted([squares[how] for squares in others]) for how in range(2))
         left = np.concatenate([own_squares[0] / pairs, own_squares[1] / together])
         if len(left):
             covered = 100.0 * float(np.mean(left <= _WITHIN_95**2))
-            judged[kind] = LeftOut(pairs, together, float(left.mean()), covered)
-    return judged
+            left_out[kind] = LeftOut(pairs, together, float(left.mean()), covered)
+    return left_out
 
 
 def _fitted(squares: list[NDArray[np.float64]]) -> float:
@@ -213,7 +213,7 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metric]:
+def _metrics(cases: list[Case], left_out: Mapping[str, LeftOut]) -> dict[str, Metric]:
     metrics = {}
     for name, kind in dict.fromkeys((case.camera, case.ground) for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
@@ -223,7 +223,7 @@ def _metrics(cases: list[Case], judged: Mapping[str, LeftOut]) -> dict[str, Metr
             _mean(pooled), "1", reference=1.0
         )
         metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
-    for kind, left in judged.items():
+    for kind, left in left_out.items():
         metrics[f"left_out.{kind}"] = Metric(left.squared, "1", at_most=_HIGHEST, reference=1.0)
         metrics[f"coverage_left_out.{kind}"] = Metric(left.coverage, "%", at_least=_COVERED)
     every = np.concatenate([case.squares for case in cases])

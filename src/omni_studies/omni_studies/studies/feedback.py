@@ -157,7 +157,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     fingerprint = f"{cases.groups} {options.source} {options.runs} {options.speed}"
     rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
-        (vehicle, law, source): _judged(rows, vehicle, law, source)
+        (vehicle, law, source): _results(rows, vehicle, law, source)
         for vehicle in cases.groups
         for law in _LAWS
         for source in options.source
@@ -191,7 +191,7 @@ def _bases(
     )
 
 
-def _judged(
+def _results(
     rows: Sequence[Stop], vehicle: str, law: str, source: str
 ) -> dict[str, tuple[float, str]]:
     """Return distance and rotation, with those of the same stops without assistant."""

@@ -41,7 +41,7 @@ class Options(TextureOptions):
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """Appearance of a ground.
 
     Attributes:
@@ -63,37 +63,38 @@ class Look:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Render the grounds; write plate, spectra and table."""
-    looks = {
-        name: _look(g, options.seed) for name, g in grounds_of(options, study.experiments).items()
+    appearances = {
+        name: _appearance(ground, options.seed)
+        for name, ground in grounds_of(options, study.experiments).items()
     }
     metrics: dict[str, Metric] = {}
-    for name, look in looks.items():
+    for name, appearance in appearances.items():
         note = "gray levels, after a box of 20 mm"
         if name in _PHOTOGRAPHED:
             note += "; photographed {:g} to {:g}".format(*_PHOTOGRAPHED[name])
         metrics |= {
-            f"contrast.{name}": Metric(look.contrast, "1", note=note),
-            f"median_frequency.{name}": Metric(look.median_frequency, "1/mm"),
-            f"texels_per_pixel.{name}": Metric(look.texels_per_pixel, "1"),
+            f"contrast.{name}": Metric(appearance.contrast, "1", note=note),
+            f"median_frequency.{name}": Metric(appearance.median_frequency, "1/mm"),
+            f"texels_per_pixel.{name}": Metric(appearance.texels_per_pixel, "1"),
         }
     rows = (
         (
-            name, look.contrast, *_PHOTOGRAPHED.get(name, (math.nan, math.nan)),
-            look.median_frequency, look.texels_per_pixel,
+            name, appearance.contrast, *_PHOTOGRAPHED.get(name, (math.nan, math.nan)),
+            appearance.median_frequency, appearance.texels_per_pixel,
         )
-        for name, look in looks.items()
+        for name, appearance in appearances.items()
     )  # fmt: skip
     header = (
         "ground", "contrast_gray_levels", "photographed_from", "photographed_to",
         "median_frequency_per_mm", "texels_per_pixel",
     )  # fmt: skip
-    study.figure("grounds.png", _plate(looks))
-    study.figure("spectra.png", _spectra(looks))
+    study.figure("grounds.png", _plate(appearances))
+    study.figure("spectra.png", _spectra(appearances))
     study.table("grounds.csv", header, rows)
     return study.result(metrics)
 
 
-def _look(texture: GroundTexture, seed: int) -> Look:
+def _appearance(texture: GroundTexture, seed: int) -> Appearance:
     sensor = sensors.LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(
         {"eye": sensor},
@@ -116,7 +117,7 @@ def _look(texture: GroundTexture, seed: int) -> Look:
     count = block * max(1, round(_SHOWN / texture.texel / block))
     patch = np.tile(texture.gray, (1 + count // len(texture.gray),) * 2)[:count, :count]
     dots = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
-    return Look(
+    return Appearance(
         np.asarray(dots, np.float64),
         float(lines.std(axis=1).mean()),
         frequency,
@@ -126,8 +127,8 @@ def _look(texture: GroundTexture, seed: int) -> Look:
     )
 
 
-def _plate(looks: dict[str, Look]) -> Figure:
-    rows = math.ceil(len(looks) / _COLUMNS)
+def _plate(appearances: dict[str, Appearance]) -> Figure:
+    rows = math.ceil(len(appearances) / _COLUMNS)
     figure, panels = style.panels(
         "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm",
         rows,
@@ -136,14 +137,14 @@ def _plate(looks: dict[str, Look]) -> Figure:
     )
     for axes in panels.flat:
         axes.set_axis_off()
-    for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
-        axes.imshow(look.patch, cmap="gray", vmin=0.0, vmax=255.0, origin="lower")
-        axes.set_title(f"{name.replace('_', ' ')}: {look.contrast:.1f}", pad=3.0)
+    for axes, (name, appearance) in zip(panels.flat, appearances.items(), strict=False):
+        axes.imshow(appearance.patch, cmap="gray", vmin=0.0, vmax=255.0, origin="lower")
+        axes.set_title(f"{name.replace('_', ' ')}: {appearance.contrast:.1f}", pad=3.0)
     return figure
 
 
-def _spectra(looks: dict[str, Look]) -> Figure:
-    rows = math.ceil(len(looks) / _COLUMNS)
+def _spectra(appearances: dict[str, Appearance]) -> Figure:
+    rows = math.ceil(len(appearances) / _COLUMNS)
     figure, panels = style.panels(
         "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power",
         rows,
@@ -154,12 +155,14 @@ def _spectra(looks: dict[str, Look]) -> Figure:
         sharex=True,
         sharey=True,
     )
-    for axes in list(panels.flat)[len(looks) :]:
+    for axes in list(panels.flat)[len(appearances) :]:
         axes.set_axis_off()
-    for axes, (name, look) in zip(panels.flat, looks.items(), strict=False):
-        axes.loglog(look.frequency, look.spectrum, color=style.BLUE, linewidth=1.0)
-        axes.axhline(0.5 / look.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9)
-        axes.axvline(look.median_frequency, color=style.VERMILLION, linewidth=0.9)
+    for axes, (name, appearance) in zip(panels.flat, appearances.items(), strict=False):
+        axes.loglog(appearance.frequency, appearance.spectrum, color=style.BLUE, linewidth=1.0)
+        axes.axhline(
+            0.5 / appearance.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9
+        )
+        axes.axvline(appearance.median_frequency, color=style.VERMILLION, linewidth=0.9)
         axes.set_xlim(*_DECADES)
         axes.set_title(name.replace("_", " "), pad=3.0)
     return figure

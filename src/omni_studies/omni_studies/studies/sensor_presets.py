@@ -31,7 +31,7 @@ from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, measure
 from omni_tools.line_trials.twist_trials import drive
-from omni_tools.placement.classical import tangential
+from omni_tools.placement.common_placements import tangential
 
 _PRESETS = {"lis770i": "lis_770i", "s3901": "s3901"}
 _TITLES = {"lis770i": "LIS-770i", "s3901": "S3901"}

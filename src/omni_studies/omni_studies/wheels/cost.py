@@ -12,7 +12,7 @@ import numpy as np
 
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_studies.wheels.trials import TRIALS, go, start
+from omni_studies.wheels.trials import TRIALS, advance, start
 
 _TRIALS = (
     dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),
@@ -40,9 +40,9 @@ def processor_times(
             spent = 0.0
             for trial in _TRIALS:
                 vehicle = start(configuration, trial, 0.1)
-                go(vehicle, trial, 0.0)  # loads the kernel
+                advance(vehicle, trial, 0.0)  # loads the kernel
                 begin = time.process_time()
-                go(vehicle, trial, trial.duration)
+                advance(vehicle, trial, trial.duration)
                 spent += time.process_time() - begin
             times[name].append(spent)
     return {name: np.array(spent) for name, spent in times.items()}

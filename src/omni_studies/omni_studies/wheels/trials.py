@@ -112,7 +112,7 @@ def start(
     return vehicle
 
 
-def go(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
+def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
     """Advance a vehicle through a trial for a time [s]; return its trajectory."""
     enable = np.zeros if trial.released else np.ones
     return vehicle.advance(
@@ -137,7 +137,7 @@ def outcome(
     motion, force, scale = [], [], []
     for start_angle in angles:
         vehicle = start(configuration, trial, start_angle)
-        path = go(vehicle, trial, trial.duration)
+        path = advance(vehicle, trial, trial.duration)
         # Of the center of gravity: what the push does not explain, the wheels have done.
         center = vehicle.masses.center
         gained = _center_velocity(path[-1], center) - _center_velocity(path[0], center)
@@ -182,7 +182,7 @@ def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
 def stopping_distance(configuration: VehicleConfiguration, physics_step: float) -> float:
     """Return the stopping distance with all brakes on from 5 m/s [m]."""
     trial = dataclasses.replace(TRIALS["brake"], duration=3.0)
-    path = go(start(configuration, trial, 0.1, physics_step), trial, trial.duration)
+    path = advance(start(configuration, trial, 0.1, physics_step), trial, trial.duration)
     return float(np.linalg.norm(path[-1, :2]))
 
 
@@ -190,8 +190,8 @@ def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
     """Return the displacement of a braked vehicle on a slope of 5 % in a minute [m]."""
     trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
     vehicle = start(configuration, trial, wheel_angle)
-    go(vehicle, trial, 3.0)  # the tires give way a little
-    path = go(vehicle, trial, 60.0)
+    advance(vehicle, trial, 3.0)  # the tires give way a little
+    path = advance(vehicle, trial, 60.0)
     return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
 
 
@@ -199,8 +199,8 @@ def movement_after_stop(configuration: VehicleConfiguration) -> float:
     """Return the displacement of a stopped vehicle in a minute [m]."""
     trial = TRIALS["brake"]
     vehicle = start(configuration, trial, 0.1)
-    go(vehicle, trial, 4.0)
-    path = go(vehicle, trial, 60.0)
+    advance(vehicle, trial, 4.0)
+    path = advance(vehicle, trial, 60.0)
     return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
 
 
@@ -229,12 +229,12 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
         "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
     )
     vehicle = start(configuration, trial)
-    go(vehicle, trial, trial.duration)
+    advance(vehicle, trial, trial.duration)
     step = vehicle.physics_step
     first = vehicle.wheels["angle"][wheel]
     angle, force = [], []
     while abs(vehicle.wheels["angle"][wheel] - first) < turns:
-        go(vehicle, trial, step)
+        advance(vehicle, trial, step)
         angle.append(vehicle.wheels["angle"][wheel])
         force.append(vehicle.wheel_force_body[wheel])
     return ForceTrace(np.array(angle), np.array(force))

@@ -28,7 +28,7 @@ _OFFSET = 0.03  # mounting position of a twist sensor [m]
 _FORCE = 0.05  # [m/s^2] acceleration that identifies the axes of an IMU
 _LATEST = 0.3  # [s] after which a brake must have responded
 _RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
-_OFTEN = 0.3  # share of the stop in which a wheel must have been braked to be judged
+_OFTEN = 0.3  # least share of the stop in which a wheel must have been braked for a test
 _CLEARLY = 0.1  # by which the sum of two correlations must be larger with exchanged brakes
 _DELAY = 0.02  # [s] by which a dead time may differ from that of the file
 

@@ -257,9 +257,9 @@ class _Cases:
 
     def _level(self, torque: float) -> float:
         """Round a torque [N m] during build-up to limit the number of cases; up for a bound."""
-        grain = self._enough_torque / (_SKETCHED_LEVELS if self._sketch else _LEVELS)
+        step = self._enough_torque / (_SKETCHED_LEVELS if self._sketch else _LEVELS)
         rounded = math.floor if self._sketch else math.ceil
-        return float(rounded(torque / grain) * grain)
+        return float(rounded(torque / step) * step)
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
         """Return the strongest deceleration [m/s^2] between two positions along the path [m]."""

@@ -20,7 +20,7 @@ _MOST_ROWS = 1200  # of a picture
 
 
 @dataclasses.dataclass(frozen=True)
-class Sight:
+class Kymograph:
     """Lines of one camera and the estimates of the odometry.
 
     Attributes:
@@ -48,9 +48,9 @@ class Sight:
         return float(np.mean([reading.measured for reading in self.readings]))
 
 
-def see(
+def match_lines(
     sensor: LineSensor, batches: Sequence[signals.LineBatch], configuration: OdometryConfiguration
-) -> Sight:
+) -> Kymograph:
     """Match the lines of consecutive batches of one camera.
 
     Args:
@@ -74,36 +74,36 @@ def see(
     joined = np.abs(np.diff(time) - period) < 0.5 * period
     displacement = np.where(pairs.usable & joined, pairs.displacement, np.nan)
     ends = np.array([1e-9 * batch.stamp_ns for batch in batches])
-    return Sight(sensor, lines, time, displacement, pairs.similarity, ends, readings)
+    return Kymograph(sensor, lines, time, displacement, pairs.similarity, ends, readings)
 
 
-def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
+def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str) -> Figure:
     """Draw a row for each camera: its lines over time, displacements, correlations.
 
     Args:
-        sights: line of sight by camera.
+        kymographs: lines and estimates by camera.
         title: title of the figure.
     """
     figure, panels = style.panels(
         title,
-        len(sights),
+        len(kymographs),
         3,
-        size=(13.0, 0.8 + 3.6 * len(sights)),
+        size=(13.0, 0.8 + 3.6 * len(kymographs)),
         y="time [s]",
         width_ratios=(1.5, 1.0, 0.7),
     )
-    for (seen, moved, alike), (name, sight) in zip(panels, sights.items(), strict=True):
-        step = -(-len(sight.lines) // _MOST_ROWS)
-        begin, end = float(sight.time[0]), float(sight.time[-1])
+    for (seen, moved, alike), (name, kymograph) in zip(panels, kymographs.items(), strict=True):
+        step = -(-len(kymograph.lines) // _MOST_ROWS)
+        begin, end = float(kymograph.time[0]), float(kymograph.time[-1])
         seen.grid(False)
         seen.imshow(
-            sight.lines[::step], cmap="gray", aspect="auto", interpolation="antialiased",
-            extent=(0.0, 1e3 * sight.sensor.length, end, begin),
+            kymograph.lines[::step], cmap="gray", aspect="auto", interpolation="antialiased",
+            extent=(0.0, 1e3 * kymograph.sensor.length, end, begin),
         )  # fmt: skip
         seen.set_xlabel("along the axis [mm]")
         seen.set_title(f"{name}: lines over time")
-        _draw_displacements(moved, sight)
-        alike.plot(sight.correlation, sight.time[1:], ".", ms=2.0, color=style.BLUE)
+        _draw_displacements(moved, kymograph)
+        alike.plot(kymograph.correlation, kymograph.time[1:], ".", ms=2.0, color=style.BLUE)
         alike.set_xlim(-0.05, 1.05)
         alike.set_xlabel("correlation [1]")
         for axes in (moved, alike):
@@ -111,15 +111,17 @@ def draw_sights(sights: Mapping[str, Sight], title: str) -> Figure:
     return figure
 
 
-def _draw_displacements(axes: Axes, sight: Sight) -> None:
+def _draw_displacements(axes: Axes, kymograph: Kymograph) -> None:
     label = "of each pair of lines"
-    axes.plot(sight.displacement, sight.time[1:], ".", ms=2.0, color=style.GRAY, label=label)
-    scale = sight.sensor.pixel_pitch * sight.sensor.line_rate
+    times = kymograph.time[1:]
+    axes.plot(kymograph.displacement, times, ".", ms=2.0, color=style.GRAY, label=label)
+    scale = kymograph.sensor.pixel_pitch * kymograph.sensor.line_rate
     measured = [
-        reading.velocity / scale if reading.measured else np.nan for reading in sight.readings
+        reading.velocity / scale if reading.measured else np.nan for reading in kymograph.readings
     ]
-    axes.plot(measured, sight.ends, "-", color=style.ORANGE, lw=1.4, label="of the batch")
-    lost = [end for end, r in zip(sight.ends, sight.readings, strict=True) if not r.measured]
+    axes.plot(measured, kymograph.ends, "-", color=style.ORANGE, lw=1.4, label="of the batch")
+    batches = zip(kymograph.ends, kymograph.readings, strict=True)
+    lost = [end for end, reading in batches if not reading.measured]
     if lost:
         # At the left edge, whatever the displacements are.
         axes.plot(
@@ -127,6 +129,6 @@ def _draw_displacements(axes: Axes, sight: Sight) -> None:
             transform=axes.get_yaxis_transform(), clip_on=False,
         )  # fmt: skip
     axes.set_xlabel("displacement [px]")
-    title = f"1 px/line = {scale:.3g} m/s; {100.0 * sight.measured:.0f} % of batches measured"
+    title = f"1 px/line = {scale:.3g} m/s; {100.0 * kymograph.measured:.0f} % of batches measured"
     axes.set_title(title)
     axes.legend(fontsize=8, loc="best", framealpha=0.85, edgecolor="none")

@@ -8,8 +8,8 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import View
-from omni_tools.placement import judged, mounting_area
-from omni_tools.placement.classical import classical
+from omni_tools.placement import evaluation, mounting_area
+from omni_tools.placement.common_placements import common_placements
 from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
@@ -68,14 +68,14 @@ class Design:
     trial: SensorTrial
     criterion: MeanError
     found: FoundPlacement
-    placements: tuple[judged.JudgedPlacement, ...]
+    placements: tuple[evaluation.EvaluatedPlacement, ...]
 
     @property
-    def best(self) -> judged.JudgedPlacement:
+    def best(self) -> evaluation.EvaluatedPlacement:
         """The best placement."""
         return self.placements[0]
 
-    def placement(self, name: str) -> judged.JudgedPlacement:
+    def placement(self, name: str) -> evaluation.EvaluatedPlacement:
         """Return a placement by its name."""
         return next(entry for entry in self.placements if entry.name == name)
 
@@ -121,9 +121,11 @@ def design(task: DesignTask, report: Report) -> Design:
     sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
     sensors |= task.given
     sensors[CONDITION] = named(other.poses, view)
-    for name, poses in classical(area, task.count).items():
+    for name, poses in common_placements(area, task.count).items():
         sensors[name] = named(poses, view, rounded=False)
-    placements = tuple(judged.judge(name, own, criterion, area) for name, own in sensors.items())
+    placements = tuple(
+        evaluation.evaluate(name, own, criterion, area) for name, own in sensors.items()
+    )
     return Design(trial, criterion, found, placements)
 
 

@@ -16,7 +16,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 from omni_figures import style
 from omni_platform.quantities import FloatArray
 from omni_tools.placement.error import MeanError, poses_of
-from omni_tools.placement.judged import JudgedPlacement
+from omni_tools.placement.evaluation import EvaluatedPlacement
 from omni_tools.placement.mounting_area import MountingArea
 
 _POINTS = 81  # of the map across the chassis
@@ -36,7 +36,7 @@ _ARROW_LOOK: dict[str, Any] = {
 
 
 def placement_figure(
-    placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea, title: str
+    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea, title: str
 ) -> Figure:
     """Draw placements side by side; the first one sets the color scale.
 
@@ -76,7 +76,7 @@ def placement_figure(
 
 
 def _limits(
-    placements: Sequence[JudgedPlacement], area: MountingArea
+    placements: Sequence[EvaluatedPlacement], area: MountingArea
 ) -> tuple[FloatArray, FloatArray]:
     """Return the corners of the section of every panel [m]."""
     housings = [
@@ -92,7 +92,7 @@ def _limits(
 
 
 def _norm(
-    placements: Sequence[JudgedPlacement], criterion: MeanError, area: MountingArea
+    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea
 ) -> BoundaryNorm:
     """Return a scale over all errors, or up to a multiple of the best mean."""
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
@@ -113,7 +113,7 @@ def _round_step(step: float) -> float:
 
 
 def _map(
-    placement: JudgedPlacement, criterion: MeanError, area: MountingArea
+    placement: EvaluatedPlacement, criterion: MeanError, area: MountingArea
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return x, y [m] and error [mm/s] of points of the chassis."""
     half = 0.5 * area.scene.chassis_length, 0.5 * area.scene.chassis_width
@@ -123,7 +123,7 @@ def _map(
 
 def _draw(
     axes: Axes,
-    placement: JudgedPlacement,
+    placement: EvaluatedPlacement,
     criterion: MeanError,
     area: MountingArea,
     norm: BoundaryNorm,
@@ -160,7 +160,7 @@ def _draw(
     axes.set_aspect("equal")
 
 
-def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
+def _draw_sensors(axes: Axes, placement: EvaluatedPlacement, area: MountingArea) -> None:
     size = area.scene.chassis_length
     for name, pose in zip(placement.sensors, poses_of(placement.sensors), strict=True):
         housing = area.outline(pose, housing=True)
@@ -179,7 +179,7 @@ def _draw_sensors(axes: Axes, placement: JudgedPlacement, area: MountingArea) ->
         )
 
 
-def _draw_axes_through(axes: Axes, placement: JudgedPlacement, area: MountingArea) -> None:
+def _draw_axes_through(axes: Axes, placement: EvaluatedPlacement, area: MountingArea) -> None:
     """Draw the lines of all axes; they meet in a point if the placement is singular."""
     reach = math.hypot(area.scene.chassis_length, area.scene.chassis_width)
     for x, y, heading in poses_of(placement.sensors):

@@ -7,7 +7,7 @@ from typing import Any
 
 from omni_loop.commented_yaml import commented_yaml
 from omni_loop.metrics import Metric, results_entry
-from omni_tools.placement import design, judged, trials
+from omni_tools.placement import design, evaluation, trials
 
 _COLUMN = {
     "mean_error": "mean_error",
@@ -47,7 +47,7 @@ def entries(
 
 
 def _metrics(
-    placement: judged.JudgedPlacement, trial: trials.PlacementTrial | None, gyration: float
+    placement: evaluation.EvaluatedPlacement, trial: trials.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     metrics = {"mean_error": Metric(placement.mean_error, "m/s", note=placement.singular)}
     names = (("v_x", "m/s"), ("v_y", "m/s"), ("yaw_rate", "rad/s"))
@@ -70,7 +70,7 @@ def _metrics(
 
 
 def column(
-    placement: judged.JudgedPlacement, trial: trials.PlacementTrial | None, gyration: float
+    placement: evaluation.EvaluatedPlacement, trial: trials.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     """Return a column of the table in millimeters per second."""
     metrics = _metrics(placement, trial, gyration)
@@ -124,7 +124,7 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
     return sentences
 
 
-def _compared(placement: judged.JudgedPlacement, best: judged.JudgedPlacement) -> str:
+def _compared(placement: evaluation.EvaluatedPlacement, best: evaluation.EvaluatedPlacement) -> str:
     share = placement.mean_error / best.mean_error - 1.0
     return f"{100.0 * abs(share):.0f} % {'below' if share < 0.0 else 'above'}"
 

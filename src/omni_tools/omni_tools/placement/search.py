@@ -273,11 +273,11 @@ class _Search:
         places, own = places[free], own[free]
         information = self._criterion.information(others)
         total = own.sum(axis=1) + information.sum(axis=0)
-        judged = [total]
+        evaluated = [total]
         if self._redundant:
-            judged = [total - one for one in information]
-            judged += [total - own[:, g] for g in range(own.shape[1])]
-        values = np.max([self._criterion.value(each) for each in judged], axis=0)
+            evaluated = [total - one for one in information]
+            evaluated += [total - own[:, g] for g in range(own.shape[1])]
+        values = np.max([self._criterion.value(each) for each in evaluated], axis=0)
         best = int(np.argmin(values))
         return float(values[best]), places[best]
 

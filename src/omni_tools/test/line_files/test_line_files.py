@@ -16,7 +16,7 @@ from linescan_odometry.odometry import OdometryConfiguration
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch
 from omni_tools.line_files.calibration import Calibration, calibrate, draw_residuals, observe
-from omni_tools.line_files.kymograph import draw_sights, see
+from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 from omni_tools.line_files.reading import LineFileError, RawFormat, read_lines
 from omni_tools.line_trials.rig import Rig, ground, poses_at
 
@@ -171,10 +171,10 @@ def test_a_kymograph_shows_every_line_and_what_became_of_it() -> None:
         LineBatch(round(1e9 * time[e - 1]), lines[e - BATCH : e])
         for e in range(BATCH, len(time) + 1, BATCH)
     ]
-    sight = see(EYE, batches, settings)
-    assert sight.measured == 1.0
-    np.testing.assert_allclose(sight.time, time, atol=1e-8)
+    kymograph = match_lines(EYE, batches, settings)
+    assert kymograph.measured == 1.0
+    np.testing.assert_allclose(kymograph.time, time, atol=1e-8)
     speed = 0.5 * math.cos(EYE.heading) + math.sin(EYE.heading)
     expected = speed / RATE / EYE.pixel_pitch
-    assert float(np.median(sight.displacement)) == pytest.approx(expected, abs=0.05)
-    draw_sights({"eye": sight}, "lines")
+    assert float(np.median(kymograph.displacement)) == pytest.approx(expected, abs=0.05)
+    draw_kymographs({"eye": kymograph}, "lines")

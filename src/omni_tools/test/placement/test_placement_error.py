@@ -11,7 +11,7 @@ import pytest
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import sensor_matrix
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.classical import ring
+from omni_tools.placement.common_placements import ring
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,

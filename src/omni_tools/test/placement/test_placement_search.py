@@ -14,7 +14,7 @@ from omni_figures.scene import Scene, overlap
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.classical import classical
+from omni_tools.placement.common_placements import common_placements
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,
@@ -23,7 +23,7 @@ from omni_tools.placement.error import (
     gyration,
     poses_of,
 )
-from omni_tools.placement.judged import judge, singularity
+from omni_tools.placement.evaluation import evaluate, singularity
 from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.search import NoRoomError, search
 from omni_tools.placement.sensor_error import SensorError
@@ -73,11 +73,11 @@ def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) ->
     area, criterion = chassis(vehicle)
     found = search(criterion, area, 3, starts=3)
     assert area.problem(("a", "b", "c"), found.poses) == ""
-    best = judge("best", named(found.poses, VIEW), criterion, area)
+    best = evaluate("best", named(found.poses, VIEW), criterion, area)
     assert best.singular == ""
     assert best.mean_error == pytest.approx(found.value, rel=1e-9)
-    default = judge("default", LIBRARY.sensors("three_generic"), criterion, area)
-    tangential = criterion.mean_error(classical(area, 3)["tangential"])
+    default = evaluate("default", LIBRARY.sensors("three_generic"), criterion, area)
+    tangential = criterion.mean_error(common_placements(area, 3)["tangential"])
     assert best.mean_error < 0.85 * default.mean_error
     assert best.mean_error < tangential
     # What is drilled: whole millimeters and degrees, at nearly no loss.
@@ -116,14 +116,14 @@ def test_redundancy_is_bought_with_little_error() -> None:
 def test_singular_and_unmountable_placements_are_named() -> None:
     area, criterion = chassis("table_2_mecanum")
     classics = {
-        name: judge(name, named(poses, VIEW, rounded=False), criterion, area)
-        for name, poses in classical(area, 3).items()
+        name: evaluate(name, named(poses, VIEW, rounded=False), criterion, area)
+        for name, poses in common_placements(area, 3).items()
     }
     assert classics["tangential"].singular == ""
     assert "pass through one point" in classics["radial"].singular
     assert "parallel" in classics["parallel"].singular
     assert classics["radial"].mean_error == classics["parallel"].mean_error == math.inf
-    default = judge("default", LIBRARY.sensors("three_generic"), criterion, area)
+    default = evaluate("default", LIBRARY.sensors("three_generic"), criterion, area)
     assert default.mounting == "left reaches over the edge"
     at_wheel = named(np.array([(0.7, 0.36, 0.0), (0.0, 0.3, 0.0), (-0.5, 0.0, 1.57)]), VIEW)
     problem = area.problem(tuple(at_wheel), poses_of(at_wheel))

@@ -18,7 +18,7 @@ from omni_platform.command_options import json_option, option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 
 if TYPE_CHECKING:
-    from omni_tools.line_files.kymograph import Sight
+    from omni_tools.line_files.kymograph import Kymograph
 
 WORK = "matching lines"
 
@@ -47,7 +47,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_figures.style import save_figure
     from omni_platform import topics
     from omni_recording import error, folder
-    from omni_tools.line_files.kymograph import draw_sights, see
+    from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 
     name_of_bag = options.bag.resolve().name
     target = options.out or workspace.results(None, "lines") / f"{name_of_bag}.png"
@@ -66,16 +66,18 @@ def run(options: Options, workspace: Workspace) -> Report:
     if not names:
         raise error.BagError(bag.path, "holds no lines of a camera of its configuration")
     batches = lines.read_batches(bag, names, options.start, options.duration)
-    sights = {name: see(odometry.sensors[name], own, odometry) for name, own in batches.items()}
-    picture = save_figure(draw_sights(sights, f"Lines of {name_of_bag}"), target)
-    values = {name: _quantities(sight) for name, sight in sights.items()}
+    kymographs = {
+        name: match_lines(odometry.sensors[name], own, odometry) for name, own in batches.items()
+    }
+    picture = save_figure(draw_kymographs(kymographs, f"Lines of {name_of_bag}"), target)
+    values = {name: _quantities(kymograph) for name, kymograph in kymographs.items()}
     text = []
     for name, own in values.items():
         words = [
             f"{key.replace('_', ' ')} {value:.4g} {unit}" for key, (value, unit) in own.items()
         ]
         text.append(f"{name}: {', '.join(words)}")
-        reasons = {r.reason for r in sights[name].readings if not r.measured}
+        reasons = {r.reason for r in kymographs[name].readings if not r.measured}
         text += [f"    not measured: {reason}" for reason in sorted(reasons)[:3]]
     return Report(
         name="lines_show",
@@ -87,16 +89,16 @@ def run(options: Options, workspace: Workspace) -> Report:
     )
 
 
-def _quantities(sight: Sight) -> dict[str, tuple[float, str]]:
+def _quantities(kymograph: Kymograph) -> dict[str, tuple[float, str]]:
     """Return the figures of a camera's lines, as (value, unit)."""
-    matched = np.isfinite(sight.displacement)
-    velocity = [reading.velocity for reading in sight.readings if reading.measured]
+    matched = np.isfinite(kymograph.displacement)
+    velocity = [reading.velocity for reading in kymograph.readings if reading.measured]
     values = {}
     if matched.any():
-        values["displacement"] = (float(np.median(sight.displacement[matched])), "px")
-    values["correlation"] = (float(np.mean(sight.correlation)), "1")
+        values["displacement"] = (float(np.median(kymograph.displacement[matched])), "px")
+    values["correlation"] = (float(np.mean(kymograph.correlation)), "1")
     values["matched_share"] = (float(np.mean(matched)), "1")
-    values["measured_share"] = (sight.measured, "1")
+    values["measured_share"] = (kymograph.measured, "1")
     if velocity:
         values["velocity"] = (float(np.median(velocity)), "m/s")
     return values

@@ -40,7 +40,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
     return sensors
 
 
-def classical(area: MountingArea, count: int) -> dict[str, FloatArray]:
+def common_placements(area: MountingArea, count: int) -> dict[str, FloatArray]:
     """Return poses at equal angles on the largest circle that fits tangential cameras.
 
     Args:

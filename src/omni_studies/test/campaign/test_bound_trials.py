@@ -1,4 +1,4 @@
-"""Random stops of every law are held against bounds; a run that is below one is found."""
+"""Random stops of every law are compared with the bounds; a run below a bound is found."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ import pytest
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_sim.configuration import GroundConfiguration
-from omni_studies.campaign.beside_limit import LAWS, BesideLimit, Held, _kept
+from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept
 from omni_studies.studies import bounds
 from omni_studies.study import StudyRun
 from omni_tools.limit.bounds import (
@@ -79,10 +79,11 @@ def test_a_stop_that_turns_and_returns_has_not_kept_its_heading(
 
 
 def test_a_path_that_cannot_be_is_found(library: ExperimentLibrary) -> None:
-    held = BesideLimit(library)(36)
-    assert bounds.below([held], "any_heading") == 0
-    assert bounds.below([held._replace(path_allocation=0.8 * held.any_heading)], "any_heading") == 1
-    fine = Held(0, "any", 1.0, math.nan, 2.0, 0.01, *[1.5] * len(LAWS), *[1.995] * len(LAWS))
+    stop = BoundTrials(library)(36)
+    assert bounds.below([stop], "any_heading") == 0
+    shorter = stop._replace(path_allocation=0.8 * stop.any_heading)
+    assert bounds.below([shorter], "any_heading") == 1
+    fine = BoundTrial(0, "any", 1.0, math.nan, 2.0, 0.01, *[1.5] * len(LAWS), *[1.995] * len(LAWS))
     assert bounds.below([fine], "straight") == 0  # within the tolerance
     assert bounds.below([fine._replace(kept_unassisted=1.9)], "straight") == 1
     assert bounds.below([fine._replace(kept_unassisted=math.nan)], "straight") == 0

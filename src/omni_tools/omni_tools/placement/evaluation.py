@@ -19,7 +19,7 @@ MINIMUM_LEVER = OdometryConfiguration.minimum_lever
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class JudgedPlacement:
+class EvaluatedPlacement:
     """A placement and its errors.
 
     Attributes:
@@ -60,9 +60,9 @@ class JudgedPlacement:
         return tuple(self.sensors)[int(np.argmax(self.without))]
 
 
-def judge(
+def evaluate(
     name: str, sensors: Mapping[str, LineSensor], criterion: errors.MeanError, area: MountingArea
-) -> JudgedPlacement:
+) -> EvaluatedPlacement:
     """Evaluate a placement on a chassis.
 
     Args:
@@ -86,7 +86,7 @@ def judge(
     for index, missing in enumerate(sensors):
         if singularity({name: own for name, own in sensors.items() if name != missing}):
             without[index] = math.inf
-    return JudgedPlacement(
+    return EvaluatedPlacement(
         name,
         sensors,
         criterion.mean_error(poses),

@@ -32,7 +32,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 """Overrides of `RandomBraking` by law."""
 
 
-class Held(NamedTuple):
+class BoundTrial(NamedTuple):
     """A stop under each of the `LAWS`, and its bounds.
 
     Attributes:
@@ -70,7 +70,7 @@ class Held(NamedTuple):
     kept_allocation: float
 
 
-class BesideLimit:
+class BoundTrials:
     """Runs a seed under every law; sent to the workers.
 
     Args:
@@ -89,7 +89,7 @@ class BesideLimit:
         """Digest of the configuration of the runs."""
         return "-".join(braking.fingerprint[:8] for braking in self._brakings.values())
 
-    def __call__(self, seed: int) -> Held:
+    def __call__(self, seed: int) -> BoundTrial:
         """Run a seed under every law and compare it with its bounds."""
         drawn = draw(seed)
         tried = {law: one.configurations(drawn) for law, one in self._brakings.items()}
@@ -100,7 +100,7 @@ class BesideLimit:
         paths = [_path(run, first) for run in runs.values()]
         kept = [_kept(run, first, maneuver) for run in runs.values()]
         bounds = *_any(first, maneuver, min(paths)), *_straight(first, maneuver, np.array(kept))
-        return Held(seed, drawn["vehicle"], *bounds, *paths, *kept)
+        return BoundTrial(seed, drawn["vehicle"], *bounds, *paths, *kept)
 
 
 def _any(
