@@ -57,7 +57,7 @@ class ImuConfiguration(Configuration):
 
 
 class Imu(NamedTuple):
-    """The unit as the kernel reads it.
+    """Constants and state of the unit in the layout of the kernel.
 
     Attributes:
         enabled: whether there is a unit.

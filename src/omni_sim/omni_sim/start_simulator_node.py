@@ -1,4 +1,4 @@
-"""Starts the process of the simulator; light, so that a signal finds a handler at once."""
+"""Starts the process of the simulator with few imports, so that signals are handled early."""
 
 from omni_ros.start import start_node
 

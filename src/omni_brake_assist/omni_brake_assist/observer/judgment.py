@@ -141,7 +141,7 @@ def _explain(constants: ObserverConstants, memory: ObserverMemory) -> tuple[int,
 def _isolate(
     constants: ObserverConstants, memory: ObserverMemory, about_rate: bool
 ) -> tuple[int, bool]:
-    """Return the fault-free filter of a dispute, and whether the evidence suffices."""
+    """Return the fault-free one of two filters that disagree, and whether that is certain."""
     score = memory.score
     if memory.isolation[0].since_jump < constants.recovery_time:  # faster than any vehicle moves
         return NO_TWIST, True

@@ -68,7 +68,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
 
 
 def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
-    """Yield breaches in the enables of a brake assistant for some wheels."""
+    """Yield breaches in the enables that a brake assistant publishes for given wheels."""
     for one in exchange.answers:
         if sorted(one.message.name) != sorted(wheels):
             yield f"brake/enable names {', '.join(one.message.name)}; must be {', '.join(wheels)}"

@@ -20,7 +20,7 @@ from omni_tools.line_trials.rig import View
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MountingArea:
-    """The chassis from below, with the cameras' rectangle.
+    """Area under a chassis in which cameras with rectangular housings can be mounted.
 
     Attributes:
         scene: chassis and wheels.

@@ -145,7 +145,7 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 
 
 def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
-    """Draw a plate of the ground, as a camera sees it."""
+    """Draw a square piece of the ground in the gray levels that a camera sees."""
     texture = TextureCache.of_user().texture(ground.texture)
     count = min(len(texture.gray), max(1, round(_PLATE / texture.texel)))
     edge = 1e3 * count * texture.texel
