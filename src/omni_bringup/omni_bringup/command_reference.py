@@ -16,9 +16,10 @@ from omni_platform import command_options, configuration
 _HEAD = """\
 # All options
 
-Made from the declarations in the code. [Commands](commands.md) has purposes, examples and the
-output of `--json`. Exit codes: 0 done, 1 failed, 2 refused before anything started,
-130 ended by Ctrl-C (143 by SIGTERM).
+This page lists all options of every command and study; it is generated from the code.
+Use it to look up an option; [Commands](commands.md) has purposes, examples and the output of
+`--json`. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by Ctrl-C
+(143 by SIGTERM).
 
 """
 

@@ -28,7 +28,9 @@ from omni_vehicle.flow_chips import FlowChipConfiguration
 _HEAD = """\
 # Parameters
 
-Made from the declarations in the code by `python -m omni_bringup.parameter_reference`; do not edit.
+This page lists every parameter with its default, unit, range and meaning.
+Use it to look up the keys of experiments and of the nodes' ROS parameters.
+It is generated from the code by `python -m omni_bringup.parameter_reference`; do not edit it.
 `<name>` stands for the name of a wheel, sensor or patch. As ROS parameters the names themselves
 are listed in `wheels.names`, `sensors.names` and so on.
 """

@@ -75,7 +75,7 @@ def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
 
 
 def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> None:
-    """Declare the parameters of `cls` as options; they are left out of what is parsed if not given.
+    """Declare the parameters of `cls` as options; one that is not given is absent from the result.
 
     Args:
         parser: parser of the command.

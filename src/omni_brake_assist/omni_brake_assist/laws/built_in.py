@@ -16,7 +16,7 @@ SLIDING_MODE, ALLOCATION = range(2)
 
 
 class LawConstants(NamedTuple):
-    """Constants of every built-in law; a branch is cheaper to compile than a kernel for each.
+    """Constants of all built-in laws, since one kernel with a branch compiles faster than two.
 
     Attributes:
         kind: number of the chosen law.

@@ -87,7 +87,7 @@ def build_plant(
 
 
 def _ramp(brake: BrakeConfiguration) -> float:
-    """Return the commanded deceleration of the rim per torque [m/s^2 per N m], 0 for friction brakes."""
+    """Return the deceleration that a velocity drive commands per torque [m/s^2 per N m], else 0."""
     return brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
 
 
