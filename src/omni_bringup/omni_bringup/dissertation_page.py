@@ -52,8 +52,8 @@ def page(folder: Path) -> str:
         "of the dissertation, whether it holds here, and the\ncommand or test that shows it.\n"
         "Use it to check a claim, or to find the module that implements an equation.\n"
         "It is generated from `dissertation.yaml` by `python -m omni_bringup.dissertation_page`; "
-        "do not edit it.\nThe text is V. Kálmán, *On modeling and control of omnidirectional wheels*, "
-        "BME Budapest 2013.\n\n"
+        "do not edit it.\nThe text is V. Kálmán, *On modeling and control of omnidirectional "
+        "wheels*, BME Budapest 2013.\n\n"
         "| holds | rows | |\n|---|---|---|",
         *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
     ]
