@@ -107,6 +107,11 @@ def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) ->
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
 
 
+def ahead_up(points: FloatArray) -> FloatArray:
+    """Return points (M, 2) of the body for a figure in which the vehicle moves upwards."""
+    return np.column_stack((-points[:, 1], points[:, 0]))
+
+
 def overlap(a: FloatArray, b: FloatArray) -> bool:
     """Return whether two convex outlines, or lines between two points, have a point in common.
 

@@ -1,16 +1,22 @@
 """The configuration files of an identified candidate: its vehicle and its experiment."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from omni_loop.commented_yaml import commented_yaml, rounded
 from omni_loop.experiment import ExperimentConfiguration
+from omni_platform.configuration import to_mapping
 
 VEHICLE = "table_2_mecanum"
 """Name of the identified vehicle."""
 
 _MOUNT = ("x", "y", "roller_angle_deg", "radius")
 _PATCH = ("x", "y", "length", "width", "heading_deg", "friction")
+_MANEUVER = (
+    "y", "heading_deg", "speed", "direction_deg", "yaw_rate_deg", "hold_world_direction",
+    "brake_time",
+)  # fmt: skip
 _SOURCE = "found by ./omni study table2 --identify; see docs/identification.md."
 
 
@@ -51,32 +57,29 @@ def write_files(configuration: ExperimentConfiguration, folder: Path) -> tuple[P
     return vehicle, experiment
 
 
+def _picked(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    return {key: values[key] for key in keys}
+
+
 def _vehicle(configuration: ExperimentConfiguration) -> dict[str, Any]:
-    vehicle = configuration.vehicle
-    body, load = vehicle.body, vehicle.load
-    values: dict[str, Any] = {
-        "wheels": {
-            name: {key: getattr(mount, key) for key in _MOUNT}
-            for name, mount in vehicle.wheels.items()
-        },
-        "chassis_length": vehicle.chassis_length,
-        "chassis_width": vehicle.chassis_width,
-        "body": {"mass": body.mass, "height": body.height, "yaw_inertia": body.yaw_inertia},
-        "load": {"mass": load.mass, "x": load.x, "y": load.y, "height": body.height},
-        "tire": "rill_table_1",
-        "brake": {"max_torque": vehicle.brake.max_torque},
-        "drive": {
-            "max_torque": vehicle.drive.max_torque,
-            "stiffness": vehicle.drive.stiffness,
-        },
-        "wheel_inertia": vehicle.wheel_inertia,
-    }
-    return rounded(values)
+    vehicle = to_mapping(configuration.vehicle)
+    return rounded(
+        {
+            "wheels": {name: _picked(mount, *_MOUNT) for name, mount in vehicle["wheels"].items()},
+            **_picked(vehicle, "chassis_length", "chassis_width"),
+            "body": _picked(vehicle["body"], "mass", "height", "yaw_inertia"),
+            "load": _picked(vehicle["load"], "mass", "x", "y", "height"),
+            "tire": "rill_table_1",
+            "brake": _picked(vehicle["brake"], "max_torque"),
+            "drive": _picked(vehicle["drive"], "max_torque", "stiffness"),
+            **_picked(vehicle, "wheel_inertia"),
+        }
+    )
 
 
 def _experiment(configuration: ExperimentConfiguration) -> dict[str, Any]:
-    ground, maneuver = configuration.ground, configuration.maneuver
-    (patch,) = ground.patches.values()
+    ground, maneuver = to_mapping(configuration.ground), to_mapping(configuration.maneuver)
+    (patch,) = ground["patches"].values()
     laws: dict[str, dict[str, Any]] = {
         "unassisted": {"enabled": False},
         "zero": {"weighting": "zero"},
@@ -89,23 +92,12 @@ def _experiment(configuration: ExperimentConfiguration) -> dict[str, Any]:
         "vehicle": VEHICLE,
         "ground": {
             "texture": {"kind": "cork"},
-            "friction": ground.friction,
-            "patches": {"ice": rounded({key: getattr(patch, key) for key in _PATCH})},
+            "friction": ground["friction"],
+            "patches": {"ice": rounded(_picked(patch, *_PATCH))},
         },
         "sensors": "three_generic",
         "feedback": "velocity_sensor",
-        "maneuver": rounded(
-            {
-                "y": maneuver.y,
-                "heading_deg": maneuver.heading_deg,
-                "speed": maneuver.speed,
-                "direction_deg": maneuver.direction_deg,
-                "yaw_rate_deg": maneuver.yaw_rate_deg,
-                "hold_world_direction": True,
-                "brake_time": maneuver.brake_time,
-            },
-            10,
-        ),
+        "maneuver": rounded(_picked(maneuver, *_MANEUVER), 10),
         "simulation": {"duration_limit": configuration.simulation.duration_limit},
         "variants": {name: {"brake_assist": law} for name, law in laws.items()},
     }

@@ -49,6 +49,11 @@ class Quantity:
     decimals: int
     description: str
 
+    def near(self, center: float) -> tuple[float, float]:
+        """Return the range of the refinement about a value."""
+        reach = _NEIGHBORHOOD * (self.high - self.low)
+        return max(center - reach, self.low), min(center + reach, self.high)
+
 
 QUANTITIES = (
     Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0, "body with wheels, at the center"),
@@ -317,9 +322,5 @@ def search(
 
     whole = [(quantity.low, quantity.high) for quantity in QUANTITIES]
     found = start or evolve(whole, 2, 1.0, generations)
-    near = []
-    for quantity in QUANTITIES:
-        reach = _NEIGHBORHOOD * (quantity.high - quantity.low)
-        center = found[quantity.name]
-        near.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
+    near = [quantity.near(found[quantity.name]) for quantity in QUANTITIES]
     return evolve(near, 4, 0.7**4, min(generations, _REFINEMENT))

@@ -17,7 +17,7 @@ from matplotlib.patches import Polygon
 from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.weighting import weighting_function
 from omni_figures import style
-from omni_figures.scene import Scene
+from omni_figures.scene import Scene, ahead_up
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.geometry import PlatformGeometry, cross
@@ -165,17 +165,13 @@ def _draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
 
 def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
     """Draw one case; `scale` is the length of an arrow over its force [m/N]."""
-
-    def turned(points: FloatArray) -> FloatArray:
-        return np.column_stack((-np.atleast_2d(points)[:, 1], np.atleast_2d(points)[:, 0]))
-
     vehicle = one.vehicle
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
-    axes.add_patch(Polygon(turned(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
+    axes.add_patch(Polygon(ahead_up(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
     for outline in scene.wheel_outlines:
-        axes.add_patch(Polygon(turned(outline), facecolor="white", edgecolor=style.BLACK))
+        axes.add_patch(Polygon(ahead_up(outline), facecolor="white", edgecolor=style.BLACK))
     arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "zorder": 5}
-    places, vectors = turned(one.geometry.position), scale * turned(one.vectors)
+    places, vectors = ahead_up(one.geometry.position), scale * ahead_up(one.vectors)
     axes.quiver(
         *places.T, *vectors.T, color=style.BLUE, width=0.010, label="force of a wheel", **arrows
     )
@@ -183,9 +179,9 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
         side = 1.0 if x >= 0.0 else -1.0
         place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
         axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
-    center = turned(one.center)[0]
+    center = ahead_up(one.center[None])[0]
     # Half as long as those of the wheels, as it is of all of them.
-    total = 0.5 * scale * turned(one.total)[0]
+    total = 0.5 * scale * ahead_up(one.total[None])[0]
     axes.quiver(
         *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
         **arrows,

@@ -74,6 +74,12 @@ def trade_off(
             axes.plot([choice.worst_distance], [choice.worst_rotation], ms=17, **_CHOSEN)
         axes.set_title(_words(without.lag))
     all_axes[0].set_ylim(bottom=0.0)
+    handles = _legend(dwells, choice is not None, limits != (None, None))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 9))
+    return figure
+
+
+def _legend(dwells: Sequence[float], recommended: bool, limited: bool) -> list[Line2D]:
     handles = [
         Line2D([], [], label=words, **_look(dwells, dwell))
         for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
@@ -82,12 +88,11 @@ def trade_off(
         Line2D([], [], color=style.PALE, linewidth=_FRONT_WIDTH, label="best settings"),
         Line2D([], [], color=style.BLACK, marker="X", ms=9, linestyle="", label="unassisted"),
     ]
-    if choice is not None:
+    if recommended:
         handles.append(Line2D([], [], ms=12, label="recommended", **_CHOSEN))
-    if limits != (None, None):
+    if limited:
         handles.append(Line2D([], [], color=style.VERMILLION, linestyle="--", label="limit"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 9))
-    return figure
+    return handles
 
 
 def _panel(

@@ -217,7 +217,12 @@ class Trials:
     def run(self, number: int) -> Numbers:
         """Do one of the runs."""
         pair, situation = divmod(number, len(self.bases))
-        return Numbers(number, *_outcome(configured(self.bases[situation], *self.pairs[pair])))
+        run = run_fast_loop(configured(self.bases[situation], *self.pairs[pair]))
+        enable = run.record.enable[max(run.brake_start - 1, 0) :]
+        switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
+        if not run.stopped:
+            return Numbers(number, math.inf, math.inf, switchings)
+        return Numbers(number, run.orientation_change, run.stopping_distance, switchings)
 
     def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
         """Return the trials from all runs, in the order of `pairs`."""
@@ -225,23 +230,6 @@ class Trials:
         return tuple(
             Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
         )
-
-
-def measure(
-    bases: Sequence[ExperimentConfiguration], settings: Sequence[Setting], lags: Sequence[BrakeLag]
-) -> tuple[Trial, ...]:
-    """Try every setting with every lag in every situation, in this process."""
-    trials = Trials(bases, settings, lags)
-    return trials.collected([trials.run(number) for number in range(trials.count)])
-
-
-def _outcome(configuration: ExperimentConfiguration) -> tuple[float, float, float]:
-    run = run_fast_loop(configuration)
-    enable = run.record.enable[max(run.brake_start - 1, 0) :]
-    switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
-    if not run.stopped:
-        return math.inf, math.inf, switchings
-    return run.orientation_change, run.stopping_distance, switchings
 
 
 def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:

@@ -17,10 +17,10 @@ from omni_studies.tuning.trials import (
     BrakeLag,
     Setting,
     Trial,
+    Trials,
     configured,
     distance_at,
     front,
-    measure,
     recommended,
     situations,
 )
@@ -125,7 +125,8 @@ def test_the_sentence_names_what_was_tried(setting: Setting) -> None:
 def test_trials_are_runs_of_the_loop() -> None:
     base = LIBRARY.load("turn_while_translate", "unassisted", BLIND)
     lags = BrakeLag(), BrakeLag(0.01, 0.02)
-    trials = measure([base], [OFF, Setting("enhanced", 7, 0.05)], lags)
+    work = Trials([base], [OFF, Setting("enhanced", 7, 0.05)], lags)
+    trials = work.collected([work.run(number) for number in range(work.count)])
     assert [one.lag for one in trials] == [lags[0], lags[0], lags[1], lags[1]]
     for one in trials:
         run = run_fast_loop(configured(base, one.setting, one.lag))

@@ -259,6 +259,7 @@ class LimitVehicle:
         lost = math.inf if self._loss > 0.0 else 0.0
         lower = np.concatenate((low, np.full(wheels, -lost), np.zeros(wheels)))
         upper = np.concatenate((high, np.full(wheels, lost), np.full(wheels, math.inf)))
+        bounds = np.column_stack((lower, upper))
         cost = np.concatenate((along, passive_along, np.zeros(wheels))) / self.masses.mass
         chosen = np.zeros((wheels, len(self._slope)), dtype=np.bool_)
         from scipy.optimize import linprog  # takes half a second: not while nodes start
@@ -267,15 +268,7 @@ class LimitVehicle:
         while True:
             rows, right = self._friction_rows(case.friction, chosen)
             rows, right = np.vstack((rows, fixed[0])), np.append(right, fixed[1])
-            found = linprog(
-                cost,
-                rows,
-                right,
-                rows_eq,
-                right_eq,
-                np.column_stack((lower, upper)),
-                method="highs",
-            )
+            found = linprog(cost, rows, right, rows_eq, right_eq, bounds)
             if found.x is None:
                 return None
             force, load = found.x[:wheels], found.x[2 * wheels :]
@@ -287,9 +280,9 @@ class LimitVehicle:
             if not np.any(new):
                 break
             chosen[np.flatnonzero(new), needed[new]] = True
-        sides = np.where(np.isfinite(lower), lower, 0.0) @ found.lower.marginals
-        sides += np.where(np.isfinite(upper), upper, 0.0) @ found.upper.marginals
-        dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals + sides
+        low, high = np.where(np.isfinite(bounds), bounds, 0.0).T
+        dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals
+        dual += low @ found.lower.marginals + high @ found.upper.marginals
         bound = max(-float(dual), -float(found.fun))
         # With the forces their loads return to those at rest, which are admissible, and the set is
         # convex: forces shrunk by the worst excess exist.

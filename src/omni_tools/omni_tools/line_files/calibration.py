@@ -165,20 +165,7 @@ def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibrati
         # What is not shown is not fitted to the noise of the reference.
         coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
         covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
-    size = float(np.hypot(coefficients[0], coefficients[1]))
-    found_pitch = 1.0 / size
-    heading = math.atan2(coefficients[1], coefficients[0])
-    lever = coefficients[2] * found_pitch
-    # Derivatives of (pitch, heading, lever) by c.
-    c_1, c_2, c_3 = coefficients
-    jacobian = np.array(
-        [
-            [-c_1 / size**3, -c_2 / size**3, 0.0],
-            [-c_2 / size**2, c_1 / size**2, 0.0],
-            [-c_3 * c_1 / size**3, -c_3 * c_2 / size**3, 1.0 / size],
-        ]
-    )
-    errors = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+    found_pitch, heading, lever, errors = _mounting(coefficients, covariance)
     turned = math.remainder(heading - phi, 2.0 * math.pi)
     mirrored = abs(turned) > 0.5 * math.pi
     rates = np.array([drive.line_rate for drive in drives])
@@ -216,6 +203,27 @@ def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibrati
         tuple((d.pixels - d.twist @ coefficients) * found_pitch for d in drives),
         tuple((d.pixels - d.twist @ start) * pitch for d in drives),
     )
+
+
+def _mounting(
+    coefficients: FloatArray, covariance: FloatArray
+) -> tuple[float, float, float, FloatArray]:
+    """Return pitch [m], heading [rad] and lever [m], and their standard errors, shape (3,)."""
+    size = float(np.hypot(coefficients[0], coefficients[1]))
+    pitch = 1.0 / size
+    heading = math.atan2(coefficients[1], coefficients[0])
+    lever = coefficients[2] * pitch
+    # Derivatives of (pitch, heading, lever) by c.
+    c_1, c_2, c_3 = coefficients
+    jacobian = np.array(
+        [
+            [-c_1 / size**3, -c_2 / size**3, 0.0],
+            [-c_2 / size**2, c_1 / size**2, 0.0],
+            [-c_3 * c_1 / size**3, -c_3 * c_2 / size**3, 1.0 / size],
+        ]
+    )
+    errors = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+    return pitch, heading, lever, errors
 
 
 def _fit(

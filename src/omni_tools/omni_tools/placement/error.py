@@ -108,8 +108,7 @@ class MeanError:
         along, across = a_x * v_x + a_y * v_y, a_x * v_y - a_y * v_x
         weight = 1.0 / self.error.variance(self.view, along, across)
         lever = (x * a_y - y * a_x) / self.gyration
-        elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
-        return np.stack([weight * element for element in elements], axis=-1)
+        return weight[..., None] * _elements(a_x, a_y, lever)
 
     def value(self, information: FloatArray) -> FloatArray:
         """Return E [m/s] of sums of `information`, shape (..., M, 6) to (...)."""
@@ -159,8 +158,7 @@ class ConditionNumber:
         x, y, heading = (poses[..., i] for i in range(3))
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x
-        elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
-        return np.stack(elements, axis=-1)[..., None, :]
+        return _elements(a_x, a_y, lever)[..., None, :]
 
     def value(self, information: FloatArray) -> FloatArray:
         """Return the condition numbers of sums of `information`, shape (..., 1, 6) to (...)."""
@@ -173,6 +171,12 @@ class ConditionNumber:
 
 Criterion = MeanError | ConditionNumber
 """Criterion of a placement, to be minimized."""
+
+
+def _elements(a_x: FloatArray, a_y: FloatArray, lever: FloatArray) -> FloatArray:
+    """Return the different elements of ``a^T a``, shape (...) to (..., 6)."""
+    elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
+    return np.stack(elements, axis=-1)
 
 
 def total_variance(information: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from omni_figures import style
-from omni_figures.scene import Scene, placed, rectangle
+from omni_figures.scene import Scene, ahead_up, placed, rectangle
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import GroundConfiguration
@@ -65,21 +65,16 @@ def draw_vehicle(
     figure, ((axes,),) = style.panels(
         "seen from above, forward is up; what each wheel carries", size=(7.0, 7.0), **_FROM_ABOVE
     )
-
-    # The body's x axis points up, as the vehicle drives away from the reader.
-    def turn(points: np.ndarray) -> np.ndarray:
-        return np.column_stack((-np.asarray(points)[:, 1], np.asarray(points)[:, 0]))
-
-    axes.add_patch(Polygon(turn(scene.chassis), facecolor=style.PALE, edgecolor=style.GRAY))
+    axes.add_patch(Polygon(ahead_up(scene.chassis), facecolor=style.PALE, edgecolor=style.GRAY))
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     for row, outline in enumerate(scene.wheel_outlines):
-        axes.add_patch(Polygon(turn(outline), facecolor="white", edgecolor="black"))
+        axes.add_patch(Polygon(ahead_up(outline), facecolor="white", edgecolor="black"))
         place, reach = geometry.position[row], 1.6 * float(geometry.radius[row])
         ends = place + reach * np.outer((-1.0, 1.0), geometry.active[row])
         label = "pushes along" if not row else None
-        axes.plot(*turn(ends).T, color=style.BLUE, linewidth=2.0, label=label)
+        axes.plot(*ahead_up(ends).T, color=style.BLUE, linewidth=2.0, label=label)
     for (name, fact), (x, y), radius in zip(
-        wheel_facts(vehicle).items(), turn(geometry.position), geometry.radius, strict=True
+        wheel_facts(vehicle).items(), ahead_up(geometry.position), geometry.radius, strict=True
     ):
         # Beside the wheel, away from the middle.
         side = 1.0 if x >= 0.0 else -1.0
@@ -90,12 +85,14 @@ def draw_vehicle(
             va="center",
         )
     masses = MassProperties.of(vehicle.body, vehicle.load)
-    axes.plot(*turn(masses.center[None])[0], "o", color=style.VERMILLION, label="center of gravity")
+    axes.plot(
+        *ahead_up(masses.center[None])[0], "o", color=style.VERMILLION, label="center of gravity"
+    )
     for index, (name, sensor) in enumerate((sensors or {}).items()):
         pose = (sensor.x, sensor.y, math.radians(sensor.heading_deg))
         view = placed(rectangle(sensor.length, sensor.width), pose)
-        axes.add_patch(Polygon(turn(view), facecolor=style.ORANGE, edgecolor=style.ORANGE))
-        style.note(axes, name, turn(view[:1])[0], (4, 4))
+        axes.add_patch(Polygon(ahead_up(view), facecolor=style.ORANGE, edgecolor=style.ORANGE))
+        style.note(axes, name, ahead_up(view[:1])[0], (4, 4))
         if not index:
             axes.plot([], [], "s", color=style.ORANGE, label="line camera")
     axes.set_aspect("equal")
@@ -178,8 +175,7 @@ def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
     for name, one in sensors.items():
         heading = math.radians(one.heading_deg)
         view = placed(rectangle(10 * one.length, 10 * one.width), (one.x, one.y, heading))
-        turned = np.column_stack((-view[:, 1], view[:, 0]))
-        axes.add_patch(Polygon(turned, facecolor=style.PALE, edgecolor=style.ORANGE))
+        axes.add_patch(Polygon(ahead_up(view), facecolor=style.PALE, edgecolor=style.ORANGE))
         axes.annotate(name, (-one.y, one.x), ha="center", va="center")
     axes.plot(0.0, 0.0, "+", color=style.GRAY)
     axes.set_aspect("equal")
