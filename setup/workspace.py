@@ -187,8 +187,10 @@ def file_digest(path: Path) -> str:
 def build_inputs(root: Path) -> Iterator[Path]:
     """Yield the files that a build reads, in a fixed order.
 
-    Modules are imported from src, and tests are not installed.
+    Modules are imported from src, and tests are not installed. A folder of the configuration, which
+    is installed, changes with its list of files.
     """
+    yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
         place = Path(folder).relative_to(root / "src").parts
         if len(place) == 1:  # a package: neither modules nor tests nor what pip has built
