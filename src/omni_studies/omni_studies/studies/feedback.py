@@ -1,8 +1,8 @@
 """Cost in distance and rotation of a stop with each source of the body twist.
 
 The same random stops are braked without the assistant, and with both laws and each source: ideal,
-line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and slow ones. The table
-shows where assistance does more harm than good.
+line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and slow ones; with an IMU
+or without one. The table shows where assistance does more harm than good.
 """
 
 import dataclasses
@@ -49,6 +49,8 @@ class Options(CampaignOptions):
     """largest speed of the random stops"""
     named: bool = parameter(False)
     """add the named experiments, each with its own vehicle and speed"""
+    without_imu: bool = parameter(False)
+    """take the IMU away, with which the assistant otherwise bridges gaps and finds errors"""
 
 
 class Stop(NamedTuple):
@@ -154,7 +156,9 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run all cases, and write table and figure."""
     cases = Cases(*_bases(study.experiments, options), options)
-    fingerprint = f"{cases.groups} {options.source} {options.runs} {options.speed}"
+    fingerprint = (
+        f"{cases.groups} {options.source} {options.runs} {options.speed} {options.without_imu}"
+    )
     rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
         (vehicle, law, source): _results(rows, vehicle, law, source)
@@ -177,17 +181,21 @@ def _bases(
     """Return a stop of each vehicle, by its name, and the named experiments."""
     if len(set(options.vehicle)) != len(options.vehicle):
         raise ConfigurationError("--vehicle", "names a vehicle twice")
-    plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
-    kind = "vehicle.brake.kind=proportional"
+    changes = [
+        "feedback=velocity_sensor",
+        "simulation.render_lines=false",
+        "vehicle.brake.kind=proportional",
+        f"imu.enabled={str(not options.without_imu).lower()}",
+    ]
     vehicles = {
         name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
-            "straight_line", "assisted", [f"vehicle={name}", *plain, kind]
+            "straight_line", "assisted", [f"vehicle={name}", *changes]
         )
         for name in options.vehicle
     }
     names = _EXPERIMENTS if options.named else ()
     return vehicles, tuple(
-        library.load(name, library.variants(name)[-1], [*plain, kind]) for name in names
+        library.load(name, library.variants(name)[-1], changes) for name in names
     )
 
 

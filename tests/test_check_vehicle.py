@@ -1,0 +1,77 @@
+"""`check-vehicle live`: a drive over topics is judged as soon as the vehicle stands."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from contextlib import closing
+
+import numpy as np
+import pytest
+from bystander import Bystander
+from omni_process import WORKSPACE, omni_command, omni_environment
+from sensor_msgs.msg import JointState
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
+from omni_ros.messages import joint_state
+from omni_ros.qos import RELIABLE
+
+EXPERIMENT = ExperimentLibrary(WORKSPACE / "config").load("commissioning", "assisted")
+WHEELS = tuple(EXPERIMENT.vehicle.wheels)
+PERIOD_NS = 10_000_000
+
+
+class Vehicle(Bystander):
+    """A vehicle whose wheels roll as demanded, and slow down under its pedal."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("vehicle", domain)
+        self.states = self.node.create_publisher(JointState, "robot1/wheel_states", RELIABLE)
+        self.pedal = self.node.create_publisher(JointState, "robot1/brake/pedal", RELIABLE)
+
+    def heard(self) -> str:
+        return "nobody subscribed"
+
+    def drive(self, signs: FloatArray) -> None:
+        demands = EXPERIMENT.maneuver.demands
+        assert demands is not None
+        kinematics = PlatformKinematics.of(EXPERIMENT.vehicle.wheels)
+        braked = np.zeros(3)
+        for step in range(1600):
+            now = 0.01 * step
+            columns = (demands.forward, demands.left, demands.turn, demands.pedal)
+            *twist, pedal = (np.interp(now, demands.time, column) for column in columns)
+            braked = 0.95 * braked if pedal > 0.0 else np.array(twist)
+            speed = signs * kinematics.wheel_speeds(braked)
+            stamp_ns = step * PERIOD_NS
+            self.states.publish(joint_state(stamp_ns, WHEELS, velocity=speed))
+            self.pedal.publish(joint_state(stamp_ns, ("pedal",), position=np.array([pedal])))
+            time.sleep(0.003)  # paced, so that a subscriber keeps up
+
+
+@pytest.mark.parametrize(
+    ("signs", "found"),
+    [((1, 1, 1, 1), []), ((1, -1, 1, 1), [f"direction of wheel {WHEELS[1]} is wrong"])],
+)
+def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str]) -> None:
+    words = ["check-vehicle", "live", "--vehicle", "mecanum_forklift", "--namespace", "robot1"]
+    with reserved_domain() as domain, closing(Vehicle(domain)) as vehicle:
+        process = subprocess.Popen(
+            omni_command([*words, "--json"]),
+            env=omni_environment() | {"ROS_DOMAIN_ID": str(domain)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        try:
+            count = vehicle.node.count_subscribers
+            vehicle.wait(lambda: count("robot1/wheel_states") and count("robot1/brake/pedal"))
+            vehicle.drive(np.array(signs, np.float64))
+            document = json.loads(process.communicate(timeout=60.0)[0])
+        finally:
+            process.kill()
+    assert [mistake["name"] for mistake in document["mistakes"]] == found
+    assert process.returncode == bool(found)
