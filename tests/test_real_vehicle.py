@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -245,3 +246,40 @@ def test_a_wrong_roller_sign_is_refused_unless_forced(tmp_path: Path) -> None:
     assert not out.exists()
     assert omni(["ros-params", str(file), "--out", str(out), "--force"]).returncode == 0
     assert (out / "brake_assist.yaml").exists()
+
+
+def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_path: Path) -> None:
+    values = {"distance_ratio_median": 1.2, "distance_ratio_p95": 1.8, "rotation_median": 1.0}
+    values |= {"rotation_p95": 3.0, "rotation_unassisted_p95": 1.0}
+    metrics = {
+        f"{quantity}.agv_sliding_mode_{source}": {"value": 1.0 if fine else value, "unit": "1"}
+        for source, fine in (("otos", True), ("late_50ms", False))
+        for quantity, value in values.items()
+    }
+    summary, out = tmp_path / "summary.json", tmp_path / "parameters"
+    summary.write_text(json.dumps({"name": "feedback", "metrics": metrics}))
+    example = str(WORKSPACE / "config/hardware/wheel_twist_agv.yaml")
+    for source, words in (("otos", ""), ("late_50ms", "assistance does more harm than good")):
+        known = ["--source", source, "--feedback", str(summary)]
+        finished = omni(["ros-params", example, "--out", str(out), *known])
+        assert finished.returncode == 0, finished.stderr
+        assert words in finished.stderr
+        assert bool(words) == bool(finished.stderr)
+    node = ["--params-file", str(out / "brake_assist.yaml"), "-p", "subscribers:=1"]
+    ended = subprocess.run(
+        [
+            *(sys.executable, "-m", "omni_brake_assist.brake_assist_node", "--ros-args"),
+            *(*node, "-p", "match_timeout:=0.1"),
+        ],
+        env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert words in ended.stderr
+    finished = omni(["doctor", "--parameters", str(out), "--json"])
+    assert words in json.loads(finished.stdout)["checks"]["feedback"]["words"]
+    refused = omni(["ros-params", example, "--out", str(out), *known[:1], "lidar", *known[2:]])
+    assert refused.returncode == 2
+    assert "has no lidar" in refused.stderr

@@ -80,6 +80,9 @@ class TimingConfiguration(Configuration):
     if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """Real time: time without a pedal message after which all brakes are on"""
+    feedback_warning: str = parameter("")
+    """What ./omni ros-params found out about the source of the twist: logged at the start, and on
+    /diagnostics"""
 
 
 class BrakeAssistNode(Node):
@@ -91,6 +94,10 @@ class BrakeAssistNode(Node):
         timing = declare_configuration(self, TimingConfiguration)
         self._lockstep = timing.lockstep
         self._demand_timeout = timing.demand_timeout
+        self._warning = {}
+        if timing.feedback_warning:
+            self._warning = {"feedback_warning": timing.feedback_warning}
+            self.get_logger().warning(timing.feedback_warning)
         configuration = declare_configuration(self, BrakeAssistConfiguration, {_SWITCH, *TUNABLE})
         self._assist = BrakeAssist(configuration)
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -271,6 +278,7 @@ class BrakeAssistNode(Node):
             {
                 "state": decision.state.value,
                 "fault": fault.value if fault else "",
+                **self._warning,
                 **{
                     f"test_ratio.{source.name}": f"{source.test_ratio:.3g} {source.words}"
                     for source in self._assist.sources()

@@ -13,12 +13,15 @@ import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option
+from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration
 
 _NEEDED = 0.2e9  # [B] of disk space for a run with its recordings
@@ -31,6 +34,8 @@ WORK = "checking"
 class Options(Configuration):
     """Options of ``omni doctor``."""
 
+    parameters: Path | None = option(None, metavar="DIR")
+    """folder of ./omni ros-params, whose warning about the source of the twist is shown"""
     json: bool = json_option()
 
 
@@ -38,7 +43,7 @@ class TroubleError(Exception):
     """A problem of the installation and its remedy."""
 
 
-def run(_options: Options, workspace: Workspace) -> Report:
+def run(options: Options, workspace: Workspace) -> Report:
     """Check every part."""
     checks: dict[str, Callable[[Path], str]] = {
         "Python": _python,
@@ -50,6 +55,8 @@ def run(_options: Options, workspace: Workspace) -> Report:
         "disk": _disk,
         "browser": _browser,
     }
+    if options.parameters is not None:
+        checks["feedback"] = partial(_feedback, options.parameters)
     found: dict[str, dict[str, Any]] = {}
     for name, check in checks.items():
         try:
@@ -180,6 +187,19 @@ def _disk(workspace: Path) -> str:
             f"{free / 1e9:.1f} GB are left in {workspace}; a run may need {_NEEDED:.1g} B"
         )
     return f"{free / 1e9:.1f} GB are left"
+
+
+def _feedback(parameters: Path, _: Path) -> str:
+    from omni_bringup.graph.hardware import BRAKE_ASSIST, WARNING
+
+    try:
+        tree = yaml.safe_load((parameters / f"{BRAKE_ASSIST}.yaml").read_text(encoding="utf-8"))
+        warning = tree["/**"]["ros__parameters"].get(WARNING, "")
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise TroubleError(f"{parameters} has no parameters of the assistant: {error}") from None
+    if warning:
+        raise TroubleError(f"{warning}; take another source or law")
+    return "no warning about the source of the twist"
 
 
 def _browser(_: Path) -> str:

@@ -22,6 +22,11 @@ class Options(Configuration):
     of a run"""
     out: Path = option(metavar="DIR")
     """folder of the files; it is created if it is missing"""
+    source: str | None = option(None, metavar="NAME")
+    """source of the twist, as of ./omni study feedback; a warning states where assistance with it
+    does more harm than good"""
+    feedback: Path = option(Path("results/feedback/summary.json"), metavar="FILE")
+    """result of ./omni study feedback for the vehicle, for --source"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
     json: bool = json_option()
@@ -37,7 +42,14 @@ def run(options: Options, workspace: Workspace) -> Report:
         if not options.force:
             raise ConfigurationError("", f"{remark}; --force writes the files nonetheless")
         workspace.note(remark)
-    written = write_parameters(hardware, options.out)
+    warning = ""
+    if options.source is not None:
+        from omni_studies.studies.feedback import warning as warning_of
+
+        warning = warning_of(options.feedback, hardware.brake_assist.law, options.source)
+    if warning:
+        workspace.note(warning)
+    written = write_parameters(hardware, options.out, warning)
     return Report(
         name="ros-params",
         details={"files": list(map(str, written))},

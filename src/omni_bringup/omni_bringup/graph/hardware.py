@@ -23,6 +23,7 @@ _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a th
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
+WARNING = "feedback_warning"  # a parameter of the assistant
 LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 _TWIST = "odometry/twist"
@@ -177,16 +178,22 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
     return from_mapping(cls, {**shared, **given}, key)
 
 
-def write_parameters(hardware: Hardware, folder: Path) -> list[Path]:
+def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> list[Path]:
     """Write the parameter files of the nodes and a URDF of the vehicle; return their paths.
 
     The files are valid for a node of any name and namespace.
+
+    Args:
+        hardware: configuration of the nodes.
+        folder: made if it is missing.
+        warning: sentence about the source of the twist that the assistant reports.
 
     Raises:
         OSError: the folder cannot be written to.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    documents = {f"{BRAKE_ASSIST}.yaml": parameter_file(hardware.brake_assist)}
+    reported = {WARNING: warning} if warning else {}
+    documents = {f"{BRAKE_ASSIST}.yaml": parameter_file(hardware.brake_assist, **reported)}
     sensors = {}
     if hardware.odometry is not None:
         documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)

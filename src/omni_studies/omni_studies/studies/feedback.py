@@ -6,9 +6,11 @@ or without one. The table shows where assistance does more harm than good.
 """
 
 import dataclasses
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -233,16 +235,48 @@ def _harms(found: dict[str, tuple[float, str]]) -> bool:
 
 
 def _findings(table: dict[tuple[str, str, str], dict[str, tuple[float, str]]]) -> list[str]:
-    sentences = []
-    for (vehicle, law, source), found in table.items():
-        if _harms(found):
-            sentences.append(
-                f"{vehicle}, {law}, {SOURCES[source].label}: assistance does more harm than good "
-                f"(95th percentile: {found['distance_ratio_p95'][0]:.2f} times the distance, "
-                f"{found['rotation_p95'][0]:.1f} deg; without "
-                f"{found['rotation_unassisted_p95'][0]:.1f} deg)"
-            )
-    return sentences or ["No source makes assistance do more harm than good"]
+    return [
+        f"{vehicle}: {_sentence(law, source, found)}"
+        for (vehicle, law, source), found in table.items()
+        if _harms(found)
+    ] or ["No source makes assistance do more harm than good"]
+
+
+def _sentence(law: str, source: str, found: dict[str, tuple[float, str]]) -> str:
+    return (
+        f"with {SOURCES[source].label} and {law}, assistance does more harm than good "
+        f"(95th percentile: {found['distance_ratio_p95'][0]:.2f} times the distance, "
+        f"{found['rotation_p95'][0]:.1f} deg; "
+        f"without {found['rotation_unassisted_p95'][0]:.1f} deg)"
+    )
+
+
+def warning(summary: Path, law: str, source: str) -> str:
+    """Return a sentence if assistance does more harm than good, else an empty text.
+
+    Args:
+        summary: ``summary.json`` of this study with the vehicle and its IMU, or without one.
+        law: law of control.
+        source: source of the twist.
+
+    Raises:
+        ConfigurationError: the file does not contain this law and source.
+    """
+    try:
+        metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(str(summary), f"is not a summary of a study: {error}") from None
+    vehicles: dict[str, dict[str, tuple[float, str]]] = {}
+    for key, metric in metrics.items():
+        quantity, _, case = key.partition(".")
+        vehicle = case.removesuffix(f"_{law}_{source}")
+        if vehicle not in (case, _NAMED):
+            value = math.inf if metric["value"] is None else metric["value"]
+            vehicles.setdefault(vehicle, {})[quantity] = value, metric["unit"]
+    if not vehicles:
+        raise ConfigurationError(str(summary), f"has no {source} with {law}")
+    sentences = (_sentence(law, source, found) for found in vehicles.values() if _harms(found))
+    return next(sentences, "")
 
 
 def _figure(
@@ -275,5 +309,5 @@ def _figure(
     panels[1].axvline(free, color=style.GRAY, label="without assistant")
     panels[1].set_xlabel("rotation [deg]")
     panels[0].set_yticks(places, [SOURCES[source].label for source in sources])
-    panels[1].legend(frameon=False)
+    style.legend_below(figure, panels[1], 3)
     return figure
