@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_figures import style
@@ -23,9 +22,10 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
     Args:
         results: results of the campaign.
     """
-    figure = Figure(figsize=(12.0, 8.0), layout="constrained")
-    figure.suptitle("Every run: above the line, a limit is violated")
-    panels = figure.subplots(2, len(_TITLES), squeeze=False)
+    title, size = "Every run: above the line, a limit is violated", (12.0, 8.0)
+    figure, panels = style.panels(
+        title, 2, len(_TITLES), size=size, y=[f"assisted {name}" for name in _QUANTITIES.values()]
+    )
     limits: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "orientation": lambda x: x + ORIENTATION_LIMIT,
         "distance": lambda x: DISTANCE_FACTOR * x,
@@ -46,10 +46,8 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
             line = np.array([0.0, largest])
             axes.plot(line, line, color=style.GRAY, linewidth=0.8)
             axes.plot(line, limits[quantity](line), color=style.VERMILLION, linewidth=1.0)
-            axes.set_xlim(0.0, 1.03 * largest)
-            axes.set_ylim(0.0, 1.03 * largest)
-            _finish(axes, f"{title}: {len(broken)} of {len(chosen)}", f"unassisted {label}")
-        row[0].set_ylabel(f"assisted {label}")
+            axes.set(xlim=(0.0, 1.03 * largest), ylim=(0.0, 1.03 * largest))
+            axes.set(title=f"{title}: {len(broken)} of {len(chosen)}", xlabel=f"unassisted {label}")
     return figure
 
 
@@ -59,9 +57,9 @@ def draw_distributions(results: Sequence[Outcome]) -> Figure:
     Args:
         results: results of the campaign.
     """
-    figure = Figure(figsize=(12.0, 7.0), layout="constrained")
-    figure.suptitle("Cumulative share of runs")
-    panels = figure.subplots(2, len(_TITLES), squeeze=False, sharey=True)
+    title, size = "Cumulative share of runs", (12.0, 7.0)
+    words = "share of runs [1]"
+    figure, panels = style.panels(title, 2, len(_TITLES), size=size, y=words, sharey=True)
     for row, (quantity, label) in zip(panels, _QUANTITIES.items(), strict=True):
         for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):
             chosen = [result for result in results if result.vehicle == vehicle]
@@ -73,8 +71,7 @@ def draw_distributions(results: Sequence[Outcome]) -> Figure:
                 axes.step(np.sort(values), share, where="post", color=color, label=name)
             axes.set_xlim(left=0.0)
             axes.set_ylim(0.0, 1.0)
-            _finish(axes, title, label)
-        row[0].set_ylabel("share of runs [1]")
+            axes.set(title=title, xlabel=label)
     panels[0, 0].legend(loc="lower right")
     return figure
 
@@ -83,8 +80,3 @@ def _pairs(results: Sequence[Outcome], quantity: str) -> tuple[np.ndarray, np.nd
     unassisted = np.array([getattr(result, f"{quantity}_unassisted") for result in results])
     assisted = np.array([getattr(result, f"{quantity}_assisted") for result in results])
     return unassisted, assisted
-
-
-def _finish(axes: Axes, title: str, label: str) -> None:
-    axes.set_title(title)
-    axes.set_xlabel(label)

@@ -8,17 +8,16 @@ and fault-free assisted braking, brake faults with all other brakes on.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from omni_figures.style import save_figure
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
 from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_of_twist
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 
 _LOSS_ONSET, _LOSS_LIMIT = 0.3, 6.0  # [s] after the pedal, [deg]
 _WORST = 20  # stops in the table of the worst
@@ -38,8 +37,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the stops, write their table, the worst of them and a figure."""
     work = FaultyStops(study.experiments, options.changes)
     seeds = range(options.seed, options.seed + options.runs)
-    path = study.folder / "stops.csv"
-    stops = run_campaign(work, seeds, Stop, options, path, work.fingerprint, study.report)
+    stops = study.campaign(work, seeds, Stop, options, work.fingerprint)
     groups = {
         group: [stop for stop in stops if stop.group == group]
         for group in sorted({stop.group for stop in stops})
@@ -49,13 +47,12 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         metrics |= _metrics(group, chosen)
     rotation = loss_of_twist(work, _LOSS_ONSET)
     metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg", at_most=_LOSS_LIMIT)
-    files = (
-        path,
-        _write_worst(stops, study.folder / "worst.csv"),
-        save_figure(_draw(groups), study.folder / "stops.png"),
-    )
+    worst = sorted(stops, key=lambda stop: -stop.distance)[:_WORST]
+    worst += sorted(stops, key=lambda stop: -stop.rotation)[:_WORST]
+    study.table("worst.csv", Stop._fields, worst)
+    study.figure("stops.png", _draw(groups))
     findings = (*map(_finding, groups.values()), f"Loss of the twist: {rotation:.1f} deg")
-    return StudyResult(metrics, files, findings)
+    return study.result(metrics, *findings)
 
 
 def _metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
@@ -84,37 +81,20 @@ def _finding(stops: Sequence[Stop]) -> str:
     )
 
 
-def _write_worst(stops: Sequence[Stop], path: Path) -> Path:
-    """Write the stops with the largest distances and rotations."""
-    chosen = sorted(stops, key=lambda stop: -stop.distance)[:_WORST]
-    chosen += sorted(stops, key=lambda stop: -stop.rotation)[:_WORST]
-    lines = [",".join(Stop._fields)] + [",".join(str(value) for value in stop) for stop in chosen]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
-
-
 def _draw(groups: dict[str, list[Stop]]) -> Figure:
     """Draw distance and rotation of all stops, one panel for each group."""
-    figure = Figure(figsize=(11.0, 9.0), layout="constrained")
-    panels = figure.subplots(-(-len(groups) // 3), 3, sharey=True, squeeze=False)
-    for panel, (group, stops) in zip(panels.flat, groups.items(), strict=False):
+    figure, grid = style.panels("", -(-len(groups) // 3), 3, size=(11.0, 9.0), sharey=True)
+    for axes, (group, stops) in zip(grid.flat, groups.items(), strict=False):
         for index, channel in enumerate(sorted({stop.channel for stop in stops})):
             chosen = [stop for stop in stops if stop.counted and stop.channel == channel]
-            panel.plot(
-                [stop.distance for stop in chosen],
-                [stop.rotation for stop in chosen],
-                ".",
-                color=f"C{index % 10}",
-                markersize=3,
-                label=channel,
-            )
+            places = [stop.distance for stop in chosen], [stop.rotation for stop in chosen]
+            axes.plot(*places, ".", color=f"C{index % 10}", markersize=3, label=channel)
         limit = limits(stops[0].extent, imu=bool(stops[0].imu))
-        if limit.distance is not None:
-            panel.axvline(limit.distance, color="0.4", linewidth=0.8, linestyle="--")
-        if limit.rotation is not None:
-            panel.axhline(limit.rotation, color="0.4", linewidth=0.8, linestyle="--")
-        panel.set_title(group, fontsize="small")
-        panel.legend(loc="lower right", fontsize="x-small")
+        for value, draw in ((limit.distance, axes.axvline), (limit.rotation, axes.axhline)):
+            if value is not None:
+                draw(value, color=style.GRAY, linewidth=0.8, linestyle="--")
+        axes.set_title(group)
+        axes.legend(loc="lower right", fontsize="x-small")
     figure.supxlabel("distance over the reference [1]")
     figure.supylabel("rotation beyond the reference [deg]")
     return figure

@@ -8,38 +8,20 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from omni_figures.data_table import write_columns
-from omni_figures.style import (
-    BLACK,
-    BLUE,
-    GRAY,
-    GREEN,
-    PURPLE,
-    VERMILLION,
-    draw_title,
-    save_figure,
-)
+from omni_figures import style
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.brakes import typical_changes
 from omni_platform.configuration import ConfigurationError, parameter, to_mapping
-from omni_studies.campaign.law_trials import (
-    LawTrial,
-    LawTrials,
-    ablation_costs,
-    ablations,
-    compare,
-    unpaid,
-)
+from omni_studies.campaign import law_trials
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 
 _IDEAL = (
@@ -263,37 +245,34 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     if options.random:
         return _run_random(options, study)
     work = LawStops(study.experiments, _cases(study.experiments, options))
-    path = study.folder / "stops.csv"
-    numbers = range(len(work))
-    stops = run_campaign(work, numbers, LawStop, options, path, work.fingerprint, study.report)
+    stops = study.campaign(work, range(len(work)), LawStop, options, work.fingerprint)
     metrics = _metrics(stops)
-    files: tuple[Path, ...] = (path, write_columns(study.folder / "laws.csv", _columns(metrics)))
+    study.columns("laws.csv", _columns(metrics))
     if len(stops) < len(work):
-        return StudyResult(metrics, files, (f"{len(stops)} of {len(work)} cases were run.",))
-    files = (*files, save_figure(_front(metrics, options.law), study.folder / "laws.png"))
-    return StudyResult(metrics, files, _findings(metrics))
+        return study.result(metrics, f"{len(stops)} of {len(work)} cases were run.")
+    study.figure("laws.png", _front(metrics, options.law))
+    return study.result(metrics, *_findings(metrics))
 
 
 def _run_random(options: Options, study: StudyRun) -> StudyResult:
     """Compare the laws on random stops."""
     if options.ablate:
-        laws = ablations()
+        laws = law_trials.ablations()
     else:
         given = options.law or ("allocation",)
         labels = [_label(law) for law in given]
         laws = dict(zip(labels if len(set(labels)) == len(given) else given, given, strict=True))
-    work = LawTrials(study.experiments, tuple(laws.values()), options.seed)
-    path = study.folder / "trials.csv"
+    work = law_trials.LawTrials(study.experiments, tuple(laws.values()), options.seed)
     numbers = range((1 + options.ablate) * options.random * len(work.cases))
-    fingerprint, report = work.fingerprint, study.report
-    trials = run_campaign(work, numbers, LawTrial, options, path, fingerprint, report)
+    row, digest = law_trials.LawTrial, work.fingerprint
+    trials = study.campaign(work, numbers, row, options, digest, "trials.csv")
     if len(trials) < len(numbers):
-        return StudyResult({}, (path,), (f"{len(trials)} of {len(numbers)} stops were run.",))
+        return study.result({}, f"{len(trials)} of {len(numbers)} stops were run.")
     if not options.ablate:
-        return StudyResult(compare(trials, tuple(laws)), (path,))
-    costs = ablation_costs(trials, tuple(laws))
-    words = ", ".join(unpaid(costs)) or "none"
-    return StudyResult(costs, (path,), (f"Parameters that do not pay in both sets: {words}.",))
+        return study.result(law_trials.compare(trials, tuple(laws)))
+    costs = law_trials.ablation_costs(trials, tuple(laws))
+    words = ", ".join(law_trials.unpaid(costs)) or "none"
+    return study.result(costs, f"Parameters that do not pay in both sets: {words}.")
 
 
 def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
@@ -339,19 +318,25 @@ def _bound(metrics: Mapping[str, Metric], case: str) -> float:
 
 def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
     """Draw distance against rotation for every experiment, with the bound that keeps heading."""
-    figure = Figure(figsize=(9.0, 6.4), layout="constrained")
-    draw_title(figure, "Distance against rotation under every law")
-    for axes, name in zip(figure.subplots(2, 2).flat, _VARIANTS, strict=True):
-        axes.set_title(name.replace("_", " "), loc="left", fontsize=11)
+    figure, grid = style.panels(
+        "Distance against rotation under every law",
+        2,
+        2,
+        size=(9.0, 6.4),
+        x="stopping distance [m]",
+        y="orientation change [deg]",
+    )
+    for axes, name in zip(grid.flat, _VARIANTS, strict=True):
+        axes.set_title(name.replace("_", " "), loc="left")
         bound = metrics[f"stopping_distance.{name}_bound"].value
         if math.isfinite(bound):
-            axes.axvline(bound, color=GRAY, linestyle="--", label="bound, heading kept")
+            axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
         for words, color, part in (
-            ("all brakes on", BLACK, "_unassisted"),
-            ("sliding mode", BLUE, "_sliding_mode"),
-            ("allocation, on-off valves", GREEN, "_allocation_on_off"),
-            ("allocation, proportional", VERMILLION, "_allocation_proportional"),
-            *((_label(law), PURPLE, f"_{_label(law)}") for law in own),
+            ("all brakes on", style.BLACK, "_unassisted"),
+            ("sliding mode", style.BLUE, "_sliding_mode"),
+            ("allocation, on-off valves", style.GREEN, "_allocation_on_off"),
+            ("allocation, proportional", style.VERMILLION, "_allocation_proportional"),
+            *((_label(law), style.PURPLE, f"_{_label(law)}") for law in own),
         ):
             cases = [
                 case
@@ -360,16 +345,12 @@ def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
                 if quantity == "orientation_change" and case.startswith(name + part)
                 if not any(word in case[len(name + part) :] for word in _UNKNOWN)
             ]
-            axes.plot(
-                [metrics[f"stopping_distance.{case}"].value for case in cases],
-                [metrics[f"orientation_change.{case}"].value for case in cases],
-                "o",
-                color=color,
-                label=words,
+            distances, rotations = (
+                [metrics[f"{quantity}.{case}"].value for case in cases]
+                for quantity in ("stopping_distance", "orientation_change")
             )
-        axes.set_xlabel("stopping distance [m]")
-        axes.set_ylabel("orientation change [deg]")
-    figure.axes[0].legend(fontsize=9)
+            axes.plot(distances, rotations, "o", color=color, label=words)
+    grid[0, 0].legend()
     return figure
 
 
