@@ -24,7 +24,6 @@ from omni_loop.metrics import RestCriterion, run_metrics
 from omni_platform.quantities import FloatArray
 
 _WIDTH, _GREATEST_HEIGHT, _LEAST_PANEL = 14.0, 10.0, 1.3  # [inch]
-_LEFT, _RIGHT, _BOTTOM, _GAP, _LEGEND_ROW = 0.75, 0.3, 0.6, 0.25, 0.25  # [inch]
 _LEGEND_COLUMNS = 7
 _LABEL_POINTS, _LABEL_WIDTH, _LABEL_HEIGHT = 9.0, 0.55, 0.2  # the last two in [inch]
 # The arrow of the greatest speed, in lengths of the chassis.
@@ -68,7 +67,7 @@ def top_view(
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
     handles = top_view_drawing.legend_handles(scene, fastest, style.time_label(histories.values()))
-    figure, panels = _lay_out(view, len(histories), len(handles), title)
+    figure, panels = _lay_out(view, len(histories), handles, title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
         joint = "\n" if view.side_by_side else ", "
         axes.set_title(_panel_title(name, history, criterion, joint))
@@ -81,8 +80,6 @@ def top_view(
             )
         covered = [snapshot_outlines(scene, history, i, arrow_scale) for i in chosen]
         _label_snapshots(axes, covered, snapshots[name].labels, view)
-    columns = min(_LEGEND_COLUMNS, len(handles))
-    figure.legend(handles=handles, loc="lower center", ncols=columns)
     return figure
 
 
@@ -110,47 +107,35 @@ def _choose_view(
     span = high - low
     side_by_side = bool(span[1] > span[0]) and len(histories) > 1
     columns, rows = (len(histories), 1) if side_by_side else (1, len(histories))
-    width = (_WIDTH - _LEFT - _RIGHT - (columns - 1) * _GAP) / columns
-    height = _GREATEST_HEIGHT / rows
+    # What axes, titles and legend leave of the page.
+    room = np.array([(_WIDTH - 1.0 - 0.3 * (columns - 1)) / columns, _GREATEST_HEIGHT / rows])
     # Labels stand on the left of platforms that move up the page, else above them.
     label = np.array([_LABEL_WIDTH, 0.0] if side_by_side else [0.0, _LABEL_HEIGHT])
-    scale = float(np.min((np.array([width, height]) - label) / span))
+    scale = float(np.min((room - label) / span))
     low, high = low - (label * [1, 0]) / scale, high + (label * [0, 1]) / scale
     # What the scale leaves free becomes ground, so that every panel fills its place.
-    wanted = np.array([width, max(_LEAST_PANEL, (high - low)[1] * scale)])
+    wanted = np.array([room[0], max(_LEAST_PANEL, (high - low)[1] * scale)])
     slack = np.maximum(wanted / scale - (high - low), 0.0)
     return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
 
 
-def _lay_out(view: _View, count: int, entries: int, title: str) -> tuple[Figure, list[Axes]]:
-    """Return a figure with equal panels, placed in inches so that nothing overlaps."""
+def _lay_out(view: _View, count: int, handles: Sequence[Any], title: str) -> tuple[Figure, Any]:
+    """Return a figure with equal panels and its legend."""
     width, height = (view.high - view.low) * view.inches_per_meter
-    heading = 0.85 if view.side_by_side else 0.38
-    top = 0.4 if title else 0.1
-    bottom = _BOTTOM + 0.05 + _LEGEND_ROW * math.ceil(entries / _LEGEND_COLUMNS)
-    rows = 1 if view.side_by_side else count
-    total = top + rows * (height + heading) + bottom
-    figure = Figure(figsize=(_WIDTH, total), dpi=style.DOTS_PER_INCH)
-    panels = []
-    for place in range(count):
-        column, row = (place, 0) if view.side_by_side else (0, place)
-        left = _LEFT + column * (width + _GAP)
-        lower = total - top - (row + 1) * (height + heading)
-        box = (left / _WIDTH, lower / total, width / _WIDTH, height / total)
-        axes = figure.add_axes(box)
-        axes.set_xlim(view.low[0], view.high[0])
-        axes.set_ylim(view.low[1], view.high[1])
+    rows, columns = (1, count) if view.side_by_side else (count, 1)
+    legend = 0.25 * math.ceil(len(handles) / _LEGEND_COLUMNS)
+    total = rows * (height + (1.3 if view.side_by_side else 0.38)) + 1.1 + legend
+    figure, grid = style.panels(
+        title, rows, columns, size=(_WIDTH, total), x="x [m]", y="y [m]", sharex=True, sharey=True
+    )
+    (left, lower), (right, upper) = view.low, view.high
+    grid[0, 0].set(xlim=(left, right), ylim=(lower, upper))
+    for axes in grid.flat:
         axes.set_aspect("equal")
-        axes.tick_params(labelbottom=row == rows - 1, labelleft=column == 0)
         axes.xaxis.set_major_locator(MaxNLocator(max(int(width * 1.2), 2), prune="both"))
-        if row == rows - 1:
-            axes.set_xlabel("x [m]")
-        if column == 0:
-            axes.set_ylabel("y [m]")
-        panels.append(axes)
-    if title:
-        figure.suptitle(title, y=1.0 - 0.12 / total, va="top")
-    return figure, panels
+    columns = min(_LEGEND_COLUMNS, len(handles))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+    return figure, grid.flat
 
 
 def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str) -> str:
