@@ -63,7 +63,7 @@ class Options(Configuration):
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the files; report loads and forces of each wheel."""
     from omni_bringup.graph.run_folder import check_unused
-    from omni_tools.vehicles.estimates import Measured, new_vehicle
+    from omni_tools.vehicles.estimates import Measured, write_vehicle
     from omni_tools.vehicles.plausibility import plain, remarks, wheel_facts
 
     folder = options.out or Path(options.name)
@@ -73,7 +73,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     except ConfigurationError as error:
         flag = "--" + error.key.replace("_", "-")
         raise ConfigurationError(flag, error.problem) from None
-    paths = new_vehicle(options.name, measured).write(folder)
+    paths = write_vehicle(options.name, measured, folder)
     experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))

@@ -23,15 +23,8 @@ from omni_studies.campaign import law_trials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
+from omni_tools.limit.front import IDEAL
 
-_IDEAL = (
-    "feedback=velocity_sensor",
-    "velocity_sensor.linear_noise=0",
-    "velocity_sensor.yaw_rate_noise=0",
-    "velocity_sensor.offset_x=0",
-    "velocity_sensor.offset_y=0",
-    "velocity_sensor.yaw_rate_offset=0",
-)
 _SENSOR = ("feedback=velocity_sensor",)
 _ALLOCATION = ("brake_assist.law=allocation",)
 _PROPORTIONAL = "vehicle.brake.kind=proportional"
@@ -156,33 +149,33 @@ def _cases(library: ExperimentLibrary, options: Options) -> Iterator[tuple[str, 
         optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
         yield "straight_line_allocation_optical", _Case("straight_line", "assisted", optical)
     for name, variants in _VARIANTS.items():
-        yield f"{name}_unassisted", _Case(name, "unassisted", _IDEAL)
+        yield f"{name}_unassisted", _Case(name, "unassisted", IDEAL)
         for variant in variants:
             words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
-            yield f"{name}_{words}_on_off", _Case(name, variant, _IDEAL)
+            yield f"{name}_{words}_on_off", _Case(name, variant, IDEAL)
         base = library.variants(name)[-1]
-        law = (*_IDEAL, *_ALLOCATION)
+        law = (*IDEAL, *_ALLOCATION)
         yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
         yield f"{name}_allocation_on_off", _Case(name, base, law)
         yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
         for other in options.law:
-            own = (*_IDEAL, f"brake_assist.law={other}")
+            own = (*IDEAL, f"brake_assist.law={other}")
             yield f"{name}_{_label(other)}_on_off", _Case(name, base, own)
             yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*own, _PROPORTIONAL))
-        yield from _bounds(name, name, _IDEAL)
+        yield from _bounds(name, name, IDEAL)
     noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
     yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
     yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
     for rotation in _ROTATIONS:  # spent on the turn of Table 2
-        spent = (*_IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
+        spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
         name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
         yield name, _Case("turn_while_translate", "k7", spent)
     for word, changes in _UNKNOWN.items():
         for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
-            case = _Case("straight_line", variant, (*_IDEAL, *settings, *changes))
+            case = _Case("straight_line", variant, (*IDEAL, *settings, *changes))
             yield f"straight_line_{kind}_{word}", case
     for direction in range(0, 181, 15):
-        moving = (*_IDEAL, f"maneuver.direction_deg={direction}")
+        moving = (*IDEAL, f"maneuver.direction_deg={direction}")
         name = f"straight_line_{direction}_deg"
         yield from _bounds(name, "straight_line", moving)
         for kind, variant, settings in _COMPARED:

@@ -24,13 +24,15 @@ class Stop(NamedTuple):
     rotation: float
 
 
-_IDEAL = (
+IDEAL = (
     "feedback=velocity_sensor",
     *(
         f"velocity_sensor.{name}=0"
         for name in ("linear_noise", "yaw_rate_noise", "offset_x", "offset_y", "yaw_rate_offset")
     ),
 )
+"""Overrides of an ideal velocity sensor."""
+
 _LAWS = {
     "unassisted": ("brake_assist.enabled=false",),
     "sliding_mode": ("brake_assist.enabled=true", "brake_assist.law=sliding_mode"),
@@ -55,18 +57,18 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
     Raises:
         ConfigurationError: CasADi is missing, or the ground is not of one friction.
     """
-    experiment = load(_IDEAL)
+    experiment = load(IDEAL)
     ground = experiment.ground
     if ground.patches or len(ground.elevation.table()):
         raise ConfigurationError("--best", "needs level ground of one friction, without patches")
     optimal = OptimalStop(experiment.vehicle, ground.friction, maneuver)
     stops, best = {}, Stop(math.nan, math.nan)
     for law, changes in _LAWS.items():
-        run = run_fast_loop(load((*_IDEAL, *changes)))
+        run = run_fast_loop(load((*IDEAL, *changes)))
         stops[law] = Stop(run.stopping_distance, run.orientation_change)
     for rotation in ROTATIONS:
         setting = f"brake_assist.max_rotation={rotation}"
-        run = run_fast_loop(load((*_IDEAL, *_ALLOCATION, setting)))
+        run = run_fast_loop(load((*IDEAL, *_ALLOCATION, setting)))
         stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
         plan = optimal.plan(rotation, run.history())
         if plan.distance < best.distance or math.isnan(best.distance):

@@ -60,37 +60,22 @@ class Measured(Configuration):
             )
 
 
-@dataclasses.dataclass(frozen=True)
-class NewVehicle:
-    """Files that describe a vehicle, its cameras and a stop, by their names."""
-
-    files: dict[str, str]
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write the files into a folder and return their paths."""
-        folder.mkdir(parents=True, exist_ok=True)
-        paths = []
-        for name, text in self.files.items():
-            path = folder / name
-            path.write_text(text, encoding="utf-8")
-            paths.append(path)
-        return paths
-
-
-def new_vehicle(name: str, measured: Measured) -> NewVehicle:
-    """Return the files of a vehicle whose inertia, brakes and tires are estimated.
+def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
+    """Write a vehicle whose inertia, brakes and tires are estimated, its cameras and a stop.
 
     Args:
         name: name of the vehicle, for the comments.
         measured: its measured values.
+        folder: folder of the files, made if it is missing.
+
+    Returns:
+        The written files.
     """
-    return NewVehicle(
-        {
-            "vehicle.yaml": _vehicle(name, measured),
-            "sensors.yaml": _sensors(name, measured),
-            "experiment.yaml": _experiment(name, measured),
-        }
-    )
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = {"vehicle": _vehicle, "sensors": _sensors, "experiment": _experiment}
+    for part, text in parts.items():
+        (folder / f"{part}.yaml").write_text(text(name, measured), encoding="utf-8")
+    return [folder / f"{part}.yaml" for part in parts]
 
 
 def _vehicle(name: str, measured: Measured) -> str:

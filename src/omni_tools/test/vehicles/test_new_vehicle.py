@@ -11,7 +11,7 @@ import yaml
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
-from omni_tools.vehicles.estimates import Measured, new_vehicle
+from omni_tools.vehicles.estimates import Measured, write_vehicle
 from omni_tools.vehicles.plausibility import (
     RemarkingLibrary,
     camera_speed,
@@ -41,7 +41,7 @@ def load(folder: Path, *overrides: str) -> ExperimentConfiguration:
 @pytest.mark.parametrize("name", VEHICLES)
 def test_estimates_fit_together(name: str, tmp_path: Path) -> None:
     measured = VEHICLES[name]
-    new_vehicle(name, measured).write(tmp_path)
+    write_vehicle(name, measured, tmp_path)
     experiment = load(tmp_path)
     assert remarks(experiment) == ()
     facts = wheel_facts(experiment.vehicle)
@@ -77,7 +77,7 @@ def test_numbers_of_wheels_that_are_no_pairs_are_refused(wheels: int) -> None:
     ],
 )  # fmt: skip
 def test_a_value_of_another_vehicle_is_seen(override: str, words: str, tmp_path: Path) -> None:
-    new_vehicle("small", SMALL).write(tmp_path)
+    write_vehicle("small", SMALL, tmp_path)
     assert any(words in remark for remark in remarks(load(tmp_path, override)))
 
 
@@ -95,7 +95,7 @@ def test_two_lines_at_the_camera_speed_share_60_percent() -> None:
 
 
 def test_the_speed_of_a_table_counts_and_not_the_default_one(tmp_path: Path) -> None:
-    new_vehicle("small", SMALL).write(tmp_path)
+    write_vehicle("small", SMALL, tmp_path)
     slow = "{time: [0, 1], forward: [1, 0], left: [0, 1], turn: [1, 0], pedal: [0, 1]}"
     assert not remarks(load(tmp_path, f"maneuver.demands={slow}", "maneuver.speed=45"))
 
@@ -108,7 +108,7 @@ def test_the_speed_of_a_table_counts_and_not_the_default_one(tmp_path: Path) -> 
     ],
 )
 def test_a_file_that_leaves_a_value_to_another_vehicle_is_refused(key: str, tmp_path: Path) -> None:
-    new_vehicle("small", SMALL).write(tmp_path)
+    write_vehicle("small", SMALL, tmp_path)
     path = tmp_path / "vehicle.yaml"
     tree = yaml.safe_load(path.read_text())
     inner, *rest = key.split(".")
@@ -119,7 +119,7 @@ def test_a_file_that_leaves_a_value_to_another_vehicle_is_refused(key: str, tmp_
 
 
 def test_a_vehicle_within_an_experiment_must_be_complete_too(tmp_path: Path) -> None:
-    new_vehicle("small", SMALL).write(tmp_path)
+    write_vehicle("small", SMALL, tmp_path)
     path = tmp_path / "experiment.yaml"
     tree = yaml.safe_load(path.read_text())
     tree["vehicle"] = yaml.safe_load((tmp_path / "vehicle.yaml").read_text())
@@ -132,7 +132,7 @@ def test_a_vehicle_within_an_experiment_must_be_complete_too(tmp_path: Path) -> 
 
 
 def test_a_library_says_once_what_does_not_fit(tmp_path: Path) -> None:
-    new_vehicle("small", SMALL).write(tmp_path)
+    write_vehicle("small", SMALL, tmp_path)
     said: list[str] = []
     library = RemarkingLibrary(CONFIG, said.append)
     for _ in range(2):
