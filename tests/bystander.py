@@ -27,7 +27,7 @@ class Bystander:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         """Return what helps to understand why a condition never held."""
         raise NotImplementedError
 
@@ -35,7 +35,7 @@ class Bystander:
         """Listen until the condition holds."""
         deadline = time.monotonic() + self.patience
         while not condition():
-            assert time.monotonic() < deadline, f"timed out; {self.heard()}"
+            assert time.monotonic() < deadline, f"timed out; {self.description()}"
             self._executor.spin_once(timeout_sec=self.pause)
 
     def catch_up(self) -> None:

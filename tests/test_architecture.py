@@ -99,7 +99,7 @@ def test_folders_inside_a_package_do_not_run_in_circles() -> None:
 
 
 def unit(name: str) -> str:
-    """Return the folder of a module, or the module where it lies beside the folders."""
+    """Return the folder of a module, or the module itself if it is next to the folders."""
     path = MODULES[name].relative_to(WORKSPACE / "src")
     return ".".join(path.parts[1:-1]) if len(path.parts) > 3 else name
 

@@ -63,7 +63,7 @@ class Controllers(Bystander):
         if self.enables is not None:
             self.enable.publish(joint_state(now_ns, WHEELS, effort=np.array(self.enables)))
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"commands {self.commands[-3:]}, pedals {self.pedals[-3:]}"
 
     def until(self, *command: float) -> None:

@@ -1,4 +1,4 @@
-"""The brake assistant over topics: whatever it is told, it brakes when in doubt."""
+"""The brake assistant over topics: it applies all brakes for every invalid input."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Vehicle(Bystander):
     def _on_state(self, message: DiagnosticArray) -> None:
         self.states += [v.value for v in message.status[0].values if v.key == "state"]
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"states so far: {self.states}"
 
     def wait_for_state(self, state: str) -> None:
@@ -93,8 +93,8 @@ class Vehicle(Bystander):
         enable: dict[str, float] = {}
         # The state comes on a topic of its own, before or after the enables.
         while 0.0 not in enable.values() or self.states[-1:] != ["assisting"]:
-            assert time.monotonic() < deadline, f"never assisted; {self.heard()}"
-            # Never twice the same: a frozen reading is not believed.
+            assert time.monotonic() < deadline, f"never assisted; {self.description()}"
+            # Never twice the same, because a frozen reading is rejected.
             enable = self.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0))
         assert 1.0 in enable.values()
         return enable
@@ -123,7 +123,7 @@ def all_on(enable: dict[str, float]) -> bool:
     return set(enable.values()) == {1.0}
 
 
-def test_it_assists_and_every_doubt_puts_all_brakes_on(vehicle: Vehicle) -> None:
+def test_it_assists_and_every_invalid_input_puts_all_brakes_on(vehicle: Vehicle) -> None:
     enable = vehicle.swerve_until_assisted()
     # Turning left about a forward motion: braking on the left side would turn it further.
     assert enable["front_left"] == 0.0
@@ -232,7 +232,7 @@ def test_a_pedal_without_a_value_counts_as_full_braking(vehicle: Vehicle) -> Non
 
 
 @pytest.mark.parametrize("vehicle", [True], indirect=True, ids=["lockstep"])
-def test_the_running_assistant_can_be_switched_and_tuned_while_nobody_brakes(
+def test_the_running_assistant_can_be_switched_and_tuned_while_the_pedal_is_up(
     vehicle: Vehicle,
 ) -> None:
     vehicle.swerve_until_assisted()

@@ -64,7 +64,7 @@ class Listener(Bystander):
     def measured(self) -> list[Any]:
         return [t for t in map(planar_twist_of, self.twists) if t[1][0, 0] < 1.0]
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"{len(self.twists)} twists, {len(self.measured())} measured; {sorted(self.said)}"
 
 

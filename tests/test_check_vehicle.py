@@ -33,7 +33,7 @@ class Vehicle(Bystander):
         self.states = self.node.create_publisher(JointState, "robot1/wheel_states", RELIABLE)
         self.pedal = self.node.create_publisher(JointState, "robot1/brake/pedal", RELIABLE)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return "nobody subscribed"
 
     def drive(self, signs: FloatArray) -> None:

@@ -203,7 +203,7 @@ def test_a_node_that_dies_ends_the_run_by_name(package: str, name: str, tmp_path
         assert reader.topics["/clock"].msgcount > 0
 
 
-def test_a_killed_recorder_ends_the_run_and_the_rest_is_told(tmp_path: Path) -> None:
+def test_a_killed_recorder_ends_the_run_and_the_remains_are_reported(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     process = subprocess.Popen(
         omni_command(["run", "--variant", "assisted", "--out", str(folder)]),

@@ -55,7 +55,7 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     assert set(study_names()) <= explained
 
 
-def test_the_safety_case_is_what_the_tests_say() -> None:
+def test_the_safety_case_has_the_marks_of_the_tests() -> None:
     page = (WORKSPACE / "docs/safety.md").read_text(encoding="utf-8")
     assert table() in page, "./omni exec python tests/safety_table.py"
     assert {row.hazard for row in hazards()} >= {

@@ -64,7 +64,7 @@ class Drive:
 
 
 class Page:
-    """What the page does: speaks 20 times a second and shows what it is told."""
+    """What the page does: sends a demand 20 times a second and shows the state it receives."""
 
     def __init__(self, drive: Drive) -> None:
         self.socket = drive.connect()
@@ -133,7 +133,7 @@ class Onlooker(Bystander):
     def _on_truth(self, message: Odometry) -> None:
         self.speed = message.twist.twist.linear.x
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"pedal {self.pedal}, speed {self.speed}"
 
     def wait_saying(self, command: TwistStamped, condition: Callable[[], bool]) -> None:
@@ -277,7 +277,7 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
     steps = counts["/ground_truth/odom"]
     assert steps > 100
-    assert 0 <= steps - counts["/clock"] < 100  # which waits until it has seen who else tells it
+    assert 0 <= steps - counts["/clock"] < 100  # waits until it knows of other publishers
     for topic in ("/tf", "/brake/pedal", "/driver/command"):
         assert counts[topic] == steps
     assert (recording / "configuration.yaml").exists()

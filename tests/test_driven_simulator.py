@@ -40,7 +40,7 @@ class Teleoperator(Bystander):
         self._command = self.node.create_publisher(kind, "cmd_vel", RELIABLE)
         self.node.create_subscription(Odometry, "ground_truth/odom", self._on_truth, RELIABLE)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"{self.speed} m/s at {self.pose}, {self.stamp} ns"
 
     def _on_truth(self, message: Odometry) -> None:
@@ -49,7 +49,7 @@ class Teleoperator(Bystander):
         self.speed = message.twist.twist.linear.x
 
     def drive(self) -> bool:
-        """Say the speed once, and tell whether the vehicle has it."""
+        """Publish the speed once, and return whether the vehicle has it."""
         message = self.kind()
         twist = message.twist if self.kind is TwistStamped else message
         twist.linear.x = SPEED

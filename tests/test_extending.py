@@ -91,7 +91,7 @@ def test_a_law_brakes_in_studies_and_campaigns(followed: Path) -> None:
     assert "my_law:BrakeTheSpin" in text
 
 
-def test_an_odometry_is_believed_over_the_graph(followed: Path) -> None:
+def test_an_odometry_is_accepted_over_the_graph(followed: Path) -> None:
     run = followed / "run/assisted"
     assert value(run, "twist_rmse.assisted") < 0.2
     assert value(run, "fail_safe_share.assisted") < 0.05

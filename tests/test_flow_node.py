@@ -50,7 +50,7 @@ class Boards(Bystander):
     def _on_report(self, message: DiagnosticArray) -> None:
         self.values |= {value.key: value.value for value in message.status[0].values}
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"said so far: {self.values}"
 
     def step(self, **velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -66,7 +66,7 @@ class Boards(Bystander):
         return planar_twist_of(self.twists[-1])
 
 
-def test_drivers_are_heard_and_one_that_fails_is_named(tmp_path: Path) -> None:
+def test_drivers_are_received_and_one_that_fails_is_named(tmp_path: Path) -> None:
     configuration = ExperimentLibrary(WORKSPACE / "config").load("flow_sensors", "assisted")
     process = graph.odometry(configuration, tmp_path, lockstep=True, listeners=1)
     sensors = dict(configuration.flow_sensors)

@@ -1,4 +1,4 @@
-"""Whatever is done to a node in the middle of a run, the run says so and leaves nobody behind."""
+"""If a node is killed or halted in a run, the run reports it and leaves no process behind."""
 
 from __future__ import annotations
 

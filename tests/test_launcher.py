@@ -498,7 +498,7 @@ def test_interrupted_and_killed_builds_are_made_up_for(workspace: Workspace) -> 
     assert (workspace.prefix / "lib" / "omni_bringup" / "omni").exists()
 
 
-def test_a_killed_set_up_leaves_nobody_at_work(tmp_path: Path) -> None:
+def test_a_killed_set_up_leaves_no_process_at_work(tmp_path: Path) -> None:
     (tmp_path / ".cache").mkdir()
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"

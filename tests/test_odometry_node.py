@@ -1,4 +1,4 @@
-"""The odometry over topics: what is no image of lines is told with the twist that lacks it."""
+"""The odometry over topics: an invalid image is reported with the twist that lacks it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Cameras(Bystander):
     def _on_report(self, message: DiagnosticArray) -> None:
         self.reasons |= {value.key: value.value for value in message.status[0].values}
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"reasons so far: {self.reasons}"
 
     def image(self) -> Image:
@@ -121,15 +121,15 @@ def half(image: Image) -> None:
 
 
 @pytest.mark.parametrize("cameras", [True], indirect=True)
-def test_cameras_of_the_sensor_data_profile_are_heard(cameras: Cameras) -> None:
-    def heard() -> bool:
+def test_cameras_of_the_sensor_data_profile_are_received(cameras: Cameras) -> None:
+    def arrived() -> bool:
         cameras.show()
         return any(measured(twist) for twist in cameras.twists)
 
-    cameras.wait(heard)  # best effort: the first ones may be lost
+    cameras.wait(arrived)  # best effort: the first ones may be lost
 
 
-def test_an_image_without_lines_is_told_in_the_same_step(cameras: Cameras) -> None:
+def test_an_image_without_lines_is_reported_in_the_same_step(cameras: Cameras) -> None:
     cameras.step()
     assert measured(cameras.step())
     assert not measured(cameras.step(left=floats))

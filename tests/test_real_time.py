@@ -1,4 +1,4 @@
-"""Paced to the wall clock nobody waits, and what is late means all brakes on."""
+"""In real time no node waits, and late enables mean all brakes on."""
 
 from __future__ import annotations
 
@@ -70,5 +70,5 @@ def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
     assert metrics["twist_rmse"].value < 0.1  # the others go on
     assert metrics["orientation_change"].value > 25.0
     long_braked = history.stamp_ns > 3_300_000_000
-    assert np.all(np.isnan(history.enable[long_braked]))  # nobody said anything
+    assert np.all(np.isnan(history.enable[long_braked]))  # no node published anything
     assert np.all(np.abs(history.wheel_speed[long_braked]) < 1e-3)  # and every wheel is locked

@@ -59,7 +59,7 @@ class StandIn(Bystander):
         self._speed = 3.0
         self._generator = np.random.default_rng(1)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"said {self.said}, released {self.released[-5:]}"
 
     def _obey(self, message: JointState) -> None:
@@ -93,7 +93,7 @@ def parameters(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def vehicle(parameters: Path) -> Iterator[StandIn]:
-    """The vehicle, with the assistant that the page starts, in a namespace nobody thought of."""
+    """The vehicle with the assistant that the page starts, in a namespace of its own."""
     (start,) = [words for words in commands() if "-m" in words]
     # Without `ros2`, which the wheels of ROS do not have.
     module = "omni_brake_assist.brake_assist_node"
@@ -117,7 +117,7 @@ def vehicle(parameters: Path) -> Iterator[StandIn]:
 
 def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
     vehicle.wait(lambda: vehicle.said == "disabled" and len(vehicle.released) > 10)
-    assert not any(vehicle.released)  # it only tells
+    assert not any(vehicle.released)  # it only reports
     (switch,) = [words for words in commands() if "param" in words]
     assert switch[2:5] == ["ros2", "param", "set"]
     node, name, value = switch[5:]

@@ -329,7 +329,7 @@ def test_a_kill_leaves_every_whole_chunk(graph: Graph, tmp_path: Path) -> None:
     assert document["rosbag2_bagfile_information"]["relative_file_paths"] == ["run_0.mcap"]
 
 
-def test_a_full_disk_is_told_and_leaves_a_readable_bag(graph: Graph, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_leaves_a_readable_bag(graph: Graph, tmp_path: Path) -> None:
     sent = [serialized_image(k) for k in range(200)]
     limit = 2_000_000
     with recording(graph, tmp_path / "run", CAMERAS[:1], chunk_size=1 << 18) as recorder:
@@ -382,7 +382,7 @@ def test_the_recorder_ends_with_its_parent(graph: Graph, tmp_path: Path) -> None
         ({"folder": os.devnull + "/run"}, 1, "cannot record to /dev/null/run: Not a directory"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_recorded_is_said_in_one_sentence(
+def test_what_cannot_be_recorded_is_reported_in_one_sentence(
     graph: Graph, tmp_path: Path, change: dict[str, object], code: int, words: str
 ) -> None:
     with recording(graph, tmp_path / "run", CAMERAS[:1], **change) as recorder:

@@ -79,7 +79,7 @@ def number(text: str) -> float:
 
 
 def legend(browser: Chromium, plot: str) -> list[float]:
-    """Return the values that a plot tells for the run in front."""
+    """Return the values that a plot shows for the run in front."""
     shown = f"[...document.querySelectorAll('#plot-{plot} .value')].map(e => e.textContent)"
     return [number(text) for text in browser.run(shown)]
 

@@ -1,4 +1,4 @@
-"""Every node goes on where simulated time is in use and nobody tells it, at any time."""
+"""Every node continues if simulated time is in use and no node publishes it, at any time."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ class Listener(Bystander):
     def _on_report(self, message: DiagnosticArray) -> None:
         self.counts[message.status[0].name] += 1
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"messages of {self.counts}"
 
     def wait_for_all(self) -> None:
-        """Hear each of them twice more."""
+        """Wait for two more messages of each."""
         wanted = {name: count + 2 for name, count in self.counts.items()}
         self.wait(lambda: all(self.counts[name] >= wanted[name] for name in SPEAKERS))
 
 
-def test_nodes_speak_and_record_without_a_clock(tmp_path: Path) -> None:
+def test_nodes_publish_and_record_without_a_clock(tmp_path: Path) -> None:
     configuration = ExperimentLibrary(WORKSPACE / "config").load("flow_sensors", "assisted")
     folder = tmp_path / "bag"
     processes = [
-        # Stamps of two clocks may be recorded, and nobody is awaited.
+        # Stamps of two clocks may be recorded, and no node waits.
         (graph.recorder(configuration, folder, tmp_path, chosen=DIAGNOSTICS), "strict:=false"),
         (graph.odometry(configuration, tmp_path, lockstep=False), "subscribers:=0"),
         (graph.brake_assist(configuration, tmp_path, lockstep=False), "subscribers:=0"),

@@ -1,4 +1,4 @@
-"""The simulator as a node among others: whoever else is in the graph, it brakes when in doubt."""
+"""The simulator as a node: with invalid or ambiguous enables it applies all brakes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Assistant(Bystander):
         self._enable = self.node.create_publisher(JointState, "brake/enable", RELIABLE)
         self.node.create_subscription(JointState, "wheel_states", self._on_wheels, RELIABLE)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"torque {self.torque} at {self.stamp}; {self.process.error_output()}"
 
     def _on_wheels(self, message: JointState) -> None:
@@ -72,7 +72,7 @@ def assistant(tmp_path: Path) -> Iterator[Assistant]:
             yield assistant
 
 
-def test_who_asks_for_a_deadline_hears_of_a_simulator_that_hangs(tmp_path: Path) -> None:
+def test_a_subscriber_with_a_deadline_is_notified_of_a_simulator_that_hangs(tmp_path: Path) -> None:
     overrides = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line", "assisted", overrides
@@ -106,7 +106,7 @@ class Valve(Bystander):
             event_callbacks=SubscriptionEventCallbacks(deadline=self._on_deadline),
         )
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"{self.pedals} pedals, {self.missed} missed"
 
     def _on_pedal(self, _message: JointState) -> None:

@@ -138,7 +138,7 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
     assert all(image.width == 1024 for image in images)
 
 
-def test_what_a_node_says_of_itself_is_recorded_to_the_bit(straight_line: FinishedRun) -> None:
+def test_the_diagnostics_of_a_node_are_recorded_bit_for_bit(straight_line: FinishedRun) -> None:
     """With zeros where CDR is aligned, so that two runs can be compared byte by byte."""
     with AnyReader([straight_line.folder / "assisted"]) as reader:
         connections = [c for c in reader.connections if c.topic == "/diagnostics"]
@@ -153,7 +153,7 @@ def test_what_a_node_says_of_itself_is_recorded_to_the_bit(straight_line: Finish
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_configuration_versions_and_summary_lie_beside_the_bag(
+def test_configuration_versions_and_summary_are_next_to_the_bag(
     straight_line: FinishedRun, library: ExperimentLibrary, variant: str
 ) -> None:
     folder = straight_line.folder / variant

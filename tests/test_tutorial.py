@@ -114,7 +114,7 @@ def test_a_person_on_a_terminal_is_asked(
           "--mass", "9"], "--wheel-radius"),
     ],
 )  # fmt: skip
-def test_a_slip_of_the_finger_is_told_what_was_meant(
+def test_a_misspelled_name_is_answered_with_the_likely_one(
     words: list[str],
     said: str,
     tmp_path: Path,

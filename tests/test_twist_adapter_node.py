@@ -44,7 +44,7 @@ class Vehicle(Bystander):
         message.child_frame_id = self.frame
         self.source.publish(message)
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"{len(self.twists)} twists, {self.status}"
 
 

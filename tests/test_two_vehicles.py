@@ -1,4 +1,4 @@
-"""Two vehicles in one ROS domain: names apart, frames apart, and one who tells the time."""
+"""Two vehicles in one ROS domain: separate names and frames, and one publisher of the time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Onlooker(Bystander):
     def _on_clock(self, message: Clock) -> None:
         self.times.append(to_nanoseconds(message.clock))
 
-    def heard(self) -> str:
+    def description(self) -> str:
         return f"{len(self.times)} times, poses { ({k: len(v) for k, v in self.poses.items()}) }"
 
 

@@ -1,4 +1,4 @@
-"""Batches of the same time come together, and a silent camera holds nobody up for long."""
+"""Batches of the same time form a group; a camera that stops sending delays others only briefly."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def test_a_late_burst_loses_nothing_that_has_a_number() -> None:
     stamps = [clock.take(arrival, k)[0] for k, arrival in enumerate(arrivals)]
     assert clock.lost == clock.anew == 0
     assert np.abs(np.array(stamps) - 10 * MS * np.arange(100)).max() < 10 * MS
-    # Without numbers nobody can tell: time begins anew, but never goes back.
+    # Without frame numbers losses are unknown: time starts again, but never goes back.
     clock = FrameClock(100.0)
     stamps = [clock.take(arrival)[0] for arrival in arrivals]
     assert (np.diff(stamps) > 0).all()

@@ -108,15 +108,15 @@ def test_a_camera_completes_one_flow_sensor() -> None:
 
 
 @pytest.mark.parametrize("error", [(0.6, 0.0), (0.0, -0.6), (-0.5, 0.5)])
-@pytest.mark.parametrize("liar", list(CORNERS))
-def test_four_tell_who_is_wrong(liar: str, error: tuple[float, float]) -> None:
-    estimate = odometry(CORNERS).update(flows_at(TWIST, CORNERS, **{liar: np.array(error)}))
-    assert [name for name, flow in estimate.flows.items() if not flow.measured] == [liar]
-    assert f"{liar}: contradicts the other sensors" in estimate.reason
+@pytest.mark.parametrize("faulty", list(CORNERS))
+def test_four_isolate_the_faulty_one(faulty: str, error: tuple[float, float]) -> None:
+    estimate = odometry(CORNERS).update(flows_at(TWIST, CORNERS, **{faulty: np.array(error)}))
+    assert [name for name, flow in estimate.flows.items() if not flow.measured] == [faulty]
+    assert f"{faulty}: contradicts the other sensors" in estimate.reason
     np.testing.assert_allclose(estimate.twist, TWIST, atol=1e-12)
 
 
-def test_two_that_contradict_each_other_say_so_by_their_covariance() -> None:
+def test_two_that_contradict_each_other_enlarge_the_covariance() -> None:
     """They do where they come closer to each other, which no body does."""
     flows = only("front", "left")
     cos, sin = np.cos(np.radians(10.0)), np.sin(np.radians(10.0))
@@ -129,23 +129,23 @@ def test_two_that_contradict_each_other_say_so_by_their_covariance() -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_no_lie_of_one_of_three_is_surely_believed(seed: int) -> None:
-    """Some errors of two components look like those of another sensor: then nobody is excluded."""
+def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int) -> None:
+    """Some errors of two components look like those of another sensor: then none is excluded."""
     random = np.random.default_rng(seed)
     flows = only("front", "left", "right")
-    liar = str(random.choice(list(flows)))
+    faulty = str(random.choice(list(flows)))
     error = random.uniform(-3.0, 3.0) * random.normal(size=2)
-    if seed % 2:  # the direction in which front and left cannot tell who errs
+    if seed % 2:  # the direction in which errors of front and left look the same
         bodily = np.array((CORNERS["right"].y - 0.1, 0.6 - CORNERS["right"].x))
         turn = np.radians(-10.0)
         cos, sin = np.cos(turn), np.sin(turn)
-        liar, error = "front", np.array(((cos, -sin), (sin, cos))) @ bodily
-    estimate = odometry(flows).update(flows_at(TWIST, flows, **{liar: error}))
+        faulty, error = "front", np.array(((cos, -sin), (sin, cos))) @ bodily
+    estimate = odometry(flows).update(flows_at(TWIST, flows, **{faulty: error}))
     assert estimate.measured
     off = estimate.twist - TWIST
     sigmas = np.sqrt(off @ np.linalg.solve(estimate.covariance, off))
-    assert sigmas < 10.0  # the limit of contradiction, 8, and two of honest noise
-    assert all(flow.measured for name, flow in estimate.flows.items() if name != liar)
+    assert sigmas < 10.0  # the limit of contradiction, 8, and two standard deviations of noise
+    assert all(flow.measured for name, flow in estimate.flows.items() if name != faulty)
 
 
 @pytest.mark.parametrize(
@@ -250,7 +250,7 @@ def groups_of(
 @pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 200.0])
 @pytest.mark.parametrize("phase_ns", [0, 3_000_000, -3_000_000])
 def test_a_flow_sensor_follows_the_cameras_at_its_own_rate(rate: float, phase_ns: int) -> None:
-    """Every group has the measurement of its time, if there is one, whoever is heard first."""
+    """Every group has the measurement of its time, if there is one, in any order of arrival."""
     first = groups_of(rate, phase_ns, flow_first=True)
     second = groups_of(rate, phase_ns, flow_first=False)
     both = min(len(first), len(second))

@@ -1,4 +1,4 @@
-"""Grain that runs askew is told from a ground that comes again, and from a vehicle that rocks."""
+"""Oblique texture is distinguished from periodic ground and from a vehicle that rocks."""
 
 from __future__ import annotations
 

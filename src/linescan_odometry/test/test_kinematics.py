@@ -1,4 +1,4 @@
-"""A degree of freedom from the kinematics: where it helps, what it hides, and who is believed."""
+"""A kinematic constraint in place of a sensor: its benefit, hidden errors, and contradictions."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_two_sensors_are_wrong_by_the_skid_and_their_covariance_by_the_deviation
     assert math.sqrt(row @ estimate.covariance @ row) == pytest.approx(DEVIATION, rel=1e-6)
 
 
-def test_three_sensors_are_believed_and_tell_the_skid(expose: Expose) -> None:
+def test_three_sensors_are_accepted_and_detect_the_skid(expose: Expose) -> None:
     three = SIDES | AHEAD
     twist = (2.0, 0.3 - AXLE_X * 0.8, 0.8)
     skidding = drive(expose, three, twist)
@@ -127,7 +127,7 @@ def test_sensors_side_by_side_check_each_other_but_not_the_axle(expose: Expose) 
     assert estimate.twist == pytest.approx((2.0, -AXLE_X * 0.8, 0.8), abs=2e-3)
 
 
-def test_an_axle_in_doubt_widens_with_the_speed() -> None:
+def test_the_deviation_of_the_axle_grows_with_the_speed() -> None:
     kinematics = KinematicsConfiguration(
         constraint="unsteered_axle", deviation=0.03, deviation_share=0.01
     )
@@ -176,7 +176,7 @@ def test_an_axle_far_away_is_no_hindrance_to_sensors_that_suffice() -> None:
         check_placement(SIDES, 0.02, -30.0)
 
 
-def test_two_sensors_alone_are_told_of_the_constraint() -> None:
+def test_with_two_sensors_the_constraint_is_reported() -> None:
     with pytest.raises(ConfigurationError, match=r"these are 2: left, right; .*constraint"):
         OdometryConfiguration(sensors=SIDES)
     # A crossed pair needs an axle elsewhere: it sees no turn about itself.

@@ -94,7 +94,7 @@ def test_ground_that_passes_by_is_followed() -> None:
     assert ratios[1].mean() > 1.5
 
 
-def test_one_block_that_holds_all_the_texture_tells_nothing() -> None:
+def test_one_block_that_holds_all_the_texture_gives_no_variance() -> None:
     generator = np.random.default_rng(5)
     gradient = np.full(BLOCKS, 1e-3)
     gradient[9] = 1.0

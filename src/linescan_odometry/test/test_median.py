@@ -20,7 +20,7 @@ def inliers(
     return marks
 
 
-def test_point_errors_are_told_from_a_changing_speed() -> None:
+def test_point_errors_are_distinguished_from_a_changing_speed() -> None:
     displacement: FloatArray = np.linspace(80.0, 72.2, 40)  # 0.2 px less with each line
     wrong = np.array([3, 4, 17, 22, 39])
     displacement[wrong] += np.array([-300.0, 12.0, 3.0, 90.0, -5.0])

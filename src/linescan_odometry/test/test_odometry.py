@@ -253,7 +253,7 @@ def test_creeping_survives_a_wrong_line_at_the_end(expose: Expose) -> None:
     assert reading.velocity == pytest.approx(0.2 * 0.125, abs=1e-3)
 
 
-def test_sideways_motion_has_an_honest_variance() -> None:
+def test_sideways_motion_has_a_consistent_variance() -> None:
     """Texture enters and leaves across the axis: 20 % of the width with every line."""
     generator = np.random.default_rng(13)
     score = []

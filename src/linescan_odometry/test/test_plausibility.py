@@ -32,7 +32,7 @@ def test_the_range_widens_with_the_acceleration() -> None:
     # 80 ms at 12.5 m/s^2 are 1 m/s, 8 px per line.
     assert judge(filter_, 80_000_000, 48.9) == judge(filter_, 80_000_000, 31.1) == [True]
     assert judge(filter_, 80_000_000, 49.1) == judge(filter_, 80_000_000, 30.9) == [False]
-    assert judge(filter_, 4_000_000_000, 430.0) == [True]  # nobody is shut out for ever
+    assert judge(filter_, 4_000_000_000, 430.0) == [True]  # no displacement is rejected forever
 
 
 def test_each_pair_has_the_time_of_its_line() -> None:
@@ -58,7 +58,7 @@ def test_time_that_goes_back_starts_anew(back_ns: int) -> None:
 
 
 @pytest.mark.parametrize(("maximum_acceleration", "believed"), [(0.0, True), (20.0, False)])
-def test_a_sensor_does_not_believe_a_leap(
+def test_a_sensor_rejects_a_jump(
     maximum_acceleration: float, believed: bool, expose: Callable[..., Any]
 ) -> None:
     sensors = {

@@ -1,4 +1,4 @@
-"""More sensors than unknowns: one that is wrong is found, or at least believed by nobody."""
+"""More sensors than unknowns: a faulty one is isolated, or the covariance grows."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_two_wrong_sensors_of_seven_are_left_out(expose: Expose) -> None:
     assert [n for n, r in estimate.readings.items() if not r.measured] == ["s1", "s4"]
 
 
-def test_four_sensors_see_that_one_is_wrong_and_say_so_by_the_covariance(expose: Expose) -> None:
+def test_four_sensors_detect_a_faulty_one_and_enlarge_the_covariance(expose: Expose) -> None:
     right, _ = drive(expose, 4, {})
     estimate, error = drive(expose, 4, {"s2": 0.7})
     assert estimate.reason == ""
@@ -100,7 +100,7 @@ def test_contradictions_have_unit_variance() -> None:
     assert squares / 2000 == pytest.approx(np.ones(6), abs=0.15)
 
 
-def test_three_sensors_contradict_nobody() -> None:
+def test_three_sensors_do_not_contradict_each_other() -> None:
     sensors = ring(5)
     solver = TwistSolver(sensors, 0.02)
     velocity = np.array([1.0, 5.0, 9.0, -3.0, -2.0])

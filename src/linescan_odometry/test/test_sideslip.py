@@ -96,7 +96,7 @@ def test_deviation_is_the_scatter_of_the_angle(twist: Any) -> None:
 def test_with_a_twist_the_errors_of_the_camera_count_once() -> None:
     """Three sensors determine the twist: the camera's error is in the yaw rate and v_y too."""
     sensors = SENSORS | {"side": sensor(0.75, 0.55, 140.0)}
-    wheel = dataclasses.replace(WHEEL, steering_deg=25.0)  # which the camera is askew to by 25 deg
+    wheel = dataclasses.replace(WHEEL, steering_deg=25.0)  # relative to the camera
     solver = TwistSolver(sensors, 0.02)
     geometry = WheelSideslip(wheel, sensors["side"])
     variance = np.array([1e-4, 1e-4, 9e-4])
@@ -192,7 +192,7 @@ def test_one_camera_and_the_wheel_speed_are_enough(angle_deg: float, expose: Exp
 
 def test_the_monitor_names_every_wheel(expose: Expose) -> None:
     wheels = {"front": WHEEL, "slow": dataclasses.replace(WHEEL, minimum_speed=50.0)}
-    # Lines that do not change across are endless stripes, in which nobody can tell the way.
+    # Lines that do not change across the motion are endless stripes without a unique displacement.
     configuration = OdometryConfiguration(sensors=SENSORS, sideslip=wheels, cover_detection=False)
     batches = {
         name: LineBatch(10_000_000, expose(np.arange(26) * speed / RATE / PITCH, 256, seed=i))
@@ -229,7 +229,9 @@ def test_cameras_that_do_not_see_the_slide_are_refused(
 
 @pytest.mark.parametrize("skew_deg", [-30.0, 30.0])
 @pytest.mark.parametrize("steering_deg", [-20.0, 0.0, 10.0, 90.0])
-def test_a_camera_may_be_askew_to_the_axis_by_30_deg(skew_deg: float, steering_deg: float) -> None:
+def test_a_camera_may_be_misaligned_with_the_axis_by_30_deg(
+    skew_deg: float, steering_deg: float
+) -> None:
     """The heading is exact, what sine and arcsine make of it is not."""
     wheel = dataclasses.replace(WHEEL, steering_deg=steering_deg)
     WheelSideslip(wheel, sensor(0.6, 0.5, 90.0 + steering_deg + skew_deg))

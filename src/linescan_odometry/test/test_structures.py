@@ -68,7 +68,7 @@ def test_a_single_edge_is_no_ground(step: float) -> None:
     assert read(lines_over(texture(4096, 8.0), step)).measured
 
 
-def test_a_ground_that_repeats_itself_is_told_where_small_and_large_displacements_fit() -> None:
+def test_a_periodic_ground_is_detected_where_small_and_large_displacements_fit() -> None:
     period = texture(524, 3.0)
     lines = lines_over(period, 24.0 - 524.0)
     reading = read(lines)

@@ -1,4 +1,4 @@
-"""How far a match is believed that came after others that did not."""
+"""The variance of a match that follows batches without a match."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_a_ground_that_always_matches_keeps_its_variances() -> None:
     assert after(NOTHING.refuted("grain")).weighed({"eye": PAIRS}) == {}  # only what is pulled at
 
 
-def test_a_match_by_chance_is_believed_less_and_trust_comes_back() -> None:
+def test_a_match_by_chance_has_a_larger_variance_until_others_match() -> None:
     unlike = NOTHING.refuted("grain")
     doubts = [deviation(after(*[unlike] * count)) for count in range(9)]
     assert doubts == sorted(doubts)
@@ -40,11 +40,11 @@ def test_a_match_by_chance_is_believed_less_and_trust_comes_back() -> None:
     assert deviation(after(*[unlike] * 9, *[TOGETHER] * 9)) < 1.2
 
 
-def test_lines_that_show_nothing_tell_nothing_of_the_ground() -> None:
+def test_lines_without_contrast_do_not_change_the_share_of_matches() -> None:
     assert deviation(after(*[NOTHING] * 9)) == 1.0
 
 
-def test_consecutive_lines_that_match_alone_are_doubted_at_once() -> None:
+def test_matches_of_consecutive_lines_alone_get_a_larger_variance_at_once() -> None:
     trust = after(TOGETHER)
     alone = dataclasses.replace(PAIRS, unlike=True)
     assert trust.growth("eye", alone) > trust.growth("eye", PAIRS) == 1.0

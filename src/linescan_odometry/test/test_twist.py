@@ -1,4 +1,4 @@
-"""Sensor velocities to body twist: exact, with an honest covariance, and never from too little."""
+"""Sensor velocities to body twist: exact, with a consistent covariance, from enough sensors."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
         for name, sensor in told.items():
             scale, turn, lever = generator.standard_normal(3)
             heading = sensor.heading + math.radians(0.2) * turn
-            # Along the axis of the told one, so that the lever changes by this much alone.
+            # Along the axis of the configured camera, so that only the lever changes, by this much.
             off = 0.004 * lever + velocity_row(sensor.x, sensor.y, sensor.heading)[2]
             off -= velocity_row(sensor.x, sensor.y, heading)[2]
             true[name] = dataclasses.replace(
@@ -175,7 +175,7 @@ def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
                 heading_deg=math.degrees(heading),
                 length=sensor.length * (1.0 + 0.004 * scale),
             )
-        # A camera of longer pixels than it is told says less than its velocity.
+        # A camera whose pixels are longer than configured measures less than its velocity.
         share = np.array([sensor.length / true[name].length for name, sensor in told.items()])
         said = velocities(true) * share + generator.normal(0.0, 1e-3, count)
         twist, covariance = solver.solve(said, variance, (True,) * count)
@@ -187,7 +187,7 @@ def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
         assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.2)
 
 
-def test_exact_cameras_say_what_they_said() -> None:
+def test_a_scale_error_enlarges_the_covariance_and_keeps_the_twist() -> None:
     sensors = ring(3)
     variance = np.full(3, 1e-4)
     plain = TwistSolver(sensors, 0.02).solve(velocities(sensors), variance, (True,) * 3)

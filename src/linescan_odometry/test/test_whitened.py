@@ -28,7 +28,7 @@ def sideways(
     Args:
         along: displacement per line [px].
         seed: of the ground.
-        edge: gray levels of an edge that runs askew, by a pixel per line.
+        edge: gray levels of an oblique edge, by a pixel per line.
         specks: deviation of what stands still in the view, in gray levels.
         noise: of the camera, in gray levels.
     """
@@ -90,7 +90,7 @@ def test_a_view_that_moves_on_loses_its_coherence() -> None:
     assert at_rest.lasting == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_few_lines_tell_nothing() -> None:
+def test_a_few_lines_give_no_displacement() -> None:
     assert WhitenedMatcher(PIXELS, 256).match(sideways(0, 1)[:6], settled=True) is None
 
 

@@ -105,7 +105,7 @@ def test_a_wheel_that_locks_is_let_go(mecanum: Wheels) -> None:
 
 
 @pytest.mark.parametrize("pressure_step", [0.0, 0.25])
-def test_of_locked_wheels_all_but_one_are_let_go(mecanum: Wheels, pressure_step: float) -> None:
+def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_step: float) -> None:
     law, memory = _law(mecanum, pressure_step)
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(2):

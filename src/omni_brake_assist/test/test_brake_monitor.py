@@ -90,7 +90,7 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_is_dead(
 @pytest.mark.parametrize(
     ("slips", "told", "pedal"),
     [
-        ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # nobody slides: gentle brakes
+        ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # no wheel slides: weak braking
         ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one that slides less than others
         ([0.0, 0.3, 0.3, 0.3], [0.0, 1.0, 1.0, 1.0], 1.0),  # let go
         ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # by a law that gives it less

@@ -126,7 +126,7 @@ def test_a_vehicle_that_stops_losing_speed_is_braked(
     assert trip_time(constants, 4.0, 0.3, imu=imu) - 0.5 <= within
 
 
-def test_one_wheel_that_rolls_is_enough_to_tell_it(constants: EffectConstants) -> None:
+def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants) -> None:
     assert trip_time(constants, 4.0, 0.3, rolls=1) < 3.0
 
 
@@ -142,7 +142,7 @@ def test_a_vehicle_that_rolls_on_at_the_end_of_a_stop_is_braked(
     assert trip_time(constants, 9.0, 0.05, imu=imu) - 0.5 <= within
 
 
-def test_brakes_that_act_are_never_told_to_act(constants: EffectConstants) -> None:
+def test_brakes_that_act_never_trip_the_monitor(constants: EffectConstants) -> None:
     assert trip_time(constants, 4.0, 0.05, released=False) == np.inf
 
 

@@ -125,7 +125,7 @@ def test_fault_has_all_brakes_on_and_passes(
     assert reason in bad.reason
     states = [assist.update(demand(step)).state for step in range(6, 12)]
     if state is AssistState.INVALID_DEMAND:
-        assert states == [AssistState.ASSISTING] * 6  # the feedback was never in doubt
+        assert states == [AssistState.ASSISTING] * 6  # the feedback was never rejected
     else:
         assert states == [state] * 2 + [AssistState.ASSISTING] * 4
 
@@ -133,7 +133,7 @@ def test_fault_has_all_brakes_on_and_passes(
 @pytest.mark.parametrize(
     "twist", [(9.8, 0.0, 0.3), (9.75, 0.2, 0.3), (9.75, 0.0, 0.9), (9.3, 0.0, 0.3)]
 )
-def test_changes_that_brakes_and_noise_may_cause_are_believed(
+def test_changes_that_brakes_and_noise_may_cause_are_accepted(
     mecanum: Wheels, twist: tuple[float, float, float]
 ) -> None:
     decision = assisting(mecanum).update(with_twist(*twist)(demand(5)))
@@ -166,7 +166,7 @@ def test_fast_turning_is_no_acceleration(mecanum: Wheels) -> None:
             assert decision.fault is None
 
 
-def test_trust_is_earned_at_the_start(mecanum: Wheels) -> None:
+def test_brakes_are_released_after_the_first_valid_twists(mecanum: Wheels) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, recovery_count=4))
     for step in range(3):
         decision = assist.update(demand(step))
@@ -185,7 +185,7 @@ def test_one_bad_feedback_starts_recovery_again(mecanum: Wheels) -> None:
     assert states == [*[AssistState.NON_FINITE_FEEDBACK] * 2, AssistState.ASSISTING]
 
 
-def test_repeating_one_good_feedback_earns_no_trust(mecanum: Wheels) -> None:
+def test_a_repeated_twist_does_not_count_for_recovery(mecanum: Wheels) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
     good = demand(0).feedback
     for step in range(5):
@@ -264,7 +264,9 @@ def test_other_wheels_than_configured_have_all_brakes_on(
 
 
 @pytest.mark.parametrize("state", [AssistState.NO_DEMAND, AssistState.STALE_FEEDBACK])
-def test_silence_has_all_brakes_on_and_costs_trust(mecanum: Wheels, state: AssistState) -> None:
+def test_missing_twists_put_all_brakes_on_and_restart_recovery(
+    mecanum: Wheels, state: AssistState
+) -> None:
     assist = assisting(mecanum)
     decision = assist.timeout(5 * PERIOD_NS, Fault(state, "no pedal for 0.2 s, more than 0.1 s"))
     require_all_on(decision, state)
@@ -285,7 +287,7 @@ def test_twist_that_never_changes_while_braking_is_implausible(
 ) -> None:
     assist = assisting(mecanum, frozen_time=0.2)
     states = [assist.update(demand(step, speed=9.5)).state for step in range(5, 30)]
-    # Step 5 is the first with this twist; 0.2 s later is still believed.
+    # Step 5 is the first with this twist; 0.2 s later it is still accepted.
     assert states[:21] == [AssistState.ASSISTING] * 21
     assert states[21:] == [AssistState.IMPLAUSIBLE_FEEDBACK] * 4
     assert within * 1e9 >= 22 * PERIOD_NS
@@ -301,7 +303,7 @@ def test_twist_that_never_changes_while_braking_is_implausible(
         (1.0, 0.0, {}),  # standing
     ],
 )
-def test_constant_twist_is_believed_where_nothing_must_change(
+def test_constant_twist_is_accepted_where_nothing_must_change(
     mecanum: Wheels, pedal: float, speed: float, changes: dict[str, float]
 ) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, **changes))  # type: ignore[arg-type]
@@ -328,7 +330,7 @@ def test_outlier_is_not_what_the_next_feedback_is_compared_with(mecanum: Wheels)
     assert "1 of 3" in assist.update(demand(6)).reason
 
 
-def test_lasting_step_is_believed_in_the_end(mecanum: Wheels) -> None:
+def test_lasting_step_is_accepted_in_the_end(mecanum: Wheels) -> None:
     """If the last good feedback was the wrong one, good data must not be locked out for ever."""
     assist = assisting(mecanum)
     states = [assist.update(demand(step, speed=2.0 - 0.01 * step)).state for step in range(5, 45)]
@@ -348,7 +350,9 @@ def test_after_a_long_gap_nothing_is_left_to_compare_with(mecanum: Wheels) -> No
     assert assist.update(sideways(demand(37))).state is AssistState.ASSISTING
 
 
-def test_without_trust_at_the_pedal_the_line_is_that_of_the_first_trusted(mecanum: Wheels) -> None:
+def test_without_a_valid_twist_at_the_pedal_the_first_valid_one_sets_the_line(
+    mecanum: Wheels,
+) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step, (v_x, v_y) in enumerate([(5.0, 0.0), (5.0, 0.1), (5.0, 0.2), (5.0, 0.2)]):
         twist = np.array([v_x, v_y, 0.0])
@@ -385,7 +389,7 @@ def test_line_is_taken_anew_after_a_gap_too_long_to_know_the_heading(mecanum: Wh
     np.testing.assert_allclose(decision.error, 0.0, atol=1e-12)
 
 
-def test_fault_while_the_pedal_is_up_or_the_assistant_off_is_told(mecanum: Wheels) -> None:
+def test_fault_while_the_pedal_is_up_or_the_assistant_off_is_reported(mecanum: Wheels) -> None:
     for changes, pedal, state in (
         ({}, 0.0, AssistState.INACTIVE),
         ({"enabled": False}, 1.0, AssistState.DISABLED),

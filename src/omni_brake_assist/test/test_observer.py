@@ -163,7 +163,7 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
     "it is compared with the state at its stamp and propagated to the present",
     within=0.0,
 )
-def test_a_late_twist_is_made_up_for(drive: Drive) -> None:
+def test_a_late_twist_is_compensated(drive: Drive) -> None:
     drive.run(180, late=5)  # 50 ms, in which 0.2 m/s are lost
     assert drive.error == pytest.approx(0.0, abs=0.03)
 

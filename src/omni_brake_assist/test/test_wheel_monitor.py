@@ -93,7 +93,7 @@ def test_a_possible_wheel_speed_is_used(
     "wheel monitor: two wheels contradict the estimate; all brakes on",
     within=0.15,
 )
-def test_two_wheels_refute_the_estimate(mecanum: dict[str, WheelMount], within: float) -> None:
+def test_two_wheels_contradict_the_estimate(mecanum: dict[str, WheelMount], within: float) -> None:
     """The vehicle moves ahead at 5 m/s and brakes with all wheels; the twist is 60 % of it."""
     geometry = PlatformGeometry.from_wheels(mecanum)
     constants = brake_constants(BrakeAssistConfiguration(wheels=mecanum), geometry)

@@ -157,7 +157,7 @@ def test_a_recorded_stop_calibrates_the_cameras_that_it_shows(
 ) -> None:
     assert omni("calibrate-sensors", SAMPLE, "--out", tmp_path, "--json") == 0
     metrics = json.loads(capsys.readouterr().out)["metrics"]
-    # It goes straight ahead: the pitch of those that look ahead is seen, in an honest recording.
+    # The drive is straight ahead, so the pitch of the cameras along it is observable.
     for name in ("left", "right"):
         assert metrics[f"length.{name}"]["value"] == pytest.approx(0.05, rel=1e-3)
         assert metrics[f"mirrored.{name}"]["value"] == 0.0

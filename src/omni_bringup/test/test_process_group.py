@@ -52,7 +52,7 @@ def alive(pid: int) -> bool:
 
 
 def running(pid: int) -> bool:
-    """Whether a process is more than an entry that nobody has collected."""
+    """Whether a process runs, and is not a zombie."""
     try:
         return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
     except FileNotFoundError:
@@ -164,7 +164,7 @@ def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_pat
     assert [process.returncode for process in group.running] == [0, 0, 0, 1]
 
 
-def test_nobody_waits_long_for_a_listener_that_died(prefix: Path) -> None:
+def test_no_node_waits_long_for_a_subscriber_that_died(prefix: Path) -> None:
     patient = ASKED + "while len(asked) < 2: time.sleep(0.01)"
     with process_group(os.environ) as group:
         wait_for(group.start(add_program(prefix, "listener", "1 / 0")), 20.0)

@@ -1,4 +1,4 @@
-"""Who waits is told what for."""
+"""Commands that take long report their progress."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from omni_bringup.progress_bar import at_work
 
 
 class Listener(io.StringIO):
-    """Standard error that tells when something was written."""
+    """Standard error that records when something was written."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -23,7 +23,7 @@ class Listener(io.StringIO):
         return written
 
 
-def test_a_command_at_work_says_what_it_is_at_until_it_is_done(
+def test_a_command_at_work_reports_its_progress_until_it_is_done(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     listener = Listener()

@@ -46,7 +46,7 @@ def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def is_published(message: RecordedMessage) -> bool:
-    """Tell the nodes' topics from the transforms, which the recorder makes, of its own type."""
+    """Separate the nodes' topics from the transforms, which the recorder adds."""
     return not message.channel.topic.startswith("/tf")
 
 

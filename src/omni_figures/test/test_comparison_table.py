@@ -70,7 +70,7 @@ def test_markup_in_names_is_printed_as_it_is() -> None:
     assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))
 
 
-def test_a_stop_of_eight_centimeters_is_told_in_millimeters() -> None:
+def test_a_stop_of_eight_centimeters_is_shown_in_millimeters() -> None:
     short, shorter, long = (
         {"stopping_distance": Metric(distance, "m")} for distance in (0.112, 0.0803, 9.87)
     )

@@ -169,7 +169,7 @@ def test_errors_get_their_own_scale_only_where_sharing_hides_them(
     assert shared == (scale > 0.1)
     filled = 2.0 * scale * np.max(np.abs(large.error)) / np.ptp(right.get_ylim())
     assert filled > 0.2
-    # Whoever sees a panel of another scale is told so, and can read its values.
+    # A panel with another scale is marked, and its values can be read.
     assert any("own scale" in text.get_text() for text in right.texts) == (not shared)
     assert not any("own scale" in text.get_text() for text in left.texts)
     assert right.yaxis.get_tick_params()["labelleft"] == (not shared)

@@ -72,7 +72,7 @@ def test_a_recording_is_driven_again() -> None:
     assert start is not None
     assert start_again == pytest.approx(start, abs=1)
     assert again.twist[0] == pytest.approx(recorded.twist[0], abs=1e-6)
-    # The sample heard its line cameras.
+    # The recording of the sample contains the lines of its cameras.
     distance = math.dist(recorded.pose[start, :2], recorded.pose[-1, :2])
     assert again.stopping_distance == pytest.approx(distance, rel=0.1)
 

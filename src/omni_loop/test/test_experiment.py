@@ -51,7 +51,7 @@ def test_a_part_that_is_replaced_leaves_nothing_behind(library: ExperimentLibrar
 
 
 @pytest.mark.parametrize("tire", ["vehicle.tire=linear", "vehicle.tire.stiffness=9e4"])
-def test_what_is_said_of_a_part_holds_whenever_the_part_is_named(
+def test_values_of_a_part_hold_wherever_the_part_is_named(
     library: ExperimentLibrary, tire: str
 ) -> None:
     overrides = ["vehicle=three_wheel_robot", "vehicle.load.mass=77.0", tire]
@@ -61,7 +61,7 @@ def test_what_is_said_of_a_part_holds_whenever_the_part_is_named(
         assert load(library, *order) == first
 
 
-def test_a_variant_keeps_what_it_says_of_a_part_that_is_replaced(
+def test_a_variant_keeps_its_values_of_a_part_that_is_replaced(
     library: ExperimentLibrary,
 ) -> None:
     chosen = library.load("straight_line", "allocation", ["vehicle=six_wheel_mecanum"])
@@ -84,7 +84,7 @@ def test_variants_differ_as_their_file_says(library: ExperimentLibrary) -> None:
     assert not library.load("straight_line", "unassisted").brake_assist.enabled
 
 
-def test_the_nodes_may_be_told_something_else_than_is_true(library: ExperimentLibrary) -> None:
+def test_the_nodes_may_be_configured_differently_from_the_truth(library: ExperimentLibrary) -> None:
     chosen = load(library, "odometry.sensors.left.y=0.52")
     assert chosen.sensors["left"].y == 0.5
     assert chosen.odometry.sensors["left"].y == 0.52
@@ -134,7 +134,7 @@ def test_the_nodes_know_who_is_there(library: ExperimentLibrary, override: str, 
 def test_the_assistant_knows_how_old_the_mean_over_a_batch_is(
     library: ExperimentLibrary, overrides: tuple[str, ...], age: float
 ) -> None:
-    """By half of it, unless an experiment misleads it; a velocity sensor tells the moment."""
+    """By half of it, unless an experiment changes it; a velocity sensor measures the present."""
     loaded = library.load("small_stop", "assisted", overrides)
     assert loaded.brake_assist.feedback_delay == pytest.approx(age)
 
@@ -241,7 +241,7 @@ def test_a_simulated_vehicle_has_no_axle_that_grips() -> None:
     alone = library.load("straight_line", "assisted", ["sensors=ackermann", *axle])
     with pytest.raises(ConfigurationError, match="wheels with rollers slip sideways"):
         alone.check_drivable()
-    # Three cameras measure by themselves, and tell when the axle skids; recordings may be replayed.
+    # Three cameras suffice, and detect when the axle skids; recordings may be replayed.
     library.load("straight_line", "assisted", axle).check_drivable()
     library.load(
         "straight_line",

@@ -86,7 +86,7 @@ def test_allocation_with_a_brake_that_fails_is_not_far_from_unassisted(
 
 
 @pytest.mark.parametrize("wheel", MECANUM)
-def test_a_brake_that_pulls_a_quarter_is_helped_like_a_good_one(wheel: str) -> None:
+def test_a_brake_with_a_quarter_of_its_torque_is_not_treated_as_failed(wheel: str) -> None:
     _, assisted = stops(FORWARD, wheel, brake=0.25)
     assert assisted.orientation_change < 10.0
 
@@ -100,7 +100,7 @@ def test_a_brake_that_pulls_a_quarter_is_helped_like_a_good_one(wheel: str) -> N
 @pytest.mark.parametrize("changes", [FORWARD, SLANTED, ASIDE, DIAGONAL])
 @pytest.mark.parametrize("fails", [{"open_valve": 1.0}, {"stuck_brake": 0.5}])
 @pytest.mark.parametrize("wheel", ["rear_left", "front_right"])
-def test_a_brake_that_cannot_release_costs_a_share_of_the_way(
+def test_a_brake_that_cannot_release_lengthens_the_stop_little(
     changes: tuple[str, ...], fails: dict[str, float], wheel: str
 ) -> None:
     unassisted, assisted = stops(changes, wheel, **fails)

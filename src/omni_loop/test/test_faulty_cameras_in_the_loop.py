@@ -25,6 +25,6 @@ def test_what_stands_still_in_the_view_does_not_turn_the_stop(fault: str) -> Non
     assert brakes_straight_or_with_every_wheel("ground=asphalt", fault)
 
 
-def test_grain_that_runs_askew_does_not_turn_the_stop() -> None:
+def test_oblique_texture_does_not_rotate_the_vehicle() -> None:
     slow_over_wood = ("ground=wood", "maneuver.heading_deg=30", "maneuver.speed=2")
     assert brakes_straight_or_with_every_wheel("sensors=lis_770i", *slow_over_wood)

@@ -118,7 +118,9 @@ def test_a_history_that_ends_before_the_stop_gives_no_distance(make_history: Mak
     assert math.isfinite(metrics["twist_rmse"].value)
 
 
-def test_a_stop_that_is_not_reached_with_the_pedal_down_is_told(make_history: MakeHistory) -> None:
+def test_a_stop_that_does_not_come_to_rest_with_the_pedal_down_is_reported(
+    make_history: MakeHistory,
+) -> None:
     stopped, moving = make_history(), make_history(rest=-0.5)
     released = dataclasses.replace(moving, pedal=np.append(moving.pedal[:-1], 0.0))
     never = dataclasses.replace(moving, pedal=np.zeros_like(moving.pedal))

@@ -33,7 +33,7 @@ def test_each_work_hands_over_its_own_result_and_is_done_once(begin: Begin) -> N
     assert sorted(done) == list(range(200))
 
 
-def test_an_error_reaches_whoever_asks_and_nobody_else(begin: Begin) -> None:
+def test_an_error_is_raised_where_the_result_is_requested_and_nowhere_else(begin: Begin) -> None:
     def fail() -> int:
         raise ValueError("no ground")
 

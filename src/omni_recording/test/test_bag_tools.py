@@ -196,7 +196,7 @@ def test_only_the_topics_that_are_asked_for_are_exported(bag: Path, tmp_path: Pa
 # ---------------------------------------------------------------- what is wrong in small
 
 
-def test_counts_that_do_not_fit_are_told(bag: Path) -> None:
+def test_counts_that_do_not_fit_are_reported(bag: Path) -> None:
     path = bag / "metadata.yaml"
     document = yaml.safe_load(path.read_text())
     information = document["rosbag2_bagfile_information"]
@@ -210,7 +210,7 @@ def test_counts_that_do_not_fit_are_told(bag: Path) -> None:
     )
 
 
-def test_missing_numbers_are_told(tmp_path: Path) -> None:
+def test_missing_numbers_are_reported(tmp_path: Path) -> None:
     parts = [
         record(Message(channel_id=1, log_time=k, data=joints(k), publish_time=k, sequence=k))
         for k in range(STEPS)
@@ -232,7 +232,7 @@ def test_missing_numbers_are_told(tmp_path: Path) -> None:
         joints(1)[:-9],
     ],
 )
-def test_messages_that_lie_are_counted(tmp_path: Path, data: bytes) -> None:
+def test_messages_that_cannot_be_decoded_are_counted(tmp_path: Path, data: bytes) -> None:
     path = mcap(tmp_path / "a.mcap", described(), message(joints(0)), message(data))
     (problem,) = check_bag(path).problems
     assert problem.startswith("/wheel_states: 1 messages cannot be decoded")
@@ -250,7 +250,7 @@ def test_messages_that_lie_are_counted(tmp_path: Path, data: bytes) -> None:
         ("x" * 200_000, "has 200000 characters"),
     ],
 )
-def test_a_definition_that_is_not_that_of_the_type_is_told(
+def test_a_definition_that_is_not_that_of_the_type_is_reported(
     tmp_path: Path, text: str, words: str
 ) -> None:
     path = mcap(tmp_path / "a.mcap", described(text=text), message(joints(0)))

@@ -72,7 +72,7 @@ def read_strictly(folder: Path) -> Records:
 
 
 def read_stream(data: bytes) -> tuple[Records, bool]:
-    """Read what a hard stop left; tell also whether the file has its end."""
+    """Read a recording after a hard stop; return also whether the file is complete."""
     topics: dict[int, str] = {}
     messages: Records = []
     try:
@@ -116,7 +116,7 @@ def files_limited_to(size: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def without_privileges() -> Iterator[None]:
-    """Be nobody for a while where the tests run as root, who may write anywhere."""
+    """Become the user ``nobody`` if the tests run as root, who may write anywhere."""
     user = os.geteuid()
     if user == 0:
         os.seteuid(65534)

@@ -53,7 +53,7 @@ def test_a_pedal_alone_keeps_the_vehicle_from_braking_but_not_going() -> None:
 
 
 @pytest.mark.parametrize("pedal", [math.nan, -0.1, 1.1, math.inf])
-def test_a_pedal_that_nobody_can_read_is_full_braking(pedal: float) -> None:
+def test_an_unreadable_pedal_is_full_braking(pedal: float) -> None:
     inbox = DemandInbox(timeout=0.3)
     inbox.take_pedal(pedal, 0.0)
     assert inbox.demand(0.0)[0] == 1.0

@@ -31,7 +31,7 @@ def simulate(vehicle: VehicleConfiguration, periods: int) -> tuple[Simulator, li
 
 
 @pytest.mark.parametrize("model", ["tmeasy", "linear", "magic_formula"])
-def test_overload_while_braking_is_told_with_wheel_load_and_time(
+def test_overload_while_braking_is_reported_with_wheel_load_and_time(
     model: str, forklift: VehicleConfiguration
 ) -> None:
     heavy = dataclasses.replace(

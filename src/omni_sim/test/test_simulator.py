@@ -188,7 +188,7 @@ def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
         assert observation.stamp_ns == 1_000_000_000
 
 
-def test_tipping_is_told_and_timed() -> None:
+def test_tipping_is_reported_and_timed() -> None:
     """Center of gravity 5 m up, braking at about 6 m/s^2: the moment exceeds that of the weight."""
     upright = configuration().vehicle
     high = dataclasses.replace(

@@ -35,7 +35,7 @@ def test_the_three_models_are_there() -> None:
 
 @every_model
 @given(loads, frictions)
-def test_curve_tells_slope_peak_and_sliding_force(name: str, load: float, friction: float) -> None:
+def test_curve_gives_slope_peak_and_sliding_force(name: str, load: float, friction: float) -> None:
     tire = TIRES[name]
     curve = tire.curve(load, friction)
 

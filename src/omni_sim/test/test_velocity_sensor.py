@@ -17,7 +17,7 @@ def sensor(seed: int = 1, **values: Any) -> VelocitySensor:
     return VelocitySensor(VelocitySensorConfiguration(**values), np.random.default_rng(seed))
 
 
-def test_without_noise_it_tells_the_truth() -> None:
+def test_without_noise_it_measures_the_true_twist() -> None:
     np.testing.assert_array_equal(sensor().measure(0, TWIST).value, TWIST)
 
 

@@ -60,7 +60,7 @@ def test_a_torque_never_drives() -> None:
         command = given.step(demand(rng.uniform(0.01, 1.0), rng.uniform(0, 1, 4), speed), DT)
         assert np.all(command * speed <= 0.0)
         assert np.all(np.abs(command) <= given.configuration.max_torque)
-    # A wheel that stands, or whose speed nobody knows, gets no torque of a guessed sign.
+    # A wheel at rest, or with unknown speed, gets no torque, as its sign would be a guess.
     assert not given.step(demand(1.0, 1.0, [0.0, math.nan, 0.0, math.nan]), DT).any()
 
 
@@ -75,7 +75,7 @@ def test_a_speed_command_falls_along_its_ramp_and_follows_a_released_wheel() -> 
 
 
 @pytest.mark.parametrize("kind", [TORQUE, VELOCITY])
-def test_the_drive_passes_while_nobody_brakes(kind: str) -> None:
+def test_the_drive_command_passes_without_a_braking_demand(kind: str) -> None:
     command = adapter(kind).step(demand(0.0, 1.0, 3.0, [1.0, 2.0, 3.0, math.nan]), DT)
     np.testing.assert_array_equal(command, [1.0, 2.0, 3.0, 0.0])
 

@@ -149,7 +149,7 @@ def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
         ("six_wheels", Fault("twist", "swap", 0, -0.2, 0.0, 0.1)),
     ],
 )
-def test_a_fault_too_small_to_detect_costs_little(
+def test_a_fault_too_small_to_detect_has_little_effect(
     stops: FaultyStops, case: str, fault: Fault
 ) -> None:
     stop = stops.run(Setting("sliding_mode", True, case), fault)
@@ -176,7 +176,7 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
 @pytest.mark.parametrize(
     ("case", "onset"), [("six_wheels", -0.32), ("turn_while_translate", -0.45)]
 )
-def test_a_leap_across_which_nothing_was_heard_is_still_one(
+def test_a_jump_across_a_gap_without_messages_is_still_detected(
     stops: FaultyStops, case: str, onset: float
 ) -> None:
     """The gate refuses a twist that leaps, until too long has passed to say anything."""

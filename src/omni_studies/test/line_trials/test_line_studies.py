@@ -119,7 +119,7 @@ def test_the_twist_is_as_accurate_as_it_says(
         assert 0.6 < metrics[f"normalized_error_squared.generic_{ground}"].value < 1.5
 
 
-def test_a_ground_is_judged_by_what_the_others_say() -> None:
+def test_a_ground_is_evaluated_with_factors_of_the_others() -> None:
     """One whose errors are twice as large as all say gets no part in the factor it is judged by."""
 
     def case(kind: str, deviation: float) -> covariance.Case:

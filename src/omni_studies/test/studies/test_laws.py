@@ -87,7 +87,7 @@ def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
         "vehicle.tire.stiffness=50000",
         "vehicle.brake.time_constant=0.05",
         "vehicle.brake.dead_time=0.05",
-        "vehicle.brake.dead_time=0.05 brake_assist.brake.dead_time=0",  # which nobody told
+        "vehicle.brake.dead_time=0.05 brake_assist.brake.dead_time=0",  # which is not configured
         "vehicle.brake.time_constant=0.1 brake_assist.brake.time_constant=0",
         "vehicle.wheel_inertia=2",  # valves that let it spin up in time
     ],

@@ -149,7 +149,7 @@ def test_drives_show_angle_pitch_place_and_mirroring(flip: float) -> None:
     draw_residuals({"eye": found}, "residuals")
 
 
-def test_what_a_drive_does_not_show_stays_as_told() -> None:
+def test_what_a_drive_does_not_show_stays_as_configured() -> None:
     nominal = dataclasses.replace(EYE, heading_deg=90.0)
     found = driven(nominal, nominal, ((0.0, 1.5, 0.0), (0.0, -1.0, 0.0)))
     assert "turning" in found.unseen

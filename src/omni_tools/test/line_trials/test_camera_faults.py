@@ -97,7 +97,7 @@ def drive(
 )  # fmt: skip
 @pytest.mark.parametrize("late", [0, 12])
 @pytest.mark.parametrize("fault", [cover, mud, dark, saturated, frozen])
-def test_a_fault_is_told_within_20_ms(
+def test_a_fault_is_reported_within_20_ms(
     fault: Fault, late: int, velocity: tuple[float, float, float]
 ) -> None:
     estimates, twist = drive(fault, BATCH * GOOD_BATCHES + 1 + late, velocity)
