@@ -56,7 +56,7 @@ class Outcome:
 def trial(
     folder: Path, node: str, action: str, share: float, *, real_time: bool, size: float = 15e6
 ) -> Outcome | None:
-    """Run an experiment, do something to a node on the way, and return how it ended.
+    """Run an experiment, disturb a node during the run, and return how it ended.
 
     Args:
         folder: of the recording; must not exist.
@@ -100,7 +100,7 @@ def recorded(folder: Path) -> int:
 
 
 def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> bool:
-    """Wait until a run has recorded this much [B], or ended; return whether it goes on."""
+    """Wait until a run has recorded this much [B], or ended; return whether it continues."""
     deadline = time.monotonic() + LONGEST
     while process.poll() is None and time.monotonic() < deadline:
         if recorded(folder) >= size:
@@ -157,7 +157,7 @@ def stop_of(bag: Path) -> tuple[float, float]:
         history = read_run(bag)
     except BagError:
         return math.nan, math.nan
-    if abs(history.twist[-1]).max() > 0.05:  # the recording ends on the way
+    if abs(history.twist[-1]).max() > 0.05:  # the recording ends during the run
         return math.nan, math.nan
     metrics = run_metrics(history)
     return metrics["stopping_distance"].value, metrics["orientation_change"].value

@@ -1,4 +1,4 @@
-"""How long each node takes from SIGINT to its end, with and without somebody who listens.
+"""Time of each node from SIGINT to its end, with and without subscribers.
 
 ``./omni exec python benchmarks/stop_times.py`` prints median and worst of 20, in seconds.
 """

@@ -204,7 +204,7 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # Of those who are there by now, some may subscribe to pose and angles.
+        # Some of the present subscribers may be those of pose and angles.
         for publisher in node.further_outputs:
             listeners = node.count_subscribers(publisher.topic_name)
             await_subscribers((publisher,), listeners, spinner, node.startup.match_timeout)

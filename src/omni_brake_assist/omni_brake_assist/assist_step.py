@@ -162,7 +162,7 @@ class Memory(NamedTuple):
         watch: of `wheel_monitor`, shape (N,).
         law_speeds: of the wheels that a law may use [rad/s], NaN where it may not, shape (N,).
         commanded: enables of the last step [1], shape (N,).
-        answer: the motion of now as the observer sees it, shape (3,).
+        answer: estimate of the current twist by the observer, shape (3,).
         speeds: of the wheels, NaN where not received [rad/s], shape (N,).
         workspace: reading of the IMU and variance of the twist, shape (2, 3).
         held: error and enable that the law wrote last, shape (2, N).

@@ -4,11 +4,11 @@ From the moment the pedal goes down the brake of wheel i acts while its error ``
 A valve that has just switched stays as it is for the minimum dwell time (`valve_dwell`). All
 brakes act at once
 
-- while the pedal is up (nothing is held back from a driver who does not brake),
+- while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
 - once the fastest wheel center is slower than the speed threshold, until the pedal is released or
   the speed rises clearly above it (a slope that the brakes cannot hold),
-- whenever demand, wheels, time or feedback cannot be trusted: see `fail_safe`.
+- whenever demand, wheels, time or feedback is invalid: see `fail_safe`.
 
 The line of motion to keep is that of the first trusted feedback with the pedal down. Until there
 is one all brakes act. A gap in the feedback that is too long to know the heading across starts it

@@ -233,7 +233,7 @@ class BrakeAssistNode(Node):
                 AssistState.NO_DEMAND,
                 f"no pedal for {no_pedal:.2f} s, more than {self._demand_timeout:g} s",
             )
-        # With an IMU the assistant goes on by dead reckoning for as long as it can.
+        # With an IMU the assistant continues by dead reckoning for as long as it can.
         if no_twist > self._feedback_timeout < now - self._imu_received:
             never = self._feedback is None
             return Fault(
@@ -299,7 +299,7 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # What is there now stays: the collector need not look through it while somebody brakes.
+        # Objects that exist at this point stay; spare the garbage collector their visit in a stop.
         gc.collect()
         gc.freeze()
         spin_until_stopped(node, spinner)

@@ -19,7 +19,7 @@ DELTA = 1.0
 """Length of a segment for the relative error [m]."""
 
 _NO_ODOMETRY = "the odometry measured nothing"
-_SHORT = f"the way is shorter than {DELTA:g} m"
+_SHORT = f"the path is shorter than {DELTA:g} m"
 
 
 def odometry_path(history: RunHistory) -> FloatArray:

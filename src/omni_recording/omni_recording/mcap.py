@@ -383,7 +383,7 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
     import zstandard
 
     try:
-        # One byte more than claimed distinguishes a complete chunk from one that goes on.
+        # One byte more than stated distinguishes a complete chunk from a longer one.
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             return reader.read(size + 1)
     except zstandard.ZstdError as error:

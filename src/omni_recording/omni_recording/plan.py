@@ -40,7 +40,7 @@ class RecorderConfiguration(Configuration):
     flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
     """Longest time until a message is written to the file"""
     synchronize: bool = parameter(False)
-    """Wait for the disk at every flush, so that a power cut loses no more"""
+    """Wait for the disk at every flush, so that a power failure loses no more than a crash"""
     transforms_from: str = parameter("")
     """One of the topics, an odometry whose poses are recorded on /tf as well; empty for none"""
     fixed_frames: tuple[str, ...] = parameter(())

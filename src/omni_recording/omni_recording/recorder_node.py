@@ -172,7 +172,7 @@ def _take_arrived(node: RecorderNode, spinner: process.Spinner, deadline: float)
 def _drain(node: RecorderNode, spinner: process.Spinner) -> None:
     """Store the messages received so far, so that the recording is complete."""
     _take_arrived(node, spinner, time.monotonic() + _LONGEST_DRAIN)
-    # The queues are empty; what is on its way comes now. Publishers that go on must not hold
+    # The queues are empty; wait for messages in transit. Publishers that continue must not hold
     # the recorder up for long.
     deadline = time.monotonic() + _LONGEST_WAIT
     quiet_end = time.monotonic() + _QUIET

@@ -12,7 +12,7 @@ from omni_platform.configuration import ConfigurationError
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
 # The file descriptor that a node reports to; set by the process that started it and reads there.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
-# A file to append the reports to instead, for who cannot pass on a file descriptor.
+# A file to append the reports to, for a parent that cannot pass on a file descriptor.
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"

@@ -20,7 +20,7 @@ RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# Where only the newest counts: who stalled has 0.1 s to catch up with, not two seconds.
+# For topics of which only the newest message counts: a stalled node then has 0.1 s to process.
 RECENT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )

@@ -18,7 +18,7 @@ _REACH = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
 RUNNING, STOPPED, TIME_LIMIT = range(3)
 _OUTCOMES = ("running", "stopped", "time limit")
 
-_REST = np.dtype([("still", "?"), ("since", "f8")])  # whether it stands still, since when [s]
+_REST = np.dtype([("still", "?"), ("since", "f8")])  # whether it is at rest, since when [s]
 
 
 class End(NamedTuple):

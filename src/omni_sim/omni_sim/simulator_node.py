@@ -347,7 +347,7 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         if progress.is_news:
             report(progress.report())
         if node.loop.mode == "lockstep":
-            # Also at the last step: what is recorded then does not depend on who is faster.
+            # Also at the last step, so that the recording does not depend on which node is faster.
             _await_reply(node, spinner, observation.stamp_ns)
         if progress.finished and node.manual_driver is None:
             break

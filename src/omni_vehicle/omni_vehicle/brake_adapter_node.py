@@ -147,7 +147,7 @@ class BrakeAdapterNode(Node):
         pedal = pedal if 0.0 <= pedal <= 1.0 else 1.0
         if self._topics.estop:
             silent = self._silent("estop", timeout)
-            pedal = 1.0 if silent else max(pedal, self._estop)  # who brakes wins
+            pedal = 1.0 if silent else max(pedal, self._estop)  # a request to brake has priority
             problems += ["no emergency stop signal"] if silent else []
         if self._topics.pedal != "joint_state":
             stamp_ns = self.get_clock().now().nanoseconds

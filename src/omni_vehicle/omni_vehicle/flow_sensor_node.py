@@ -78,7 +78,7 @@ class FlowSensorNode(Node):
                 self._chip = open_chip(self._configuration)
             sample = self._chip.read(time.monotonic())
         except FlowChipError as error:
-            # Silence: who listens brakes all wheels after its timeout.
+            # Publish nothing: subscribers brake all wheels after their timeout.
             self._chip = None
             self._status.update(stamp_ns, "lost", Status(ERROR, f"{error}; trying again"))
             return

@@ -18,7 +18,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # What a law answers: brakes as it has written them, or all of them because none would help. FAILED
-# stands for one that could not answer, HELD for one that was not asked, as no time had passed.
+# marks a law that failed, HELD one that was not called because no time had passed.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 

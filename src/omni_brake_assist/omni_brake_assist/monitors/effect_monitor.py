@@ -156,7 +156,7 @@ def watch_effect(
         constants: of the vehicle.
         memory: of `effect_memory`, changed in place.
         step: what was done in it.
-        speeds: of the wheels now [rad/s], shape (N,); no number where it is not known.
+        speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
         force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
     dt, pedal, released = step

@@ -66,7 +66,7 @@ def watch_wheels(
         dt: length of the step [s].
         pedal: the driver's demand in it, 0 while there is none [1].
         wheels: after the step, commanded before it.
-        twist: body twist now [m/s, m/s, rad/s].
+        twist: current body twist [m/s, m/s, rad/s].
         law_speeds: that a law may use [rad/s], shape (N,); NaN for a rejected wheel.
 
     Returns:

@@ -17,7 +17,7 @@ The measurements are
 
 A wheel rolls while the pedal is up, and once its brake has been released for long enough for it to
 spin up; it measures one component of the motion, independently of IMU and twist. A late twist is
-compared with the state of its stamp and corrects that of now, so the estimate is always of now.
+compared with the state at its stamp and corrects the current one.
 
 Isolation compares the filters. The velocities without twist and without accelerometer must agree,
 and the yaw rates without twist and without gyro, within a gate. Beyond it one of two sources is

@@ -1,8 +1,9 @@
 """Delayed fusion horizon: all sensors are fused at the time of validity of a late twist.
 
-A twist that is known to be older than its stamp cannot be held against what the others say now
-without guessing what has changed since. So these are kept for as long, the filters run that much
-behind, and only their answer is carried on to now, by what gyro and accelerometer have said since.
+A twist that is known to be older than its stamp cannot be compared with current readings
+without a prediction of the change since. All other readings are therefore delayed by the same
+time, the filters run with this delay, and only their estimate is predicted to the present, by the
+later readings of gyro and accelerometer.
 """
 
 from __future__ import annotations

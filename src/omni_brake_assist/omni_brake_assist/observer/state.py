@@ -26,7 +26,7 @@ SCORES = 6
 WHEEL_GATE = 12.0
 """Gate of a squared normalized innovation: chi-square, 1 degree of freedom, 99.95 % [1]."""
 
-# The filters, by who is left out.
+# The filters, by the excluded source.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE = range(4)
 FILTERS = 4
 U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y = range(6)
@@ -53,7 +53,7 @@ KEPT_PRESSED, KEPT_IMU, KEPT_WHEELS = 0, 1, 4
 
 ISOLATION = np.dtype(
     [
-        ("out", np.float64),  # who is left out: a filter, or NO_ESTIMATE
+        ("out", np.float64),  # the excluded source: a filter, or NO_ESTIMATE
         ("disputed", np.float64),  # time that the dispute has lasted [s]
         ("agreed", np.float64),  # for how long the one left out has agreed again [s]
         ("inertial", np.float64),  # whether there has been an IMU reading

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 _POLL = 0.05  # [s]
-# Under the left wheels only of who drives straight on: where a brake without help swerves most.
+# Under the left wheels only, straight ahead: where an unassisted stop swerves most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 

@@ -46,7 +46,7 @@ class Choice(Configuration):
     """Names of one kind that may be driven."""
 
     chosen: str = parameter()
-    """The one that is driven now"""
+    """The one that is driven"""
     names: tuple[str, ...] = parameter()
     """All that the page offers"""
 
@@ -151,7 +151,7 @@ class DriverNode(Node):
             given = Parameter(_SWITCH, value=demand.assist).to_parameter_msg()
             self._assist.call_async(SetParameters.Request(parameters=[given]))
         kind, name = demand.choose or ("", "")
-        # Who has started the nodes starts others instead; a name that was not offered is nothing.
+        # The command that started the nodes restarts them; a name that was not offered is ignored.
         if kind in self._choices and name in self._choices[kind].names:
             report({"choose": {kind: name}})
 

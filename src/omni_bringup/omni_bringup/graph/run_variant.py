@@ -120,7 +120,7 @@ def run_variant(
         variant: name of the case, for the results.
         folder: rosbag2 folder to make.
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
-        on_progress: called with time [s], speed [m/s] and share [0..1] as the run goes on.
+        on_progress: called with time [s], speed [m/s] and share [0..1] during the run.
         recording: how it is recorded.
         external: nodes that are not started, because a user's node replaces them.
 

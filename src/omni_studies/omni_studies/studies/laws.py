@@ -166,7 +166,7 @@ def _cases(library: ExperimentLibrary, options: Options) -> Iterator[tuple[str, 
     noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
     yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
     yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
-    for rotation in _ROTATIONS:  # spent on the turn of Table 2
+    for rotation in _ROTATIONS:  # allowed in the turn of Table 2
         spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
         name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
         yield name, _Case("turn_while_translate", "k7", spent)

@@ -14,7 +14,7 @@ from typing import Any
 
 from omni_platform.background import ALONE
 
-_PATIENCE = 1.0  # [s] after which a worker that has nothing to do looks for who started it
+_PATIENCE = 1.0  # [s] after which an idle worker checks that its parent still runs
 _MOST_DEATHS = 3  # of workers, one after the other, over the same work
 
 Run = Callable[[Sequence[int]], Any]

@@ -154,7 +154,7 @@ def run_campaign(
                 _run(work, missing[1:], options, take)
     except KeyboardInterrupt:
         count = len(table.results)
-        raise KeyboardInterrupt(f"{count} runs are kept, --resume goes on") from None
+        raise KeyboardInterrupt(f"{count} runs are kept; --resume continues") from None
     return [table.results[seed] for seed in piece]
 
 

@@ -85,7 +85,7 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
     pose, twist = driver.start_pose, driver.start_twist
     time, rate = configuration.brake_time, float(twist[2])
     turned = rate * time
-    # Mean direction over the way: the velocity turns with the body, or keeps its own.
+    # Mean direction over the path: the velocity turns with the body, or keeps its direction.
     half = 0.0 if configuration.hold_world_direction else 0.5 * turned
     chord = 1.0 if half == 0.0 else math.sin(half) / half
     cos, sin = math.cos(pose[2] + half), math.sin(pose[2] + half)
