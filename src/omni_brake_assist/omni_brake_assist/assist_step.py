@@ -453,8 +453,8 @@ def act(
         memory: changed in place.
         inputs: of this step.
         asked: what a law has been asked, and its answer.
-        error: what it has written [m/s], shape (N,).
-        enable: what it has written; receives what the valves do [1], shape (N,).
+        error: errors written by the law [m/s], shape (N,).
+        enable: enables written by the law; receives those of the valves [1], shape (N,).
 
     Returns:
         As `assist_step`.

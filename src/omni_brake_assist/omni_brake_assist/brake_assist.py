@@ -146,7 +146,7 @@ class BrakeAssist:
             names: reported wheels, in any order.
 
         Returns:
-            What is wrong with them; None if nothing is.
+            The fault of the input; None without one.
         """
         fault = self._compare_wheels(names)
         self._said.pop(UNKNOWN_WHEEL, None)

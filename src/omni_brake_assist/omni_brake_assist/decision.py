@@ -53,7 +53,7 @@ class Decision:
             up and where the feedback cannot be trusted.
         state: what the assistant is doing.
         reason: one line for people; in a fault it names the value and the limit.
-        fault: what is wrong, also while `state` is INACTIVE or DISABLED and it does not matter
+        fault: fault of the input, also while `state` is INACTIVE or DISABLED and it has no effect
             yet; None if nothing is.
     """
 

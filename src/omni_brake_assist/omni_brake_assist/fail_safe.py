@@ -67,7 +67,7 @@ TRUST = np.dtype(
         ("unsure", "?"),  # whether the last one was too unsure to be used by itself
     ]
 )
-"""What is remembered from one feedback to the next, see `new_trust`."""
+"""State between feedbacks, see `new_trust`."""
 
 
 class Limits(NamedTuple):
@@ -134,9 +134,9 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
 
     Args:
         trust: memory, a record of `TRUST`.
-        check: what is wrong.
-        value: what was measured.
-        limit: what it must not exceed.
+        check: the violated condition.
+        value: measured value.
+        limit: limit of the value.
         within: in which time [s].
     """
     trust.cause = check
@@ -153,7 +153,7 @@ def judge(
     """Check all received inputs at the time of a demand.
 
     Args:
-        limits: what it must be like.
+        limits: limits of a valid feedback.
         memory: of `new_trust`; changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest feedback, which may be the same as last time.

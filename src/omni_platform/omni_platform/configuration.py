@@ -50,7 +50,7 @@ class ConfigurationError(InputError):
 
     Attributes:
         key: dotted path of the value, such as ``vehicle.load.mass``.
-        problem: what is wrong with it and what is permitted.
+        problem: the violated condition and the permitted values.
     """
 
     def __init__(self, key: str, problem: str) -> None:

@@ -10,7 +10,7 @@ class BagError(InputError):
 
     Attributes:
         folder: the recording.
-        problem: what is wrong with it.
+        problem: the defect of the recording.
     """
 
     def __init__(self, folder: Path, problem: str) -> None:

@@ -34,7 +34,7 @@ class McapError(ValueError):
     """A file that is no MCAP file, is damaged, or declares lengths beyond the limits.
 
     Attributes:
-        problem: what is wrong.
+        problem: the defect of the file.
         unfinished: whether the file is only incomplete, as after a killed recorder.
     """
 

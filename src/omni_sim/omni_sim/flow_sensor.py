@@ -113,7 +113,7 @@ class FlowSensorArray:
         counted = (
             np.round(measured / c.resolution) * c.resolution if c.resolution > 0.0 else measured
         )
-        # What is left of a count is counted with the next ones.
+        # The remainder of a count is added to the next measurement.
         self._way[name] = (measured - counted) / (1.0 + c.scale)
         velocity = counted / elapsed
         limit = self._sensors[name].maximum_speed

@@ -315,7 +315,7 @@ class SimulatorNode(Node):
                 throttle_duration_sec=1.0,
             )
             enable = self._all_on
-        # What is not a number must not release a brake.
+        # NaN must not release a brake.
         self._enable = np.where(np.isfinite(enable), np.clip(enable, 0.0, 1.0), 1.0)
         self._enable_stamp_ns = to_nanoseconds(message.header.stamp)
         self._last_message["brake_assist"] = time.monotonic()

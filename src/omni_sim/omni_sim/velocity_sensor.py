@@ -64,7 +64,7 @@ class SensorConstants(NamedTuple):
         fails_from_ns: time of the start of a failure [ns].
         fails_until_ns: time of its end [ns].
         holds: whether the sensor repeats its last reading while it fails,
-        failed: or else what it reads then.
+        failed: reading during the failure.
     """
 
     period_ns: int

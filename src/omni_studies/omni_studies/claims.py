@@ -25,7 +25,7 @@ class Claim:
     """A claim and its result.
 
     Attributes:
-        sentence: what is claimed.
+        sentence: the claim in words.
         found: value of its expression, with its limits.
     """
 

@@ -176,7 +176,7 @@ def main() -> int:
     """Fill the pages, or check that they are up to date."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("files", nargs="*", help="summary.json files of commands")
-    parser.add_argument("--check", action="store_true", help="change nothing, say what is outdated")
+    parser.add_argument("--check", action="store_true", help="only report outdated numbers")
     options = parser.parse_args()
     workspace = Path(os.environ.get("OMNI_WORKSPACE", "."))
     used = [place for _, study, text in templates(workspace) for place in places(text, study)]

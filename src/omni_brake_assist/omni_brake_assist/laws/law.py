@@ -62,7 +62,7 @@ class Law(Protocol):
         """Decide which brakes act.
 
         Args:
-            motion: what is known.
+            motion: motion of the vehicle and its wheels.
             error: receives the law's error of each wheel [m/s], for the record, shape (N,).
             enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
 

@@ -1,6 +1,6 @@
 """The assistant's model of a braked wheel: brake lag and slip.
 
-The nominal brake follows what is asked of it after a dead time and with a first-order lag. The
+The nominal brake follows its command after a dead time and with a first-order lag. The
 wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
 capacity that has been learned and stays there. That is no tire model: only the sign of its slope
 and its height count, and both are corrected at every step by what the wheel has done.
@@ -99,7 +99,7 @@ def turn_on(
     """Advance a wheel by a step; implicit, so that a stiff tire needs no small steps.
 
     Args:
-        wheel: what is assumed of it.
+        wheel: assumed properties of the wheel.
         spin: speed in the sense in which it rolls [rad/s], at least 0.
         torque: of its brake [N m].
         hub: speed of its center along the active direction [m/s], at least 0.

@@ -155,7 +155,7 @@ def watch_effect(
     Args:
         constants: of the vehicle.
         memory: of `effect_memory`, changed in place.
-        step: what was done in it.
+        step: commands and readings of the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
         force: specific force along x and y [m/s^2], shape (2,); no numbers without.
     """
@@ -200,7 +200,7 @@ def watch_effect(
 def _share_of_wheels(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, seen: bool
 ) -> float:
-    """Return which share of what is possible the vehicle loses, by the fastest rim."""
+    """Return the achieved share of the possible loss of speed, by the fastest rim."""
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
@@ -233,7 +233,7 @@ def _share_of_force(
 def _share(
     constants: EffectConstants, loss: float, pedal: float, best: float, best_pedal: float
 ) -> float:
-    """Return a loss of speed over what is possible with a pedal, 0 to 1."""
+    """Return a loss of speed over the possible one at a pedal position, 0 to 1."""
     possible = constants.floor * pedal
     if best_pedal > 0.0:
         possible = max(possible, best * min(pedal / best_pedal, 1.0))

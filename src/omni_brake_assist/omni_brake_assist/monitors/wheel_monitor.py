@@ -28,7 +28,7 @@ WATCH = np.dtype(
         ("slides", "f8"),  # of the first: for how long no wheel has followed the ground [s]
     ]
 )
-"""What is remembered of a wheel."""
+"""State of the monitor for one wheel."""
 
 SUPPORTED, UNSUPPORTED, REFUTED = range(3)
 

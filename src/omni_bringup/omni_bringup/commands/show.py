@@ -64,12 +64,9 @@ def run(options: Options, workspace: Workspace) -> Report:
 def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
     """Return the kind of a name and its file."""
     if options.name.endswith(".yaml"):
-        if options.kind is None:
-            raise configuration.ConfigurationError(
-                "--kind", f"what is in {options.name}? {', '.join(KINDS)}"
-            )
         if options.kind not in KINDS:
-            raise configuration.ConfigurationError("--kind", f"a file is none of {options.kind}")
+            problem = f"the kind of {options.name} is required: one of {', '.join(KINDS)}"
+            raise configuration.ConfigurationError("--kind", problem)
         return options.kind, Path(options.name)
     kinds = [kind for kind in KINDS if options.kind in (None, kind)]
     found = [

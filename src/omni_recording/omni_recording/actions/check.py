@@ -15,7 +15,7 @@ class BagCheck:
 
     Attributes:
         counts: messages found, by topic.
-        problems: what is wrong, one line each; empty for a sound recording.
+        problems: the defects found, one line each; empty for a valid recording.
         remarks: parts that could not be checked, and unusual properties that are no damage.
     """
 

@@ -29,7 +29,7 @@ class Recovery:
         counts: messages kept by topic.
         first_ns: earliest log time kept [ns].
         last_ns: latest log time kept [ns].
-        problems: what was wrong, file by file; empty if nothing was.
+        problems: the defects, file by file; empty without any.
     """
 
     folder: Path

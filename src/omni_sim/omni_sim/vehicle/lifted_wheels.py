@@ -88,7 +88,7 @@ def _newton_step(
             s_xx += x * x
             s_xy += x * y
             s_yy += y * y
-    # What is not yet balanced: weight and moments less those of the wheels.
+    # Residual of the balance: weight and moments less those of the wheels.
     r_a = 1.0 - (s * a + s_x * b + s_y * c)
     r_b = z_x - (s_x * a + s_xx * b + s_xy * c)
     r_c = z_y - (s_y * a + s_xy * b + s_yy * c)

@@ -325,7 +325,7 @@ def _wheel_torques(
     n = columns.shape[2]
     flat = columns.reshape(-1, n)
     torque, error = np.full(n, np.nan), np.full(n, np.nan)
-    # Four forces make three accelerations: what they leave open is what all wheels have alike.
+    # Four forces cause three accelerations; an offset that all wheels share is not observable.
     size = np.linalg.svd(flat, compute_uv=False)
     if size[-1] > 1e-3 * size[0]:
         torque = np.linalg.lstsq(flat, change.ravel(), rcond=None)[0]

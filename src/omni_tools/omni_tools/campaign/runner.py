@@ -45,7 +45,7 @@ CHUNK_TIME = 1.0
 
 _ALONE = 2.0  # total time of runs from which the rest is estimated [s]
 _FIRST_RUNS = 3  # runs from which the rest is estimated at least
-_WORTH = 1.0  # what is over in this time needs no other process [s]
+_WORTH = 1.0  # [s] of work below which no other process is started
 _FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
 _LARGEST_CHUNK = 1000
 _IN_FLIGHT = 3  # chunks per worker of a cluster, so that none waits for the next one
@@ -149,7 +149,7 @@ def run_campaign(
     try:
         with _interruptible(), table:
             if missing:
-                # Compiles what is not compiled yet, before all workers would at once.
+                # Compile all kernels first, or all workers would do it at the same time.
                 take([work(missing[0])])
                 _run(work, missing[1:], options, take)
     except KeyboardInterrupt:

@@ -162,7 +162,7 @@ def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibrati
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < _KNOWN * prior
     if not seen.all():
-        # What is not shown is not fitted to the noise of the reference.
+        # Unobservable parameters are not fitted to the noise of the reference.
         coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
         covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
     found_pitch, heading, lever, errors = _mounting(coefficients, covariance)

@@ -95,7 +95,7 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
 
 def _columns(values: ArrayLike, stride: int) -> list[str]:
     """Return one text per column of values (T,) or (T, K)."""
-    with np.errstate(over="ignore"):  # what is too large for 32 bits is off every scale
+    with np.errstate(over="ignore"):  # values too large for 32 bits are outside of every scale
         rows = np.asarray(values, dtype="<f4")[::stride]
     columns = rows.reshape(len(rows), -1).T
     return [base64.b64encode(column.tobytes()).decode("ascii") for column in columns]

@@ -93,7 +93,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
 def _measured(
     history: RunHistory, configuration: experiment.ExperimentConfiguration | None = None
 ) -> dict[str, Metric]:
-    # No clock ran along with what is read back.
+    # A recording has no real-time factor.
     metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
     start = history.brake_start
     rest = None if start is None else RestCriterion().first_stamp(history.twist, start)

@@ -63,7 +63,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
         model: one of `MODELS`.
 
     Raises:
-        TireDataError: the data do not determine the model; says what is missing.
+        TireDataError: the data do not determine the model; names what is missing.
     """
     recipe = MODELS[model].fit
     largest_load = float(np.max(data.load)) if data.load.size else 0.0

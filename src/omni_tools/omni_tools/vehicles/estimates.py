@@ -133,8 +133,8 @@ def _vehicle(name: str, measured: Measured) -> str:
     return commented_yaml(
         values,
         f"{name}, {measured.length:g} m x {measured.width:g} m, made by ./omni new-vehicle. "
-        "Measured are\nsize, mass and radius of the wheels. What is marked as an estimate is a "
-        "guess: replace\nit by what you measure, the yaw inertia and the brakes first.",
+        "Size, mass\nand radius of the wheels are measured. Replace estimates by measured values, "
+        "the yaw inertia\nand the brakes first.",
         {key: f"estimate: {note}" for key, note in notes.items()},
     )
 
