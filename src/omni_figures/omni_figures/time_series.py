@@ -50,15 +50,11 @@ def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figu
     runs = list(histories.values())
     scales = _choose_scales(runs)
     heights = (*_ROWS, _STRIP * len(wheels))
+    size = (_WIDTH, sum(heights) + _MARGINS)
+    x = [f"{style.time_label([history])} [s]" for history in runs]
+    y = ("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]", "")
     figure, grid = style.panels(
-        title,
-        len(heights),
-        len(runs),
-        size=(_WIDTH, sum(heights) + _MARGINS),
-        x=[f"{style.time_label([history])} [s]" for history in runs],
-        y=("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]", ""),
-        sharex=True,
-        height_ratios=heights,
+        title, len(heights), len(runs), size=size, x=x, y=y, sharex=True, height_ratios=heights
     )
     columns = [list(panels) for panels in grid.T]
     for panels, (name, history) in zip(columns, histories.items(), strict=True):

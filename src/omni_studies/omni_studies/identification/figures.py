@@ -25,12 +25,8 @@ _LABELS = {
 
 def weighting_functions() -> Figure:
     """Draw the weight of the parallel component over the angle of a wheel, Figure 28."""
-    figure, ((axes,),) = style.panels(
-        "",
-        size=(8.0, 4.6),
-        x=r"angle $\delta$ between active direction and velocity [deg]",
-        y=r"weight $\psi$ [1]",
-    )
+    x = r"angle $\delta$ between active direction and velocity [deg]"
+    figure, ((axes,),) = style.panels("", size=(8.0, 4.6), x=x, y=r"weight $\psi$ [1]")
     angle = np.linspace(0.0, 90.0, 181)
     for row, case in enumerate(("zero", "cosine", "k1", "k3", "k7")):
         kind = "enhanced" if case[0] == "k" else case

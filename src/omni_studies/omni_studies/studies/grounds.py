@@ -129,12 +129,10 @@ def _appearance(texture: GroundTexture, seed: int) -> Appearance:
 
 def _plate(appearances: dict[str, Appearance]) -> Figure:
     rows = math.ceil(len(appearances) / _COLUMNS)
-    figure, panels = style.panels(
-        "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm",
-        rows,
-        _COLUMNS,
-        size=(2.2 * _COLUMNS, 2.65 * rows + 0.5),
+    title = (
+        "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm"
     )
+    figure, panels = style.panels(title, rows, _COLUMNS, size=(2.2 * _COLUMNS, 2.65 * rows + 0.5))
     for axes in panels.flat:
         axes.set_axis_off()
     for axes, (name, appearance) in zip(panels.flat, appearances.items(), strict=False):
@@ -145,15 +143,13 @@ def _plate(appearances: dict[str, Appearance]) -> Figure:
 
 def _spectra(appearances: dict[str, Appearance]) -> Figure:
     rows = math.ceil(len(appearances) / _COLUMNS)
+    title = (
+        "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power"
+    )
+    size = (2.3 * _COLUMNS, 2.0 * rows + 0.7)
+    x = "cycles per mm"
     figure, panels = style.panels(
-        "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power",
-        rows,
-        _COLUMNS,
-        size=(2.3 * _COLUMNS, 2.0 * rows + 0.7),
-        x="cycles per mm",
-        y="levels² mm",
-        sharex=True,
-        sharey=True,
+        title, rows, _COLUMNS, size=size, x=x, y="levels² mm", sharex=True, sharey=True
     )
     for axes in list(panels.flat)[len(appearances) :]:
         axes.set_axis_off()

@@ -311,14 +311,9 @@ def _bound(metrics: Mapping[str, Metric], case: str) -> float:
 
 def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
     """Draw distance against rotation for every experiment, with the bound that keeps heading."""
-    figure, grid = style.panels(
-        "Distance against rotation under every law",
-        2,
-        2,
-        size=(9.0, 6.4),
-        x="stopping distance [m]",
-        y="orientation change [deg]",
-    )
+    title = "Distance against rotation under every law"
+    x = "stopping distance [m]"
+    figure, grid = style.panels(title, 2, 2, size=(9.0, 6.4), x=x, y="orientation change [deg]")
     for axes, name in zip(grid.flat, _VARIANTS, strict=True):
         axes.set_title(name.replace("_", " "), loc="left")
         bound = metrics[f"stopping_distance.{name}_bound"].value

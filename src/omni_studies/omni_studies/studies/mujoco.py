@@ -137,14 +137,10 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 def _draw(stops: Stops) -> Figure:
     """Draw path and rotation of the vehicle in every engine."""
-    figure, panels = style.panels(
-        "Full braking in three engines: solid unassisted, dashed with the assistant",
-        len(_CASES),
-        2,
-        size=(13.0, 9.0),
-        x="distance along the first velocity [m]",
-        y=[f"{title}\nlateral [m]" for title, _ in _CASES.values()],
-    )
+    heading = "Full braking in three engines: solid unassisted, dashed with the assistant"
+    x = "distance along the first velocity [m]"
+    y = [f"{title}\nlateral [m]" for title, _ in _CASES.values()]
+    figure, panels = style.panels(heading, len(_CASES), 2, size=(13.0, 9.0), x=x, y=y)
     for (case, variant, engine), history in stops.items():
         path, turn = panels[list(_CASES).index(case)]
         start = history.brake_start or 0

@@ -169,14 +169,10 @@ def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]) -> Figure:
     """Draw the stop of every case with either feedback, and the difference."""
-    figure, (panels,) = style.panels(
-        "Assisted braking on either feedback",
-        1,
-        2,
-        size=(10.0, 1.6 + 0.45 * len(comparisons)),
-        x=("orientation change [deg]", "stopping distance [m]"),
-        sharey=True,
-    )
+    title = "Assisted braking on either feedback"
+    inches = (10.0, 1.6 + 0.45 * len(comparisons))
+    x = ("orientation change [deg]", "stopping distance [m]")
+    figure, (panels,) = style.panels(title, 1, 2, size=inches, x=x, sharey=True)
     looks = (("sensor", style.BLUE, "o", 9), ("optical", style.VERMILLION, "D", 5))
     for axes, quantity in zip(panels, ("orientation_change", "stopping_distance"), strict=True):
         for row, one in enumerate(comparisons):

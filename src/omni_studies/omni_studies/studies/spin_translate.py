@@ -291,14 +291,9 @@ def _draw_commands(tracking: Tracking, title: str) -> Figure:
         tracking: the drive.
         title: printed above.
     """
+    y = ("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]")
     figure, ((commands,), (position,), (heading,)) = style.panels(
-        title,
-        3,
-        size=(_WIDTH, 8.5),
-        x="time [s]",
-        y=("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]"),
-        sharex=True,
-        height_ratios=(3.0, 1.0, 1.0),
+        title, 3, size=(_WIDTH, 8.5), x="time [s]", y=y, sharex=True, height_ratios=(3.0, 1.0, 1.0)
     )
     handles: list[Line2D | Patch] = []
     for row, name in enumerate(tracking.wheel_names):

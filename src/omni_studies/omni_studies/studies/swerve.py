@@ -142,15 +142,11 @@ def _draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
     Args:
         cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
+    title = "Locked wheels push along their rollers (the vehicle slides upwards)"
+    x = "right of the middle [m]"
+    y = "ahead of the middle [m]"
     figure, (panels,) = style.panels(
-        "Locked wheels push along their rollers (the vehicle slides upwards)",
-        1,
-        len(cases),
-        size=(10.0, 6.4),
-        x="right of the middle [m]",
-        y="ahead of the middle [m]",
-        sharex=True,
-        sharey=True,
+        title, 1, len(cases), size=(10.0, 6.4), x=x, y=y, sharex=True, sharey=True
     )
     largest = max(float(np.max(np.abs(one.force))) for one in cases.values())
     for axes, (case, one) in zip(panels, cases.items(), strict=True):
@@ -200,15 +196,11 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
         manifolds: manifolds of the same vehicle by weighting; the line to keep is straight ahead.
         speed: speed of the vehicle along it [m/s].
     """
+    title = f"Which wheels may brake at {speed:g} m/s along the line"
+    x = "velocity to the left of it [m/s]"
+    y = "yaw rate to the left [rad/s]"
     figure, (panels,) = style.panels(
-        f"Which wheels may brake at {speed:g} m/s along the line",
-        1,
-        len(manifolds),
-        size=(11.0, 4.8),
-        x="velocity to the left of it [m/s]",
-        y="yaw rate to the left [rad/s]",
-        sharex=True,
-        sharey=True,
+        title, 1, len(manifolds), size=(11.0, 4.8), x=x, y=y, sharex=True, sharey=True
     )
     for axes, (words, manifold) in zip(panels, manifolds.items(), strict=True):
         shades = _draw_signs(axes, manifold, speed)

@@ -164,16 +164,13 @@ def _cost(vehicle: VehicleConfiguration) -> dict[str, Metric]:
 
 def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
     """Draw contact point and active direction over the wheel angle, Eqs. (9), (10)."""
+    title = "The contact runs along a roller and jumps to the next (45 deg rollers)"
+    y = (
+        "contact point along\nthe wheel axis [mm]",
+        "active direction from\nthe rolling direction [deg]",
+    )
     figure, ((place,), (direction,)) = style.panels(
-        "The contact runs along a roller and jumps to the next (45 deg rollers)",
-        2,
-        size=(9.0, 6.0),
-        x="wheel angle [deg]",
-        y=(
-            "contact point along\nthe wheel axis [mm]",
-            "active direction from\nthe rolling direction [deg]",
-        ),
-        sharex=True,
+        title, 2, size=(9.0, 6.0), x="wheel angle [deg]", y=y, sharex=True
     )
     angle = np.linspace(-np.pi / 3.0, np.pi / 3.0, 4001)
     for count, color in ((_COSTED, style.BLUE), (_COMPARED, style.VERMILLION)):
@@ -200,15 +197,10 @@ def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
 
 def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
     """Draw the forces of one wheel over its angle for every wheel model."""
-    figure, panels = style.panels(
-        "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight",
-        2,
-        len(vehicles),
-        size=(12.0, 7.0),
-        x="turned by [deg]",
-        y=("along the nominal\nactive direction [N]", "across it [N]"),
-        sharex=True,
-    )
+    title = "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight"
+    x = "turned by [deg]"
+    y = ("along the nominal\nactive direction [N]", "across it [N]")
+    figure, panels = style.panels(title, 2, len(vehicles), size=(12.0, 7.0), x=x, y=y, sharex=True)
     wheels = ((SINGLE, _COMPARED), (CONTACT, _COMPARED), (ROLLERS, _COSTED), (ROLLERS, _COMPARED))
     for column, (name, vehicle) in enumerate(vehicles.items()):
         axis = np.eye(2)
@@ -234,13 +226,9 @@ def _label(model: str, count: int) -> str:
 
 def _draw_motions(outcomes: Outcomes) -> Figure:
     """Draw braking and a sideways push on all wheels."""
+    heading = "Motion on both wheels; bands span the start angles of the wheels"
     figure, panels = style.panels(
-        "Motion on both wheels; bands span the start angles of the wheels",
-        len(_TITLES),
-        3,
-        size=(13.0, 7.0),
-        x="time [s]",
-        sharex="col",
+        heading, len(_TITLES), 3, size=(13.0, 7.0), x="time [s]", sharex="col"
     )
     shown = (
         ("brake", 3, 1.0, "speed forward, full braking [m/s]"),
@@ -265,15 +253,11 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 
 def _draw_differences(rows: Sequence[Difference]) -> Figure:
     """Draw the differences of the wheel models over the number of rollers."""
+    heading = "Individual rollers against the single roller, in the mean over the wheel angles"
+    x = "rollers of a wheel"
+    y = ("difference of the motion [%]", "difference of the mean force [%]")
     figure, panels = style.panels(
-        "Individual rollers against the single roller, in the mean over the wheel angles",
-        2,
-        len(_TITLES),
-        size=(12.0, 7.0),
-        x="rollers of a wheel",
-        y=("difference of the motion [%]", "difference of the mean force [%]"),
-        sharex=True,
-        sharey=True,
+        heading, 2, len(_TITLES), size=(12.0, 7.0), x=x, y=y, sharex=True, sharey=True
     )
     for column, (name, title) in enumerate(_TITLES.items()):
         for axes, kind in zip(panels[:, column], ("motion", "force"), strict=True):

@@ -43,15 +43,10 @@ def trade_off(
         title: title of the figure.
     """
     panels = len(unassisted)
+    size = (1.2 + 4.4 * panels, 5.6)
+    x = "stopping distance [m]"
     figure, (all_axes,) = style.panels(
-        title,
-        1,
-        panels,
-        size=(1.2 + 4.4 * panels, 5.6),
-        x="stopping distance [m]",
-        y="orientation change [deg]",
-        sharex=True,
-        sharey=True,
+        title, 1, panels, size=size, x=x, y="orientation change [deg]", sharex=True, sharey=True
     )
     dwells = sorted({trial.setting.dwell_time for trial in trials})
     finite = [trial for trial in (*trials, *unassisted) if math.isfinite(trial.worst_distance)]

@@ -341,13 +341,10 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
         names: names of the recordings, in the order of the stops.
         title: title of the figure.
     """
+    x = "Time since the valve opened [ms]"
+    y = ("Speed taken while\nwheels turn [m/s]", "Measured -\nfitted [mm/s]", "Torque [N m]")
     figure, ((upper,), (middle,), (lower,)) = style.panels(
-        title,
-        3,
-        size=(9.0, 7.4),
-        x="Time since the valve opened [ms]",
-        y=("Speed taken while\nwheels turn [m/s]", "Measured -\nfitted [mm/s]", "Torque [N m]"),
-        height_ratios=(3.0, 1.2, 1.8),
+        title, 3, size=(9.0, 7.4), x=x, y=y, height_ratios=(3.0, 1.2, 1.8)
     )
     torque, dead_time, time_constant = fit.values
     for index, (stop, name) in enumerate(zip(fit.stops, names, strict=True)):

@@ -85,12 +85,9 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
         stops: stops from `front`.
         bound: bound of stops that keep heading and line [m], NaN if there is none.
     """
-    figure, ((axes,),) = style.panels(
-        f"{name.replace('_', ' ')}: the best that is known, and the laws",
-        size=(8.0, 5.0),
-        x="stopping distance [m]",
-        y="orientation change [deg]",
-    )
+    title = f"{name.replace('_', ' ')}: the best that is known, and the laws"
+    x = "stopping distance [m]"
+    figure, ((axes,),) = style.panels(title, size=(8.0, 5.0), x=x, y="orientation change [deg]")
     if math.isfinite(bound):
         axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
     for prefix, words, marker, color in (

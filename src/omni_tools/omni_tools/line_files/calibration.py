@@ -260,13 +260,10 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
         calibrations: calibrations by camera.
         title: title of the figure.
     """
+    size = (12.0, 1.0 + 2.3 * len(calibrations))
+    x = ("batch, drives one after the other (between orange lines)", "residual [mm/s]")
     figure, panels = style.panels(
-        title,
-        len(calibrations),
-        2,
-        size=(12.0, 1.0 + 2.3 * len(calibrations)),
-        x=("batch, drives one after the other (between orange lines)", "residual [mm/s]"),
-        width_ratios=(2.2, 1.0),
+        title, len(calibrations), 2, size=size, x=x, width_ratios=(2.2, 1.0)
     )
     for (line, spread), (name, calibration) in zip(panels, calibrations.items(), strict=True):
         after = np.concatenate(calibration.residual)

@@ -84,13 +84,9 @@ def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str) -> Figure:
         kymographs: lines and estimates by camera.
         title: title of the figure.
     """
+    size = (13.0, 0.8 + 3.6 * len(kymographs))
     figure, panels = style.panels(
-        title,
-        len(kymographs),
-        3,
-        size=(13.0, 0.8 + 3.6 * len(kymographs)),
-        y="time [s]",
-        width_ratios=(1.5, 1.0, 0.7),
+        title, len(kymographs), 3, size=size, y="time [s]", width_ratios=(1.5, 1.0, 0.7)
     )
     for (seen, moved, alike), (name, kymograph) in zip(panels, kymographs.items(), strict=True):
         step = -(-len(kymograph.lines) // _MOST_ROWS)

@@ -50,15 +50,9 @@ def placement_figure(
     rows = math.ceil(len(placements) / columns)
     low, high = _limits(placements, area)
     height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + _TEXT
+    size = (columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4)
     figure, panels = style.panels(
-        title,
-        rows,
-        columns,
-        size=(columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4),
-        x="forward [m]",
-        y="left [m]",
-        sharex=True,
-        sharey=True,
+        title, rows, columns, size=size, x="forward [m]", y="left [m]", sharex=True, sharey=True
     )
     norm = _norm(placements, criterion, area)
     for index, axes in enumerate(panels.flat):

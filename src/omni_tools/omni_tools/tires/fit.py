@@ -269,14 +269,9 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
         fit: fit of the data.
         title: title of the figure.
     """
+    y = ("Force F [kN]", "Data - model [N]")
     figure, ((upper,), (lower,)) = style.panels(
-        title,
-        2,
-        size=(9.0, 6.6),
-        x="Slip s [1]",
-        y=("Force F [kN]", "Data - model [N]"),
-        sharex=True,
-        height_ratios=(3.0, 1.0),
+        title, 2, size=(9.0, 6.6), x="Slip s [1]", y=y, sharex=True, height_ratios=(3.0, 1.0)
     )
     tire = Tire(fit.tire)
     loads = np.unique(data.load)

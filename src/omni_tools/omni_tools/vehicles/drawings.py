@@ -167,11 +167,8 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
 
 def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
     """Draw the cameras from above, with their views enlarged ten times."""
-    figure, ((axes,),) = style.panels(
-        "line cameras from above, forward is up (views ten times as large)",
-        size=(6.5, 6.5),
-        **_FROM_ABOVE,
-    )
+    title = "line cameras from above, forward is up (views ten times as large)"
+    figure, ((axes,),) = style.panels(title, size=(6.5, 6.5), **_FROM_ABOVE)
     for name, one in sensors.items():
         heading = math.radians(one.heading_deg)
         view = placed(rectangle(10 * one.length, 10 * one.width), (one.x, one.y, heading))
