@@ -72,7 +72,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         motions_of(signals),
         distance=options.distance,
         angle=math.radians(options.angle),
-        dead_time=vehicle.brake.dead_time,
+        brake=vehicle.brake,
     )
     values = workspace.experiment_library().vehicle_values(options.vehicle)
     changed = corrected(values, mistakes)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from omni_platform import configuration, kinematics
+from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
 from omni_tools.commissioning.signals import Motions, Signals
@@ -30,7 +31,7 @@ _LATEST = 0.3  # [s] after which a brake must have responded
 _RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
 _OFTEN = 0.3  # least share of the stop in which a wheel must have been braked for a test
 _CLEARLY = 0.1  # by which the sum of two correlations must be larger with exchanged brakes
-_DELAY = 0.02  # [s] by which a dead time may differ from that of the file
+_DELAY = 0.03  # [s] by which a delay may differ from those of the file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +58,7 @@ def find_mistakes(
     *,
     distance: float,
     angle: float,
-    dead_time: float = 0.0,
+    brake: BrakeConfiguration,
 ) -> list[Mistake]:
     """Return the mistakes found in a drive.
 
@@ -67,7 +68,7 @@ def find_mistakes(
         motions: motions of the drive.
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
-        dead_time: dead time of the brakes, as described [s].
+        brake: brakes, as described.
     """
     known = np.diag([distance, distance, angle])
     wheel = _wheel_mistake(wheels, motions.angle, known)
@@ -77,7 +78,7 @@ def find_mistakes(
     slips = not found and np.any(np.isfinite(signals.enable)) and np.any(motions.twist)
     found += _imu_mistakes(motions, angle)
     if slips:
-        found += _brake_mistakes(wheels, signals, motions.stop, dead_time)
+        found += _brake_mistakes(wheels, signals, motions.stop, brake)
     return found
 
 
@@ -243,7 +244,7 @@ def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
 
 
 def _brake_mistakes(
-    wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, dead_time: float
+    wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, brake: BrakeConfiguration
 ) -> Iterator[Mistake]:
     """Compare the slip of each wheel with each enable, both relative to the mean of all wheels.
 
@@ -285,8 +286,11 @@ def _brake_mistakes(
         yield Mistake(
             f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
         )
-    elif fit > 0.0 and abs(signals.period * delay - dead_time) > _DELAY:
-        found = signals.period * delay
+        return
+    # One delay fits both applying and releasing.
+    found = signals.period * delay
+    longest = max(brake.dead_time, brake.release_time)
+    if fit > 0.0 and not brake.dead_time - _DELAY <= found <= longest + _DELAY:
         yield Mistake(
             f"brakes: dead time is about {1e3 * found:.0f} ms",
             f"set brake.dead_time to {found:.2f}, or fit it by ./omni fit-brakes",

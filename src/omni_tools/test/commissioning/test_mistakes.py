@@ -15,6 +15,7 @@ import yaml
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import make_estimator, steps
+from omni_platform.brakes import SPRING, BrakeConfiguration, typical_changes
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
@@ -24,13 +25,14 @@ from omni_tools.commissioning.signals import Motions, Signals, motions_of
 
 CONFIG = Path(__file__).parents[4] / "config"
 Wheels = dict[str, WheelMount]
+DIRECT = BrakeConfiguration()
 
 
-def drive(vehicle: str) -> tuple[Wheels, Signals, tuple[float, float]]:
+def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, float]]:
     """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
     plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     configuration = ExperimentLibrary(CONFIG).load(
-        "commissioning", "assisted", [f"vehicle={vehicle}", *plain]
+        "commissioning", "assisted", [f"vehicle={vehicle}", *plain, *changes]
     )
     rows = []
     assist = BrakeAssist(configuration.brake_assist)
@@ -62,15 +64,26 @@ def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
     return drive("mecanum_forklift")
 
 
-def found(wheels: Wheels, signals: Signals, known: tuple[float, float]) -> list[str]:
-    motions = motions_of(signals)
-    mistakes = find_mistakes(wheels, signals, motions, distance=known[0], angle=known[1])
+def found(
+    wheels: Wheels,
+    signals: Signals,
+    known: tuple[float, float],
+    brake: BrakeConfiguration = DIRECT,
+) -> list[str]:
+    mistakes = find_mistakes(
+        wheels, signals, motions_of(signals), distance=known[0], angle=known[1], brake=brake
+    )
     return [mistake.name for mistake in mistakes]
 
 
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
 def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
     assert found(*drive(vehicle)) == []
+
+
+def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
+    brake = BrakeConfiguration(dead_time=0.06, release_time=0.1)
+    assert found(*drive("mecanum_forklift", *typical_changes(SPRING)), brake) == []
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
@@ -188,7 +201,12 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
     values = library.vehicle_values("mecanum_forklift")
     for wrong, drive_of in ((described, signals), (wheels, late)):
         mistakes = find_mistakes(
-            wrong, drive_of, motions_of(drive_of), distance=known[0], angle=known[1]
+            wrong,
+            drive_of,
+            motions_of(drive_of),
+            distance=known[0],
+            angle=known[1],
+            brake=DIRECT,
         )
         file = tmp_path / "vehicle.yaml"
         file.write_text(yaml.safe_dump(corrected(values, mistakes), sort_keys=False))
@@ -199,7 +217,7 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
             motions_of(drive_of),
             distance=known[0],
             angle=known[1],
-            dead_time=vehicle.brake.dead_time,
+            brake=vehicle.brake,
         )
         assert mistakes
         assert again == []
@@ -229,7 +247,14 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         motions = Motions(angle, twist, gyro, force, slice(0, 0))
         nothing = np.full((2, 4), math.nan)
         signals = Signals(np.array([0.0, 0.01]), nothing, nothing, nothing, nothing[:, 0], nothing)
-        found = find_mistakes(wheels, signals, motions, distance=known[0], angle=known[1])
+        found = find_mistakes(
+            wheels,
+            signals,
+            motions,
+            distance=known[0],
+            angle=known[1],
+            brake=DIRECT,
+        )
         assert found == []
 
 
