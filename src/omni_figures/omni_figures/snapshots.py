@@ -153,15 +153,11 @@ def _free_instants(
             if not 0.0 < moved < span.duration:
                 continue
             outlines = snapshot_outlines(scene, span.history, span.stamp_at(moved), arrow_scale)
-            if not any(_touch(outlines, others) for others in taken):
+            if not any(overlap(a, b) for a in outlines for others in taken for b in others):
                 free.append(moved)
                 taken.append(outlines)
                 break
     return sorted(free)
-
-
-def _touch(outlines: Sequence[FloatArray], others: Sequence[FloatArray]) -> bool:
-    return any(overlap(a, b) for a in outlines for b in others)
 
 
 def _snapshots(span: _Span, between: Sequence[float]) -> Snapshots:

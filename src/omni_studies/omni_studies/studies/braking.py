@@ -52,7 +52,6 @@ _ALONE = "_twist_alone"
 _TWIST_ALONE = "brake_assist.fault_detection=false"
 _COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
 _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
-_WIDTH, _ROW = 9.0, 2.6  # [inch]
 _BEFORE = 0.2  # shown before the start of braking [s]
 
 
@@ -252,7 +251,7 @@ def _over_one_another(
 
 
 def _rows(title: str, labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
-    size = _WIDTH, 1.0 + len(labels) * _ROW
+    size = 9.0, 1.0 + 2.6 * len(labels)
     x = "time since braking [s]"
     figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
     for axes in grid[:, 0]:

@@ -37,7 +37,7 @@ _TITLES = {
 _PERIOD = SimulationConfiguration.control_period  # time between two commands [s]
 # The vehicle counts as following its command below these.
 _POSITION_LIMIT, _HEADING_LIMIT, _SPEED_LIMIT = 0.05, 1.0, 0.05  # [m], [deg], [rad/s]
-_WIDTH, _MARGINS = 14.0, 1.2  # [inch]: of the figure; for title and legend
+_WIDTH = 14.0  # of the figures [inch]
 _MOST_SNAPSHOTS = 12
 _LONGEST_ARROW = 0.9  # of the fastest snapshot, in lengths of the chassis
 _WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1)))
@@ -252,7 +252,7 @@ def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
     margin = 0.5 * size + 0.5
     low = np.min(tracking.pose[:, :2], axis=0) - margin
     high = np.max(tracking.pose[:, :2], axis=0) + margin
-    height = _WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + _MARGINS
+    height = _WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + 1.2  # for title and legend
     figure, ((axes,),) = style.panels(title, size=(_WIDTH, height), x="x [m]", y="y [m]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, zorder=8)

@@ -35,7 +35,6 @@ _TITLES = {
     "even": "load in the middle: forces cancel",
     "uneven": "configured load: forces do not cancel",
 }
-_LARGEST_DRIFT, _LARGEST_TURN = 1.0, 1.0  # [m/s], [rad/s] in the picture of the manifold
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -217,8 +216,7 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
 def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
     """Draw the panel of one weighting and return its color mesh."""
     across = np.array([0.0, 1.0])
-    drift = np.linspace(-_LARGEST_DRIFT, _LARGEST_DRIFT, 81)
-    turn = np.linspace(-_LARGEST_TURN, _LARGEST_TURN, 81)
+    drift = turn = np.linspace(-1.0, 1.0, 81)  # [m/s], [rad/s]
     errors = np.array(
         [
             [manifold.errors(np.array([speed, v, omega]), across).total for v in drift]
@@ -239,7 +237,7 @@ def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
         axes.plot([], [], dashes, color=color, label=f"s = 0, {name.replace('_', ' ')}")
     axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="where to go")
     for x, y in ((0.0, 0.72), (0.0, -0.72), (-0.72, 0.0), (0.72, 0.0)):
-        twist = np.array([speed, x * _LARGEST_DRIFT, y * _LARGEST_TURN])
+        twist = np.array([speed, x, y])
         brake = manifold.errors(twist, across).total < 0.0
         words = "\n".join(n.replace("_", " ") for n, one in zip(names, brake, strict=True) if one)
         words = "all" if brake.all() else words

@@ -79,7 +79,10 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics = {
         f"{quantity}.{case}": Metric(getattr(trial, worst), unit)
         for quantity, worst, unit in _QUANTITIES
-        for case, trial in (("unassisted", unassisted[0]), *((_case(t), t) for t in best))
+        for case, trial in (
+            ("unassisted", unassisted[0]),
+            *((f"{t.setting.label}_dwell_{1e3 * t.setting.dwell_time:g}_ms", t) for t in best),
+        )
     }
     limits = options.max_rotation, options.max_distance
     choice: Trial | None = None
@@ -119,10 +122,6 @@ def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]
             ("zero", 7),
         )
     )
-
-
-def _case(trial: Trial) -> str:
-    return f"{trial.setting.label}_dwell_{1e3 * trial.setting.dwell_time:g}_ms"
 
 
 Table = tuple[Sequence[str], list[tuple[Any, ...]]]

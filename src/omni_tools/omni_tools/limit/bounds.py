@@ -36,8 +36,7 @@ _TIME_STEP = 2e-3  # of the torque build-up [s]
 _PLACES = 200  # positions along the path over patches
 _LEAST = 1e-6  # deceleration below which the vehicle does not stop [m/s^2]
 _LEVELS = 64  # of torque during build-up, rounded up
-_SKETCHED_LEVELS = 12  # of torque during build-up in a sketch, rounded down
-_SKETCHED_HEADINGS = 12
+_SKETCHED = 12  # levels of torque during build-up in a sketch, rounded down; headings there
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
 _SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
@@ -257,7 +256,7 @@ class _Cases:
 
     def _level(self, torque: float) -> float:
         """Round a torque [N m] during build-up to limit the number of cases; up for a bound."""
-        step = self._enough_torque / (_SKETCHED_LEVELS if self._sketch else _LEVELS)
+        step = self._enough_torque / (_SKETCHED if self._sketch else _LEVELS)
         rounded = math.floor if self._sketch else math.ceil
         return float(rounded(torque / step) * step)
 
@@ -365,7 +364,7 @@ class _OneHeading(_AnyHeading):
     def _solve(self, friction: FloatArray, torque: float) -> float:
         if self._heading is None:
             case = Case(friction, False, self._final)
-            angles = np.arange(_SKETCHED_HEADINGS) * 2.0 * math.pi / _SKETCHED_HEADINGS
+            angles = np.arange(_SKETCHED) * 2.0 * math.pi / _SKETCHED
             headings = np.column_stack((np.cos(angles), np.sin(angles)))
             self._heading = max(headings, key=lambda one: self.limit.at_least(one, case))
         case = Case(friction, False, min(torque, self._final))

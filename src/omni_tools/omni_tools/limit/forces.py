@@ -31,8 +31,8 @@ from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
 _FIRST = 16  # one tangent in so many is in the first program, others are added as needed
-_GRID_ERROR = 1e-3  # error of a tangent's height from the grid of loads [N]
-_EXCESS = 1e-3  # largest excess of a force over an omitted tangent [N]
+# Error of a tangent's height from the grid of loads; largest excess over an omitted tangent [N].
+_FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
 _STANDING = 1e-9
@@ -126,7 +126,7 @@ class LimitVehicle:
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
         slope = np.append(slope, 0.0)
         # The highest that a line of this slope must be: true for any curve, concave or not.
-        offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _GRID_ERROR
+        offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _FORCE_ERROR
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
@@ -275,7 +275,7 @@ class LimitVehicle:
             lines = self._slope * load[:, None] + self._offset
             needed = np.argmin(lines, axis=1)
             limit = case.friction * np.min(lines, axis=1)
-            excess = np.abs(force) > limit + _EXCESS
+            excess = np.abs(force) > limit + _FORCE_ERROR
             new = excess & ~chosen[np.arange(wheels), needed]
             if not np.any(new):
                 break

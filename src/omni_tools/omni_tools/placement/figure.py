@@ -19,16 +19,11 @@ from omni_tools.placement.error import MeanError, poses_of
 from omni_tools.placement.evaluation import EvaluatedPlacement
 from omni_tools.placement.mounting_area import MountingArea
 
-_POINTS = 81  # of the map across the chassis
 _LEVELS = 14
 _WORST = 2.5  # times the error of the best placement: the end of the color scale
-_ARROW = 0.13  # of the chassis
 _LEAST = 1.5  # times the smallest error: small differences shall look small
-_COLUMNS = 2
-_WIDTH, _TEXT = 5.3, 1.0  # of a panel, and above it [inch]
-_MARGIN = 0.03  # around the chassis, in its lengths
+_WIDTH = 5.3  # of a panel [inch]
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
-_WRAP = 87  # characters of a line of text in a panel
 _ARROW_LOOK: dict[str, Any] = {
     "arrowstyle": "-|>", "mutation_scale": 11, "shrinkA": 0, "shrinkB": 0, "linewidth": 1.4,
     "color": style.BLUE, "zorder": 7,
@@ -46,10 +41,10 @@ def placement_figure(
         area: the chassis.
         title: title of the figure.
     """
-    columns = min(_COLUMNS, len(placements))
+    columns = min(2, len(placements))
     rows = math.ceil(len(placements) / columns)
     low, high = _limits(placements, area)
-    height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + _TEXT
+    height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
     size = (columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4)
     figure, panels = style.panels(
         title, rows, columns, size=size, x="forward [m]", y="left [m]", sharex=True, sharey=True
@@ -79,7 +74,7 @@ def _limits(
         for pose in poses_of(placement.sensors)
     ]
     points = np.concatenate([area.scene.drawn_points, *housings])
-    margin = _MARGIN * area.scene.chassis_length
+    margin = 0.03 * area.scene.chassis_length
     low: FloatArray = points.min(axis=0) - margin
     high: FloatArray = points.max(axis=0) + margin
     return low, high
@@ -111,7 +106,7 @@ def _map(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return x, y [m] and error [mm/s] of points of the chassis."""
     half = 0.5 * area.scene.chassis_length, 0.5 * area.scene.chassis_width
-    x, y = np.meshgrid(*(np.linspace(-limit, limit, _POINTS) for limit in half))
+    x, y = np.meshgrid(*(np.linspace(-limit, limit, 81) for limit in half))
     return x, y, 1e3 * criterion.point_error(poses_of(placement.sensors), x, y)
 
 
@@ -148,7 +143,7 @@ def _draw(
         axes.add_patch(Polygon(outline, facecolor="#BBBBBB", edgecolor=style.GRAY, zorder=3))
     _draw_sensors(axes, placement, area)
     axes.set_title(headline, loc="left", pad=27)
-    words = "\n".join(textwrap.wrap(words, _WRAP)[:2])
+    words = "\n".join(textwrap.wrap(words, 87)[:2])
     axes.text(0.0, 1.01, words, transform=axes.transAxes, fontsize=8.0, va="bottom")
     axes.grid(False)
     axes.set_aspect("equal")
@@ -161,7 +156,7 @@ def _draw_sensors(axes: Axes, placement: EvaluatedPlacement, area: MountingArea)
         axes.add_patch(Polygon(housing, facecolor="white", edgecolor=style.BLUE, zorder=5))
         axes.add_patch(Polygon(area.outline(pose, housing=False), color=style.BLUE, zorder=6))
         direction = np.array([math.cos(pose[2]), math.sin(pose[2])])
-        reach = 0.5 * _ARROW * size
+        reach = 0.065 * size  # of half an arrow
         tail, tip = pose[:2] - reach * direction, pose[:2] + reach * direction
         axes.add_patch(FancyArrowPatch(tuple(tail), tuple(tip), **_ARROW_LOOK))
         inward = -np.sign(pose[:2]) * (np.abs(pose[:2]) > 0.05 * size)

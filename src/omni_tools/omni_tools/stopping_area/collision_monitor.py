@@ -13,7 +13,7 @@ from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions
 
-_ROUNDING = 0.001  # [m] by which an area grows, so that rounded area.corners cut nothing off
+_ROUNDING = 0.001  # [m] by which an area grows, so that rounded corners cut nothing off
 # Section 3.5 and straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 _LONGEST = 120.0  # [s] that a stop may take

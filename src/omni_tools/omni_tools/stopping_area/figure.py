@@ -38,7 +38,8 @@ def areas_figure(
         chosen = [(cell, points) for cell, points in shown if _sector(cell) == sector]
         for cell, points in sorted(chosen, key=lambda item: -item[0].speed[1]):
             paleness = 0.2 + 0.65 * cell.speed[1] / fastest
-            face, label = _pale(style.BLUE, paleness), f"to {cell.speed[1]:g} m/s"
+            face = np.array(to_rgb(style.BLUE)) * (1.0 - paleness) + paleness
+            label = f"to {cell.speed[1]:g} m/s"
             axes.add_patch(Polygon(points, facecolor=face, edgecolor=style.BLUE, label=label))
         _draw_vehicle(axes, vehicle)
         axes.set_title(sector.replace("_", " "))
@@ -51,10 +52,6 @@ def areas_figure(
 
 def _sector(cell: Cell) -> str:
     return cell.name.rstrip("_abcdefghijklmnopqrstuvwxyz").rstrip("0123456789").rstrip("_")
-
-
-def _pale(color: str, paleness: float) -> FloatArray:
-    return np.array(to_rgb(color)) * (1.0 - paleness) + paleness
 
 
 def _draw_vehicle(axes: Axes, vehicle: VehicleConfiguration) -> None:
