@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_figures import style
@@ -34,33 +33,14 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
     for axes, quantity in zip(grid.flat, SHOWN, strict=True):
         unit, _ = in_small_units([run.metrics[quantity] for run in runs])
         factor = 1.0 if unit == runs[0].metrics[quantity].unit else 1000.0
-        _draw(axes, quantity, lines, key, place, factor)
+        looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLORS))
+        for (name, own), (marker, color) in zip(lines.items(), looks, strict=False):
+            points = [(place[r.values[key]], factor * r.metrics[quantity].value) for r in own]
+            x, y = zip(*sorted(points), strict=True)
+            axes.plot(x, y, color=color, marker=marker, markersize=5, label=name)
         axes.set_ylabel(f"{metric_label(quantity)} [{unit}]")
         axes.set_ylim(bottom=0.0)
         if words:
             axes.set_xticks(range(len(texts)), texts)
     style.legend_below(figure, grid[0, 0], min(len(lines), 3))
     return figure
-
-
-def _draw(
-    axes: Axes,
-    quantity: str,
-    lines: dict[str, list[SweptRun]],
-    key: str,
-    place: dict[str, float],
-    factor: float,
-) -> None:
-    looks = itertools.cycle(itertools.product(("o", "s", "^", "v"), style.WHEEL_COLORS))
-    for (name, runs), (marker, color) in zip(lines.items(), looks, strict=False):
-        points = sorted(
-            (place[run.values[key]], factor * run.metrics[quantity].value) for run in runs
-        )
-        axes.plot(
-            [x for x, _ in points],
-            [y for _, y in points],
-            color=color,
-            marker=marker,
-            markersize=5,
-            label=name,
-        )

@@ -7,6 +7,7 @@ to install it. The study also shows why the wheels of that model are sprung.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -35,7 +36,11 @@ _CASES = {
     "turning": ("turning, 30 deg/s", "maneuver.yaw_rate_deg=30"),
 }
 _VARIANTS = ("unassisted", "assisted")
-_QUANTITIES = {"orientation_change": "deg", "stopping_distance": "m"}
+_QUANTITIES = ("orientation_change", "stopping_distance")
+_DIFFERENCES = {
+    "orientation_change": ("swerve_difference", "deg"),
+    "stopping_distance": ("distance_difference", "1"),
+}
 _MISMOUNTED = 0.001  # [m]
 
 Stops = Mapping[tuple[str, str, str], RunHistory]
@@ -90,23 +95,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
     """Return the differences of the simulator's wheels to MuJoCo, and the largest ones."""
     found: dict[str, Metric] = {}
-    for variant in _VARIANTS:
-        largest = {"swerve_difference": 0.0, "distance_difference": 0.0}
-        for case in _CASES:
-            for engine in ("single", "rollers"):
-                (turn, other_turn), (distance, other_distance) = (
-                    [metrics[f"{quantity}.{case}_{variant}_{e}"].value for e in (engine, "mujoco")]
-                    for quantity in _QUANTITIES
-                )
-                values = abs(turn - other_turn), abs(distance / other_distance - 1.0)
-                for name, value in zip(largest, values, strict=True):
-                    largest[name] = max(largest[name], value)
-                    unit = "deg" if name == "swerve_difference" else "1"
-                    found[f"{name}.{case}_{variant}_{engine}"] = Metric(value, unit)
-        found[f"swerve_difference.{variant}_largest"] = Metric(largest["swerve_difference"], "deg")
-        found[f"distance_difference.{variant}_largest"] = Metric(
-            largest["distance_difference"], "1"
-        )
+    pairs = [(case, engine) for case in _CASES for engine in ("single", "rollers")]
+    for variant, quantity in itertools.product(_VARIANTS, _QUANTITIES):
+        values = []
+        name, unit = _DIFFERENCES[quantity]
+        for case, engine in pairs:
+            ours, other = (
+                metrics[f"{quantity}.{case}_{variant}_{one}"].value for one in (engine, "mujoco")
+            )
+            values.append(abs(ours - other) if unit == "deg" else abs(ours / other - 1.0))
+            found[f"{name}.{case}_{variant}_{engine}"] = Metric(values[-1], unit)
+        found[f"{name}.{variant}_largest"] = Metric(max(values), unit)
     return found
 
 
