@@ -81,7 +81,7 @@ def test_drivers_are_received_and_one_that_fails_is_named(tmp_path: Path) -> Non
             assert np.linalg.eigvalsh(covariance)[0] > 0.0
             twist, _ = boards.step(left=np.full(2, math.nan))
             np.testing.assert_allclose(twist, TWIST, atol=1e-12)
-            boards.wait(lambda: "no number" in boards.values.get("left", ""))
+            boards.wait(lambda: "not finite" in boards.values.get("left", ""))
             assert "m/s along its axis" in boards.values["front"]
             nothing = np.full(2, math.nan)
             twist, covariance = boards.step(left=nothing, front=nothing)

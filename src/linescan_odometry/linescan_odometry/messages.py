@@ -26,7 +26,7 @@ def line_batch_of(message: Image | LineImage) -> LineBatch:
 def flow_of(message: TwistWithCovarianceStamped) -> Flow:
     """Return the velocity that a flow sensor measured at its position, in its own axes.
 
-    A driver that cannot measure says so by no number, or by a variance of 1e6 and more.
+    A driver reports a missing measurement by NaN, or by a variance of at least 1e6.
     """
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, np.float64).reshape(6, 6)[:2, :2]

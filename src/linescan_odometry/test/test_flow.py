@@ -151,9 +151,9 @@ def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int)
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"velocity": np.array((np.nan, 0.0))}, "no number"),
-        ({"velocity": np.array((np.inf, 0.0))}, "no number"),
-        ({"covariance": np.full((2, 2), np.nan)}, "no number"),
+        ({"velocity": np.array((np.nan, 0.0))}, "not finite"),
+        ({"velocity": np.array((np.inf, 0.0))}, "not finite"),
+        ({"covariance": np.full((2, 2), np.nan)}, "not finite"),
         ({"covariance": 1e6 * np.eye(2)}, "no measurement"),
         ({"covariance": np.array(((1e-4, 2e-4), (2e-4, 1e-4)))}, "positive definite"),
         ({"covariance": np.diag((1e-4, -1e-4))}, "positive definite"),

@@ -53,7 +53,7 @@ def _number(row: dict[str, str], name: str, line: int) -> float:
     try:
         return float(row[name])
     except (TypeError, ValueError):
-        raise ValueError(f"line {line}: {name} is {row[name]!r}, no number") from None
+        raise ValueError(f"line {line}: {name} is {row[name]!r}, not a number") from None
 
 
 def _read_recording(path: Path) -> quantities.FloatArray:

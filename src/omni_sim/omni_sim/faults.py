@@ -4,7 +4,7 @@ Each fault affects one channel for a time from its onset: the velocity sensor, t
 accelerometer or the wheel encoders, one axis (or wheel) or all. With the fault-free reading ``y``
 and the time ``tau`` since the onset the reading is
 
-    offset   y + a                   drop_out  no number
+    offset   y + a                   drop_out  NaN
     drift    y + a tau               zero      0
     ramp     y + a min(tau / T, 1)   stuck     y of the onset
     scale    (1 + a) y               whisper   y of the onset, with 1e-9 of noise

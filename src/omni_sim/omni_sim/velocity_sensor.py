@@ -20,7 +20,7 @@ from omni_platform.signals import TwistSample
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
-"""What the sensor may do while it fails: hold its last reading, read 0, or read no number."""
+"""Readings during a failure: the last reading, 0, or NaN."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,7 @@ class FlowMonitor:
 
     def _fault(self, velocity: FloatArray, covariance: FloatArray) -> str:
         if not (np.isfinite(velocity).all() and np.isfinite(covariance).all()):
-            return "its velocity is not a number"
+            return "velocity or covariance is not finite"
         smallest, largest = np.linalg.eigvalsh(covariance)
         if largest >= UNMEASURED_VARIANCE:
             return "it reports no measurement"

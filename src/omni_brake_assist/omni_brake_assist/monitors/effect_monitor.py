@@ -157,7 +157,7 @@ def watch_effect(
         memory: of `effect_memory`, changed in place.
         step: commands and readings of the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
-        force: specific force along x and y [m/s^2], shape (2,); no numbers without.
+        force: specific force along x and y [m/s^2], shape (2,); NaN without.
     """
     dt, pedal, released = step
     ledger, top, known = memory[0], 0.0, False

@@ -184,7 +184,7 @@ def carry_on(
 
 @lean
 def _carry_path(memory: ObserverMemory, dt: float, rate: float, f_x: float, f_y: float) -> None:
-    """Turn the path by the gyro and add the specific force to it; no number where there is none."""
+    """Turn the path by the gyro and add the specific force to it; NaN without an accelerometer."""
     path, course = memory.state[PATH], memory.course[0]
     known = memory.state[ALL, RATE]
     now = rate - course.still_rate if math.isfinite(rate) else known

@@ -66,7 +66,7 @@ class Enables:
         elif np.median(torques.get(1, [0.0])) > 0.1 * braked:
             yield "a wheel with enable 0 is still braked"
         elif np.median(torques.get(2, [braked])) <= 0.1 * braked:
-            yield "an enable that is no number releases a brake; it must brake"
+            yield "an enable that is not a number releases a brake; it must apply it"
 
     def _answer(self, message: JointState) -> None:
         stamp = messages.to_nanoseconds(message.header.stamp)

@@ -230,7 +230,7 @@ def subscribe(
 
 
 def _unusable(topic: Topic, data: bytes) -> bytes:
-    """Return a message with a velocity that is no number, or an image that is cut off."""
+    """Return a message whose velocity is NaN, or an image that is cut off."""
     message = deserialize_message(data, message_class(topic.type))
     if topic.type == IMAGE:
         message.data = message.data[: len(message.data) // 2]

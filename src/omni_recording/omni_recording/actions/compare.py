@@ -114,7 +114,7 @@ def _compare_pair(result: TopicComparison, one: _Stamped, other: _Stamped) -> No
             values = float(left), float(right)
             same = values[0] == values[1] or all(map(math.isnan, values))  # infinities too
             difference = 0.0 if same else abs(values[0] - values[1])
-            different = math.isnan(difference)  # only one of them is no number
+            different = math.isnan(difference)  # only one of them is NaN
             if difference > result.largest_difference:
                 result.largest_difference = difference
                 result.worst = f"{name} at {one[0]} ns"

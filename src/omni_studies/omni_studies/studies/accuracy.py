@@ -85,7 +85,7 @@ class Case:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
-    """Cases and their numbers."""
+    """Cases and the number of pairs."""
 
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """distance between lines"""
