@@ -4,12 +4,12 @@ Write a table of all runs, a table of violations with their causes, and an exper
 of the worst runs, which ``./omni run`` replays over the graph.
 """
 
+import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,6 +22,16 @@ from omni_tools.campaign.runner import CampaignOptions
 
 _WORST = 3  # cases to replay, of orientation and of distance each
 _PERCENTILES = (50, 95, 100)
+_VARIANTS = ("unassisted", "assisted")
+_COLUMNS = {
+    "orientation_unassisted": "deg",
+    "orientation_assisted": "deg",
+    "distance_unassisted": "m",
+    "distance_assisted": "m",
+    "distrusted": "1",
+    "tipping": "1",
+}
+"""Columns of the table of violations besides their cause, with their units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +52,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     results = study.campaign(
         work, seeds, robustness.Outcome, options, braking.fingerprint, "runs.csv"
     )
-    study.columns("violations.csv", _violations(results))
+    header = ("seed", "vehicle", "limit", "cause")
+    words = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in _COLUMNS.items())
+    rows = (
+        (result.seed, result.vehicle, limit, cause, *(getattr(result, name) for name in _COLUMNS))
+        for result in results
+        for limit in robustness.LIMITS
+        if (cause := getattr(result, limit))
+    )
+    study.table("violations.csv", (*header, *words), rows, digits=6)
     study.figure("runs.png", figures.draw_runs(results))
     study.figure("distributions.png", figures.draw_distributions(results))
     study.written.extend(_write_worst(results, braking, study.folder))
@@ -59,20 +77,13 @@ def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
             for cause in robustness.CAUSES
             if causes[cause]
         }
-    for vehicle in random_braking.VEHICLES:
-        chosen = [result for result in results if result.vehicle == vehicle]
-        if not chosen:
-            continue
-        for name in ("orientation", "distance"):
-            unit = {"orientation": "deg", "distance": "m"}[name]
-            for variant in ("unassisted", "assisted"):
-                values = np.array([getattr(result, f"{name}_{variant}") for result in chosen])
-                metrics |= {
-                    f"{name}_p{share}.{vehicle}_{variant}": Metric(
-                        float(np.percentile(values, share)), unit
-                    )
-                    for share in _PERCENTILES
-                }
+    cases = random_braking.VEHICLES, {"orientation": "deg", "distance": "m"}.items(), _VARIANTS
+    for vehicle, (name, unit), variant in itertools.product(*cases):
+        own = [result for result in results if result.vehicle == vehicle]
+        values = np.array([getattr(result, f"{name}_{variant}") for result in own])
+        for share in _PERCENTILES if own else ():
+            percentile = float(np.percentile(values, share))
+            metrics[f"{name}_p{share}.{vehicle}_{variant}"] = Metric(percentile, unit)
     rises = [max(result.energy_rise_unassisted, result.energy_rise_assisted) for result in results]
     metrics["energy_rise.largest"] = Metric(max(rises), "1", at_most=robustness.ENERGY_LIMIT)
     better = sum(r.orientation_assisted < r.orientation_unassisted for r in results)
@@ -82,27 +93,6 @@ def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
     return metrics
 
 
-def _violations(results: Sequence[robustness.Outcome]) -> dict[str, list[Any]]:
-    rows = [
-        (result, limit)
-        for result in results
-        for limit in robustness.LIMITS
-        if getattr(result, limit)
-    ]
-    return {
-        "seed": [result.seed for result, _ in rows],
-        "vehicle": [result.vehicle for result, _ in rows],
-        "limit": [limit for _, limit in rows],
-        "cause": [getattr(result, limit) for result, limit in rows],
-        "orientation unassisted [deg]": [result.orientation_unassisted for result, _ in rows],
-        "orientation assisted [deg]": [result.orientation_assisted for result, _ in rows],
-        "distance unassisted [m]": [result.distance_unassisted for result, _ in rows],
-        "distance assisted [m]": [result.distance_assisted for result, _ in rows],
-        "distrusted [1]": [result.distrusted for result, _ in rows],
-        "tipping [1]": [result.tipping for result, _ in rows],
-    }
-
-
 def _write_worst(
     results: Sequence[robustness.Outcome], braking: random_braking.RandomBraking, folder: Path
 ) -> list[Path]:
@@ -110,8 +100,13 @@ def _write_worst(
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
     files = []
-    for limit, badness in (("orientation", _turned_more), ("distance", _went_farther)):
-        for rank, result in enumerate(sorted(results, key=badness, reverse=True)[:_WORST], 1):
+    shortest = robustness.SHORTEST_DISTANCE
+    goodness: dict[str, Callable[[robustness.Outcome], float]] = {
+        "orientation": lambda r: r.orientation_unassisted - r.orientation_assisted,
+        "distance": lambda r: -r.distance_assisted / max(r.distance_unassisted, shortest),
+    }
+    for limit, key in goodness.items():
+        for rank, result in enumerate(sorted(results, key=key)[:_WORST], 1):
             words = (
                 f"{result.orientation_unassisted:.1f} deg and {result.distance_unassisted:.2f} m "
                 f"unassisted, {result.orientation_assisted:.1f} deg and "
@@ -123,11 +118,3 @@ def _write_worst(
             path.write_text(braking.experiment_file(result.seed, words), encoding="utf-8")
             files.append(path)
     return files
-
-
-def _turned_more(result: robustness.Outcome) -> float:
-    return result.orientation_assisted - result.orientation_unassisted
-
-
-def _went_farther(result: robustness.Outcome) -> float:
-    return result.distance_assisted / max(result.distance_unassisted, robustness.SHORTEST_DISTANCE)
