@@ -119,8 +119,8 @@ def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
     vehicle.wait(lambda: vehicle.said == "disabled" and len(vehicle.released) > 10)
     assert not any(vehicle.released)  # it only reports
     (switch,) = [words for words in commands() if "param" in words]
-    assert switch[2:5] == ["ros2", "param", "set"]
-    node, name, value = switch[5:]
+    assert switch[:3] == ["ros2", "param", "set"]
+    node, name, value = switch[3:]
     given = Parameter(name, value=yaml.safe_load(value)).to_parameter_msg()
     request = SetParameters.Request(parameters=[given])
     (result,) = vehicle.call(SetParameters, f"{node}/set_parameters", request).results

@@ -77,7 +77,8 @@ def test_they_share_one_time_and_nothing_else(onlooker: Onlooker) -> None:
         frames = {(pose.header.frame_id, pose.child_frame_id) for pose in poses}
         assert frames == {(f"{robot}/odom", f"{robot}/base_link")}
         onlooker.wait(lambda robot=robot: onlooker.descriptions[robot])  # type: ignore[misc]
-        assert "front_left" in onlooker.descriptions[robot][0].data
+        for link in ("front_left_wheel", "imu"):
+            assert f'name="{link}"' in onlooker.descriptions[robot][0].data
     topics = {name for name, _ in onlooker.node.get_topic_names_and_types()}
     own = {topic for topic in topics if topic.startswith(tuple(f"/{robot}/" for robot in ROBOTS))}
     assert topics - own == SHARED

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from omni_loop.history import RunHistory
 from omni_platform import topics
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_recording.error import BagError
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ _TYPES = {topic.name: topic.type for topic in _TOPICS}
 _TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = _TYPES
 _ASSISTANT = "brake_assist"  # the name of its status, after its namespace
 # A run without odometry or without brake assistant is still a run: their values become NaN.
-_REQUIRED = (_TRUTH, _WHEELS, _PEDAL)
+_REQUIRED = (_WHEELS, _PEDAL)
 
 # Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
 _VARIANCES = [0, 7, 35]
@@ -64,7 +65,8 @@ class Stream:
 def read_run(bag_folder: Path | str) -> RunHistory:
     """Read the history of a run from a rosbag2 folder, whatever the namespace of its vehicle.
 
-    Values without a message (no enable in the last period, say) are NaN.
+    Values without a message (no enable in the last period, say) are NaN. A recording of a real
+    vehicle has no ground truth: its motion is that of the measured twist, integrated.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
@@ -133,8 +135,9 @@ def _require_types(folder: Path, found: Mapping[str, str], types: Mapping[str, s
 
 
 def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
-    truth = streams[_TRUTH]
-    stamps = truth.stamp_ns
+    motion = _true_motion(streams[_TRUTH]) if _TRUTH in streams else _integrated(streams)
+    streams = {name: one for name, one in streams.items() if name != _ESTIMATE or _TRUTH in streams}
+    stamps = motion["stamp_ns"]
     if np.any(np.diff(stamps) == 0):
         raise ValueError("stamps of the ground truth repeat, is it more than one run?")
     wheel_names = tuple(streams[_WHEELS].messages[0].name)
@@ -146,13 +149,9 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     def by_wheel(topic: str, field: str) -> FloatArray:
         return sampled(topic, wheels, lambda message: ordered(message, field, wheel_names))
 
-    orientations = [message.pose.pose.orientation for message in truth.messages]
     return RunHistory.from_quaternions(
         wheel_names=wheel_names,
-        stamp_ns=stamps,
-        position=[(m.pose.pose.position.x, m.pose.pose.position.y) for m in truth.messages],
-        orientation=[(entry.z, entry.w) for entry in orientations],
-        twist=[planar_twist(message.twist.twist) for message in truth.messages],
+        **motion,
         wheel_angle=by_wheel(_WHEELS, "position"),
         wheel_speed=by_wheel(_WHEELS, "velocity"),
         brake_torque=by_wheel(_WHEELS, "effort"),
@@ -163,6 +162,44 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
         estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
         assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
     )
+
+
+def _true_motion(truth: Stream) -> dict[str, Any]:
+    poses = [message.pose.pose for message in truth.messages]
+    return {
+        "stamp_ns": truth.stamp_ns,
+        "position": [(pose.position.x, pose.position.y) for pose in poses],
+        "orientation": [(pose.orientation.z, pose.orientation.w) for pose in poses],
+        "twist": [planar_twist(message.twist.twist) for message in truth.messages],
+    }
+
+
+def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
+    """Return the motion at the stamps of the wheels by the measured twist, interpolated.
+
+    Raises:
+        ValueError: the twist is never measured.
+    """
+    stream = streams.get(_ESTIMATE)
+    messages = stream.messages if stream else ()
+    known = np.array([m.twist.covariance[0] < UNMEASURED_VARIANCE for m in messages], np.bool_)
+    if stream is None or not np.any(known):
+        raise ValueError(f"neither /{_TRUTH} nor a measured /{_ESTIMATE} is recorded")
+    stamp_ns = streams[_WHEELS].stamp_ns
+    time, measured_at = (1e-9 * (one - stamp_ns[0]) for one in (stamp_ns, stream.stamp_ns[known]))
+    measured = np.array([planar_twist(message.twist.twist) for message in messages])[known]
+    twist = np.column_stack([np.interp(time, measured_at, values) for values in measured.T])
+    steps = 0.5 * (twist[1:] + twist[:-1]) * np.diff(time)[:, np.newaxis]
+    yaw = np.concatenate(([0.0], np.cumsum(steps[:, 2])))
+    along, left, _ = steps.T
+    cos, sin = np.cos(yaw[:-1] + 0.5 * steps[:, 2]), np.sin(yaw[:-1] + 0.5 * steps[:, 2])
+    moves = np.column_stack((cos * along - sin * left, sin * along + cos * left))
+    return {
+        "stamp_ns": stamp_ns,
+        "position": np.concatenate((np.zeros((1, 2)), np.cumsum(moves, axis=0))),
+        "orientation": np.column_stack((np.sin(0.5 * yaw), np.cos(0.5 * yaw))),
+        "twist": twist,
+    }
 
 
 def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:

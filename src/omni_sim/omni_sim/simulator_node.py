@@ -28,6 +28,7 @@ from visualization_msgs.msg import MarkerArray
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.sensors import Mount
 from omni_ros import parameters, process, shared_clock, startup
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import (
@@ -46,7 +47,7 @@ from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
+from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # topics that the node listens to at most
@@ -158,7 +159,13 @@ class SimulatorNode(Node):
         """Publish once the description of the vehicle and the geometry of the line cameras."""
         vehicle = self.configuration.vehicle
         size = (vehicle.chassis_length, vehicle.chassis_width)
-        mounts = {**self.configuration.sensors, **self.configuration.flow_sensors}
+        mounts: dict[str, Mount] = {
+            **self.configuration.sensors,
+            **self.configuration.flow_sensors,
+        }
+        imu = self.configuration.imu
+        if imu.enabled:
+            mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
         self._description.publish(String(data=urdf("vehicle", vehicle.wheels, mounts, size)))
         for name, sensor in self.configuration.sensors.items():
             info = camera_info(name, sensor.pixels, sensor.length, sensor.width)

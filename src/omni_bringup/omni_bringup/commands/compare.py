@@ -5,7 +5,7 @@ Compute the metrics of each stop: distance, rotation, odometry error and drift (
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from omni_bringup import command_report, workspace
@@ -23,6 +23,10 @@ class Options(Configuration):
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
     """rosbag2 folder of a run or a drive, or a single .mcap file"""
+    max_distance: float | None = option(None, metavar="M")
+    """longest permitted stopping distance; a longer stop ends the command with 1"""
+    max_rotation: float | None = option(None, metavar="DEG")
+    """largest permitted change of orientation"""
     csv: Path | None = option(None, metavar="FILE")
     """write the table here too"""
     json: bool = json_option()
@@ -40,6 +44,18 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
         for path, base in zip(options.bags, run_names(options.bags), strict=True)
         for name, metrics in compared_runs(path, base).items()
     }
+    limits = {
+        "stopping_distance": options.max_distance,
+        "orientation_change": options.max_rotation,
+    }
+    missed = []
+    for name, metrics in columns.items():
+        for key, limit in limits.items():
+            metrics[key] = replace(metrics[key], at_most=limit)
+            if metrics[key].status == "missed":
+                found = f"{metrics[key].value:.3g} {metrics[key].unit}"
+                words = f"{name}: {key.replace('_', ' ')} {found} is not at most {limit:g}"
+                missed.append(command_report.printable(words))
     if options.csv is not None:
         quantities = list(dict.fromkeys(key for one in columns.values() for key in one))
         rows = [
@@ -51,7 +67,8 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     return command_report.Report(
         **results_document("compare", columns),
         details={"differences": differences},
-        text=(ComparisonTable(columns), *_in_words(differences)),
+        text=(ComparisonTable(columns), *_in_words(differences), *missed),
+        ok=not missed,
     )
 
 
