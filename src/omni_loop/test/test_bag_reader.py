@@ -291,7 +291,7 @@ def test_a_bag_that_is_not_there_is_refused(tmp_path: Path) -> None:
         read_run(tmp_path)
     (tmp_path / "assisted").mkdir()
     (tmp_path / "assisted/metadata.yaml").touch()
-    with pytest.raises(BagError, match="one of those in it: assisted"):
+    with pytest.raises(BagError, match="one of the recordings in it: assisted"):
         read_run(tmp_path)
 
 
