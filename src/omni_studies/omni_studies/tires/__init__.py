@@ -1,1 +1,1 @@
-"""Trials, fits and figures of tires."""
+"""Trials of tires under a vehicle."""

@@ -1,1 +1,1 @@
-"""Trials and figures that compare wheel models, and their computing time."""
+"""Trials that compare wheel models, and their computing time."""
