@@ -74,10 +74,7 @@ def draw_snapshot(
     if scene.load_arm is not None:
         arm = placed(scene.load_arm, pose)
         axes.plot(arm[:, 0], arm[:, 1], alpha=faint, zorder=layer + 0.25, **_LOAD_ARM)
-    for point, look, size in (
-        (scene.load, _LOAD, 10.0),
-        (scene.center_of_gravity, _GRAVITY, 7.0),
-    ):
+    for point, look, size in ((scene.load, _LOAD, 10.0), (scene.center_of_gravity, _GRAVITY, 7.0)):
         if point is not None:
             x, y = placed(np.array([point]), pose)[0]
             axes.plot([x], [y], markersize=size, alpha=faint, zorder=layer + 0.3, **look)

@@ -117,9 +117,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
         chassis_length=round(p["wheelbase"] + 0.4, 2),  # the wheels' diameter
         chassis_width=round(p["track"] + 0.2, 2),
         body=MassConfiguration(
-            mass=p["body_mass"],
-            height=p["height"],
-            yaw_inertia=p["body_inertia"],
+            mass=p["body_mass"], height=p["height"], yaw_inertia=p["body_inertia"]
         ),
         load=MassConfiguration(
             mass=p["load_mass"], x=p["load_x"], y=p["load_y"], height=p["height"]

@@ -97,10 +97,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def _appearance(texture: GroundTexture, seed: int) -> Appearance:
     sensor = sensors.LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(
-        {"eye": sensor},
-        texture,
-        CameraConfiguration(noise=0.0),
-        np.random.SeedSequence(seed),
+        {"eye": sensor}, texture, CameraConfiguration(noise=0.0), np.random.SeedSequence(seed)
     )
     generator = np.random.default_rng(seed)
     places = generator.uniform(0.0, texture.size, (_LINES, 2))

@@ -323,8 +323,7 @@ def _refusal(
     elif max_distance is not None:
         rotation, distance = max_rotation, max_distance
         nearest = min(
-            stopping,
-            key=lambda t: max(t.worst_rotation / rotation, t.worst_distance / distance),
+            stopping, key=lambda t: max(t.worst_rotation / rotation, t.worst_distance / distance)
         )
     return (
         f"No setting gives {limits}; the nearest, {' '.join(nearest.setting.overrides)}, "

@@ -349,8 +349,7 @@ class ResultTable(Generic[Row]):
         text = path.read_text(encoding="utf-8")
         if not text.startswith(self._head):
             raise ConfigurationError(
-                option_name,
-                f"{path} is not of this campaign: what its runs depend on has changed",
+                option_name, f"{path} is not of this campaign: what its runs depend on has changed"
             )
         # The last line may have been cut off.
         body = text[len(self._head) : text.rfind("\n") + 1]

@@ -118,8 +118,7 @@ def straight_bound(
         return Bound(math.nan, reason="the vehicle stands, or only spins")
     if maneuver.twist[2] != 0.0:
         return Bound(
-            math.nan,
-            reason="the vehicle turns when the pedal goes down: it has no heading to keep",
+            math.nan, reason="the vehicle turns when the pedal goes down: it has no heading to keep"
         )
     cases = _Straight(vehicle, ground, maneuver)
     best, strict = cases.first, cases.first_strict

@@ -102,12 +102,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
     try:
         found = search(
-            criterion,
-            area,
-            task.count,
-            redundant=task.redundant,
-            seed=task.seed,
-            report=on_search,
+            criterion, area, task.count, redundant=task.redundant, seed=task.seed, report=on_search
         )
         report(0.7, "smallest condition number")
         other = search(ConditionNumber(), area, task.count, seed=task.seed)
