@@ -124,3 +124,16 @@ def test_spring_brakes_are_released_by_those_who_agree_alone() -> None:
         rest.node.destroy_publisher(rest.estop)
         rest.estop = rest.node.create_publisher(Bool, "unheard", RELIABLE)
         rest.until(0.0, 0.0)
+
+
+def test_velocity_drives_stop_along_their_ramp_when_the_emergency_stop_is_pressed() -> None:
+    with vehicle(True, kind="velocity", ramp=50.0) as rest:
+        rest.until(3.0, -3.0)  # the drive's own command passes
+        rest.pressed = True
+        rest.until(0.0, 0.0)
+        ramp = [left for left, right in rest.commands if left != 3.0 and left == -right]
+        assert ramp[0] <= rest.speed[0]  # from the measured speed on
+        assert ramp == sorted(ramp, reverse=True)
+        rest.pressed, rest.enables = False, (0.0, 1.0)
+        rest.commanded = 0.0
+        rest.until(5.0, 0.0)  # a released wheel is commanded its own speed
