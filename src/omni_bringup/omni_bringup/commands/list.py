@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report
-from omni_bringup.commands import commands_of
+from omni_bringup.commands import commands_of, first_line
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import json_option, option
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
+from omni_platform.plugins import described_modules
 
 KINDS = ("vehicles", "grounds", "sensors", "experiments", "tires")
 STUDIES, LAWS = "studies", "laws"
@@ -55,7 +56,8 @@ def names_of(kind: str, workspace: Path) -> dict[str, str]:
     if kind == LAWS:
         from omni_brake_assist.configuration import LAWS as BUILT_IN
 
-        return dict.fromkeys(BUILT_IN, "built in; or your own, brake_assist.law=module:Class")
+        described = described_modules("omni_brake_assist.laws")
+        return {name: first_line(described[name][1]) for name in BUILT_IN}
     files = sorted((workspace / "config" / kind).glob("*.yaml"))
     return {path.stem: first_sentence(path) for path in files}
 
