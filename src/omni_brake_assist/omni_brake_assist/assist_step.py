@@ -34,11 +34,21 @@ from omni_brake_assist.conditions import (
     NO_BRAKE_HELPS,
     NO_EFFECT,
     SLOW,
-    SPEED_STEP,
-    YAW_RATE_STEP,
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.fail_safe import Limits, distrust, judge, make_limits, new_trust, since
+from omni_brake_assist.filter_bank.bank import estimate
+from omni_brake_assist.filter_bank.state import (
+    FAULTY,
+    NO_ESTIMATE,
+    NO_TWIST,
+    BankConstants,
+    BankMemory,
+    Readings,
+    Twist,
+    bank_constants,
+    bank_memory,
+)
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.built_in import (
     LawConstants,
@@ -62,24 +72,6 @@ from omni_brake_assist.monitors.effect_monitor import (
     effect_memory,
     watch_effect,
 )
-from omni_brake_assist.monitors.wheel_monitor import (
-    REFUTED,
-    UNSUPPORTED,
-    watch_wheels,
-    wheel_memory,
-)
-from omni_brake_assist.observer.horizon import observe
-from omni_brake_assist.observer.state import (
-    NO_ESTIMATE,
-    NO_TWIST,
-    Brakes,
-    ObserverConstants,
-    ObserverMemory,
-    PassedTwist,
-    Sensed,
-    observer_constants,
-    observer_memory,
-)
 from omni_brake_assist.sliding_manifold import fastest_wheel
 from omni_brake_assist.valve_dwell import new_valves, open_valves, switch_valves
 from omni_platform.geometry import PlatformGeometry
@@ -99,7 +91,6 @@ _STEP = np.dtype(
         ("reckoned", "?"),  # whether the motion is known without the twist
         ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
-        ("refuted", "?"),  # whether wheels have refuted the estimate since the pedal went down
         ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault had all brakes on in the last step
         ("start_speed", "f8"),  # when the line was stored [m/s]
@@ -117,8 +108,8 @@ class Constants(NamedTuple):
     Attributes:
         limits: of a feedback that can be trusted.
         laws: constants of the control laws.
-        fault_detection: whether the observer and the monitors are used.
-        observer: their constants.
+        fault_detection: whether the filter bank and the monitors are used.
+        bank: constants of the filter bank.
         effect: constants of the effect monitor.
         brakes: of the monitor of the brakes.
         r_x: wheel positions [m], shape (N,).
@@ -134,7 +125,7 @@ class Constants(NamedTuple):
     limits: Limits
     laws: LawConstants
     fault_detection: bool
-    observer: ObserverConstants
+    bank: BankConstants
     effect: EffectConstants
     brakes: BrakeConstants
     r_x: FloatArray
@@ -156,13 +147,12 @@ class Memory(NamedTuple):
         line: line of motion to keep, see `braking_line`, shape (1,).
         valves: see `valve_dwell`, shape (N,).
         laws: of the control laws.
-        observer: see `observer`.
+        bank: see `filter_bank`.
         effect: ledger of `effect_monitor`, shape (1,).
         brakes: of `brake_monitor`, shape (N + 1,).
-        watch: of `wheel_monitor`, shape (N,).
         law_speeds: of the wheels that a law may use [rad/s], NaN where it may not, shape (N,).
         commanded: enables of the last step [1], shape (N,).
-        answer: estimate of the current twist by the observer, shape (3,).
+        answer: the estimated twist now [m/s, m/s, rad/s], shape (3,).
         speeds: of the wheels, NaN where not received [rad/s], shape (N,).
         workspace: reading of the IMU and variance of the twist, shape (2, 3).
         held: error and enable that the law wrote last, shape (2, N).
@@ -173,10 +163,9 @@ class Memory(NamedTuple):
     line: NDArray[np.void]
     valves: NDArray[np.void]
     laws: LawMemory
-    observer: ObserverMemory
+    bank: BankMemory
     effect: NDArray[np.void]
     brakes: FloatArray
-    watch: NDArray[np.void]
     law_speeds: FloatArray
     commanded: FloatArray
     answer: FloatArray
@@ -233,7 +222,7 @@ def make_constants(
         make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
         law_constants(configuration, geometry),
         configuration.fault_detection,
-        observer_constants(configuration, geometry),
+        bank_constants(configuration, geometry),
         effect_constants(geometry),
         brake_constants(configuration, geometry),
         r_x,
@@ -255,10 +244,9 @@ def new_memory(wheels: int) -> Memory:
         new_line(),
         new_valves(wheels),
         law_memory(wheels),
-        observer_memory(wheels),
+        bank_memory(wheels),
         effect_memory(),
         brake_memory(wheels),
-        wheel_memory(wheels),
         np.zeros(wheels),
         np.ones(wheels),
         np.zeros(3),
@@ -323,11 +311,11 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     stamp_ns, twist = feedback.stamp_ns, feedback.value
     elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
     if constants.fault_detection:
-        chosen = _ask_observer(constants, memory, inputs, good and trusted, braking)
+        chosen = _ask_bank(constants, memory, inputs, good and trusted, braking)
         step.contradicted = chosen == NO_ESTIMATE
         alone = chosen == NO_TWIST or not (good and trusted) or memory.trust[0].unsure
         step.reckoned = chosen != NO_ESTIMATE and alone
-        if memory.observer.isolation[0].inertial != 0.0:
+        if memory.bank.record[0].inertial:
             good = trusted = chosen != NO_ESTIMATE
             stamp_ns, twist = inputs.now_ns, memory.answer
         elif chosen == NO_ESTIMATE:
@@ -352,7 +340,7 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
             step.start_speed = math.hypot(v_x, v_y)
-    ready = braking and good and trusted and not step.refuted
+    ready = braking and good and trusted
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
@@ -372,19 +360,18 @@ def _watch(
     step, law_speeds = memory.step[0], memory.law_speeds
     for i in range(law_speeds.size):
         law_speeds[i] = inputs.wheels.speed[i]
+        if memory.bank.faulty[i] > FAULTY:
+            law_speeds[i] = math.nan
     if not braking:
         step.dead = 0
-        step.refuted = False
     if elapsed < 0.0:
         return
     dt = min(elapsed, constants.maximum_time_step)
     pedal = inputs.pedal if braking else 0.0
-    wheels = BrakedWheels(memory.commanded, memory.speeds, memory.observer.isolation[0].scale)
+    wheels = BrakedWheels(memory.commanded, memory.speeds, memory.bank.record[0].scale)
     if step.dead == 0:
         dead = watch_brakes(constants.brakes, memory.brakes, dt, pedal, wheels, twist)
         step.dead = dead + 1 if dead != NO_WHEEL else 0
-    found = watch_wheels(constants.brakes, memory.watch, dt, pedal, wheels, twist, law_speeds)
-    step.refuted = step.refuted or found == REFUTED or (found == UNSUPPORTED and step.reckoned)
 
 
 @lean
@@ -395,7 +382,7 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
 
 
 @inlined
-def _ask_observer(
+def _ask_bank(
     constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
 ) -> int:
     """Estimate the current motion, and update the monitor of the effect by the last step."""
@@ -416,7 +403,6 @@ def _ask_observer(
     dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
     step.observed_ns = now_ns
     pedal = inputs.pedal if braking else 0.0
-    jumped = memory.trust[0].cause in (SPEED_STEP, YAW_RATE_STEP)
     step.no_effect = watch_effect(
         constants.effect,
         memory.effect,
@@ -425,13 +411,12 @@ def _ask_observer(
         inertial[1:],
     )
     return int(
-        observe(
-            constants.observer,
-            memory.observer,
+        estimate(
+            constants.bank,
+            memory.bank,
             now_ns,
-            Brakes(braking, memory.commanded),
-            PassedTwist(received, jumped, feedback.stamp_ns, feedback.value, variance),
-            Sensed(inertial, speeds),
+            Readings(pedal, memory.commanded, inertial, speeds),
+            Twist(received, feedback.stamp_ns, feedback.value, variance),
             memory.answer,
         )
     )
@@ -502,7 +487,7 @@ def _outcome(
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return INACTIVE
-    # The observer replaces a twist that the gate refuses; nothing replaces what comes before.
+    # The filter bank replaces a twist that the gate refuses; nothing replaces what comes before.
     if step.fault < DEMAND_BACK or not ready:
         return int(min(step.fault, CONTRADICTED))
     if slow:
@@ -520,7 +505,7 @@ def _first_fault(step: Any, cause: int, outside: int) -> int:
         fault = min(fault, NO_EFFECT)
     if step.dead != 0:
         fault = min(fault, DEAD_BRAKE)
-    return int(min(fault, CONTRADICTED) if step.contradicted or step.refuted else fault)
+    return int(min(fault, CONTRADICTED) if step.contradicted else fault)
 
 
 @lean

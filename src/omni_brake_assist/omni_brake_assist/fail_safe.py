@@ -3,8 +3,9 @@
 A twist is valid if it is present, finite, fresh, confident and physically plausible after the last
 valid one. A single invalid one closes the gate; a number of valid ones in a row opens it, at the
 start and after every fault. An invalid twist is never compared with; as the permitted change grows
-with time, valid data are not rejected for long. Where the observer weights the twist by its
-variance, the limits of the standard deviation do not apply.
+with time, valid data are not rejected for long. With an IMU the filter bank weighs the twist by its
+variance and compares it with all other sources: neither the limits of the standard deviation nor
+those of the change apply.
 
 The gate is one compiled kernel, `judge`, for node, simulation and campaign; it stores the number of
 the condition in `conditions.CONDITIONS`.
@@ -45,7 +46,6 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import MISSING, VALID, TwistSample
 
-_STEP_DEVIATIONS = 5.0  # of two feedbacks, which noise alone does not exceed [1]
 _RESOLUTION = 1e-6  # change of a twist below which it is frozen: rounding alone [m/s], [rad/s]
 _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
 
@@ -158,7 +158,7 @@ def judge(
         now_ns: stamp of the demand [ns].
         sample: latest feedback, which may be the same as last time.
         braking: whether the driver brakes, so that the twist must change.
-        weighed: whether other sensors know the motion too, so that it counts by its variance.
+        weighed: whether the filter bank compares it with an IMU.
 
     Returns:
         Whether it is good. Good is not trusted: that is ``memory[0].cause == GOOD``.
@@ -175,7 +175,7 @@ def judge(
         and _is_fresh(limits, trust, now_ns, sample.stamp_ns)
         and _is_confident(limits, trust, sample.covariance, weighed)
         and _is_plausible(limits, trust, sample.value)
-        and _follows(limits, trust, sample, braking, weighed)
+        and (weighed or _follows(limits, trust, sample, braking))
     ):
         return False
     _accept(limits, trust, sample.stamp_ns, sample.value, braking)
@@ -289,7 +289,7 @@ def _is_same(trust: Any, twist: FloatArray) -> bool:
 
 
 @lean
-def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool, weighed: bool) -> bool:
+def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool) -> bool:
     """Return whether a twist may come after the last good one."""
     stamp_ns, twist = sample.stamp_ns, sample.value
     if not trust.known:
@@ -305,12 +305,8 @@ def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool, wei
     step = math.hypot(
         twist[0] - (c * trust.v_x + s * trust.v_y), twist[1] - (c * trust.v_y - s * trust.v_x)
     )
-    speed_noise, yaw_noise = limits.speed_noise, limits.yaw_rate_noise
-    if weighed:  # its own variance; the one before had the same
-        speed_noise = _STEP_DEVIATIONS * math.sqrt(2.0 * _worst_variance(sample.covariance))
-        yaw_noise = _STEP_DEVIATIONS * math.sqrt(2.0 * sample.covariance[2, 2])
-    speed_limit = speed_noise + limits.maximum_acceleration * dt
-    yaw_limit = yaw_noise + limits.maximum_yaw_acceleration * dt
+    speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
+    yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
     if not (
         _within(trust, SPEED_STEP, step, speed_limit, dt)
         and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)

@@ -1,9 +1,8 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
-The test ratio is a squared innovation over its gate: a source is rejected above 1. The
-velocities of twist and accelerometer and the yaw rates of twist and gyro are compared with the
-filters that exclude them, and each rolling wheel with the filter of all sources. Without an IMU the
-twist is compared with the rolling wheels.
+The test ratio is a squared normalized innovation over its gate: a source is rejected above 1. The
+velocity of the twist is compared with that of the accelerometer, its yaw rate with that of the
+gyro, both in the filter of all sources, and each rolling wheel with the most probable filter.
 """
 
 from __future__ import annotations
@@ -14,8 +13,15 @@ from typing import NamedTuple
 
 from omni_brake_assist.assist_step import Memory
 from omni_brake_assist.conditions import CONDITIONS, GOOD
-from omni_brake_assist.observer.judgment import ALONE_GATE
-from omni_brake_assist.observer.state import ALONE, NO_ESTIMATE, NO_FORCE, NO_GYRO, NO_TWIST
+from omni_brake_assist.filter_bank.measurement import GATE
+from omni_brake_assist.filter_bank.state import (
+    FAULTY,
+    NO_ESTIMATE,
+    NO_FORCE,
+    NO_GYRO,
+    NO_IMU,
+    NO_TWIST,
+)
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = (
     "fused",
@@ -24,7 +30,7 @@ FUSED, REJECTED, ISOLATED, MISSING, BRAKED = (
     "missing",
     "braked",
 )
-_GATE_SIGMA = 3.0  # standard deviations at a test ratio of 1 [1]
+_GATE_SIGMA = math.sqrt(GATE)  # standard deviations at a test ratio of 1 [1]
 
 
 class Source(NamedTuple):
@@ -55,25 +61,23 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
         memory: memory of the assistant.
         wheels: names in the order of the configuration.
     """
-    isolation, trust = memory.observer.isolation[0], memory.trust[0]
-    out, known = int(isolation["out"]), isolation["inertial"] != 0.0
-    velocity, rate = float(isolation["apart_velocity"]) ** 2, float(isolation["apart_rate"]) ** 2
-    twist = max(velocity, rate) if known else float(memory.observer.score[ALONE]) / ALONE_GATE
-    found = [_source("twist", twist, isolated=out in (NO_TWIST, NO_ESTIMATE))]
+    best, trust = int(memory.bank.record[0]["best"]), memory.trust[0]
+    force, gyro = map(float, memory.bank.ratio)
+    twist = max(force, gyro)
+    found = [_source("twist", twist, isolated=best in (NO_TWIST, NO_ESTIMATE))]
     if trust["cause"] != GOOD:
         state = CONDITIONS[int(trust["cause"])].state.value
         found[0] = Source("twist", twist, REJECTED, state)
-    gyro, force = memory.workspace[0, 0], memory.workspace[0, 1]
-    found.append(_source("gyro", rate, isolated=out == NO_GYRO, missing=not math.isfinite(gyro)))
-    found.append(
-        _source(
-            "accelerometer", velocity, isolated=out == NO_FORCE, missing=not math.isfinite(force)
-        )
-    )
+    for name, ratio, out, reading in (
+        ("gyro", gyro, NO_GYRO, memory.workspace[0, 0]),
+        ("accelerometer", force, NO_FORCE, memory.workspace[0, 1]),
+    ):
+        missing = not math.isfinite(reading)
+        found.append(_source(name, ratio, isolated=best in (out, NO_IMU), missing=missing))
     for i, name in enumerate(wheels):
-        ratio = float(memory.observer.wheel_ratio[i])
+        ratio = float(memory.bank.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
-        wheel = _source(name, ratio, isolated=bool(memory.watch[i]["rejected"]), missing=missing)
+        wheel = _source(name, ratio, isolated=bool(memory.bank.faulty[i] > FAULTY), missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
         found.append(wheel._replace(state=BRAKED) if braked else wheel)
     return tuple(found)

@@ -1,0 +1,245 @@
+"""A step of the bank at the time of validity of the twist, and its prediction to the present."""
+
+from __future__ import annotations
+
+import math
+
+from omni_brake_assist.filter_bank.filters import predict, propagate
+from omni_brake_assist.filter_bank.measurement import (
+    fuse_gyro,
+    fuse_twist,
+    fuse_wheels,
+    weigh_braking,
+)
+from omni_brake_assist.filter_bank.state import (
+    ALL,
+    BIAS_RATE,
+    FASTEST_TURN,
+    FAULTY,
+    FILTERS,
+    HYPOTHESES,
+    LARGEST_FORCE,
+    NO_ESTIMATE,
+    NO_FORCE,
+    NO_GYRO,
+    NO_IMU,
+    NO_TWIST,
+    RATE,
+    READINGS,
+    ROW_IMU,
+    ROW_PEDAL,
+    ROW_WHEELS,
+    SCALE,
+    STATES,
+    U_X,
+    U_Y,
+    BankConstants,
+    BankMemory,
+    Readings,
+    Twist,
+    begin,
+    reset,
+    reset_posterior,
+)
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+_RESTART_NS = 100_000_000  # time from one restart of the filter of all sources to the next [ns]
+_UNSUPPORTED = 0.2  # time without a rolling wheel for which the twist can be missed [s]
+_MIXING = 0.02  # share of the best filter in the others, pedal up, per step [1]
+
+
+@lean
+def estimate(
+    constants: BankConstants,
+    memory: BankMemory,
+    now_ns: int,
+    readings: Readings,
+    twist: Twist,
+    answer: FloatArray,
+) -> int:
+    """Advance the bank by a step.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: changed in place.
+        now_ns: time of validity of the readings [ns].
+        readings: pedal, enables and readings of this step.
+        twist: the latest twist.
+        answer: receives the twist now [m/s, m/s, rad/s], shape (3,).
+
+    Returns:
+        The most probable hypothesis, whose estimate it is, or NO_ESTIMATE.
+    """
+    record = memory.record[0]
+    elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
+    if not record.begun or not 0.0 <= elapsed <= constants.longest:
+        if not twist.received:
+            record.begun = False
+            return NO_ESTIMATE
+        begin(constants, memory, now_ns, twist.value)
+    braking = readings.pedal > 0.0
+    if record.pressed and not braking:
+        reset_posterior(constants, memory)
+    record.pressed = braking
+    if record.best in (ALL, NO_ESTIMATE):
+        record.restart_ns = now_ns
+    elif now_ns - record.restart_ns > _RESTART_NS:
+        # A source is fault-free again if it agrees for so long with the estimate without it.
+        record.restart_ns = now_ns
+        reset(memory, ALL, record.best)
+    _store(memory, now_ns, readings)
+    memory.evidence[:] = 0.0
+    valid_ns = twist.stamp_ns - constants.delay
+    fresh = twist.received and valid_ns > record.twist_ns
+    target_ns = max(record.horizon_ns, now_ns - constants.patience)
+    if fresh:
+        target_ns = max(target_ns, valid_ns)
+    _advance(constants, memory, target_ns)
+    if fresh:
+        fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
+        record.twist_ns = valid_ns
+    if record.known:
+        _update_posterior(constants, memory)
+    record.known = record.known or fresh  # before, there is no variance to compare with
+    best = int(record.best)
+    if not braking and best != NO_ESTIMATE:
+        _mix(memory, best)
+    if _is_lost(memory):
+        return NO_ESTIMATE
+    record.scale = memory.state[best, SCALE]
+    if not record.inertial:
+        return ALL
+    return int(_answer(constants, memory, best, answer))
+
+
+@lean
+def _store(memory: BankMemory, now_ns: int, readings: Readings) -> None:
+    """Store the readings of this step."""
+    row = (memory.newest[0] + 1) % READINGS
+    memory.newest[0] = row
+    memory.stamps[row] = now_ns
+    stored, n = memory.rows[row], memory.released.size
+    stored[ROW_PEDAL] = readings.pedal
+    for j in range(3):
+        stored[ROW_IMU + j] = readings.inertial[j]
+    for i in range(n):
+        stored[ROW_WHEELS + i] = readings.speeds[i]
+        stored[ROW_WHEELS + n + i] = readings.enable[i]
+
+
+@lean
+def _force(row: FloatArray) -> tuple[bool, float, float]:
+    """Return whether the specific force of a row is known, and its components [m/s^2]."""
+    f_x, f_y = row[ROW_IMU + 1], row[ROW_IMU + 2]
+    return abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE, f_x, f_y
+
+
+@lean
+def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
+    """Predict the filters up to a time, and correct them by all readings until then."""
+    record, wheels = memory.record[0], ROW_WHEELS + memory.released.size
+    while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
+        row = (memory.newest[1] + 1) % READINGS
+        reading, stamp_ns = memory.rows[row], memory.stamps[row]
+        braking, force = reading[ROW_PEDAL] > 0.0, _force(reading)
+        until_ns = min(stamp_ns, target_ns)
+        dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[ROW_IMU]
+        if stamp_ns > target_ns:  # the twist lies between two readings
+            share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
+            rate = record.gyro + share * (rate - record.gyro)
+        predict(constants, memory, dt, force, braking)
+        record.horizon_ns = until_ns
+        if abs(rate) < FASTEST_TURN:
+            record.inertial = record.inertial or force[0]
+            fuse_gyro(constants, memory, dt, rate)
+        if stamp_ns > target_ns:
+            return
+        memory.newest[1] = row
+        record.gyro = reading[ROW_IMU] if abs(reading[ROW_IMU]) < FASTEST_TURN else math.nan
+        record.braked = record.braked + dt if braking else 0.0
+        push = math.hypot(force[1], force[2]) if force[0] else 0.0
+        enable, speeds = reading[wheels:], reading[ROW_WHEELS:wheels]
+        fuse_wheels(constants, memory, dt, braking, enable, speeds, push)
+        weigh_braking(constants, memory, stamp_ns, reading[ROW_PEDAL])
+
+
+@lean
+def _is_lost(memory: BankMemory) -> bool:
+    """Return whether too few sources are left to determine the motion.
+
+    So many encoders do not fail at a time that fewer than two are left: the estimate is wrong.
+    Without the twist, an IMU is needed and, while brakes are released, a wheel that rolls.
+    """
+    record, left = memory.record[0], 0
+    for probability in memory.faulty:
+        left += 1 if probability <= FAULTY else 0
+    supported = record.inertial and record.unsupported < _UNSUPPORTED
+    without = record.best == NO_TWIST and not supported
+    return bool(record.best == NO_ESTIMATE or without or (left < 2 and record.pressed))
+
+
+@lean
+def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
+    """Update the probabilities of the hypotheses by Bayes' rule, and the most probable one."""
+    record, posterior, largest = memory.record[0], memory.posterior, -math.inf
+    if record.pressed and _is_lost(memory):
+        return  # all brakes act until the pedal is released
+    for k in range(HYPOTHESES):
+        posterior[k] += memory.evidence[k]
+        if not record.inertial and k in (NO_GYRO, NO_FORCE, NO_IMU):
+            posterior[k] = -1e3
+        largest = max(largest, posterior[k])
+    total = 0.0
+    for k in range(HYPOTHESES):
+        total += math.exp(posterior[k] - largest)
+    at_best = 0.0
+    for k in range(HYPOTHESES):
+        probability = math.exp(posterior[k] - largest) / total
+        probability += constants.transition * (constants.prior[k] - probability)
+        posterior[k] = math.log(probability)
+        if probability > at_best:
+            record.best, at_best = k, probability
+
+
+@lean
+def _mix(memory: BankMemory, best: int) -> None:
+    """Mix the best filter into the others, so that none drifts away while the pedal is up."""
+    there, p_there = memory.state[best], memory.covariance[best]
+    for k in range(FILTERS):
+        if k == best:
+            continue
+        here, p_here = memory.state[k], memory.covariance[k]
+        for i in range(STATES):
+            for j in range(STATES):
+                apart = (1.0 - _MIXING) * (there[i] - here[i]) * (there[j] - here[j])
+                p_here[i, j] += _MIXING * (p_there[i, j] - p_here[i, j] + apart)
+        for i in range(STATES):
+            here[i] += _MIXING * (there[i] - here[i])
+
+
+@lean
+def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: FloatArray) -> int:
+    """Predict the best estimate to the present; return NO_ESTIMATE if it is too uncertain."""
+    covariance, record, state = memory.covariance[best], memory.record[0], memory.gain
+    for i in range(STATES):
+        state[i] = memory.state[best, i]
+    row, before_ns = memory.newest[1], record.horizon_ns
+    while row != memory.newest[0]:
+        row = (row + 1) % READINGS
+        reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
+        before_ns = memory.stamps[row]
+        if best not in (NO_GYRO, NO_IMU) and abs(reading[ROW_IMU]) < FASTEST_TURN:
+            state[RATE] = reading[ROW_IMU] - state[BIAS_RATE]
+        known, f_x, f_y = _force(reading)
+        propagate(state, state[RATE], dt, (known and best not in (NO_FORCE, NO_IMU), f_x, f_y))
+    answer[0] = state[U_X] + state[RATE] * constants.p_y
+    answer[1] = state[U_Y] - state[RATE] * constants.p_x
+    answer[2] = state[RATE]
+    spread = max(covariance[U_X, U_X], covariance[U_Y, U_Y])
+    valid = (
+        spread <= constants.velocity_deviation**2
+        and covariance[RATE, RATE] <= constants.rate_deviation**2
+        and math.isfinite(answer[0] + answer[1] + answer[2])
+    )
+    return best if valid else NO_ESTIMATE

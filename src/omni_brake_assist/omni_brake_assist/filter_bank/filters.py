@@ -1,0 +1,123 @@
+"""Prediction of the filters by the accelerometer, and their correction by a scalar."""
+
+from __future__ import annotations
+
+import math
+
+from omni_brake_assist.filter_bank.state import (
+    ALL,
+    BIAS_RATE,
+    BIAS_X,
+    BIAS_Y,
+    FILTERS,
+    NO_FORCE,
+    NO_IMU,
+    RATE,
+    STATES,
+    U_X,
+    U_Y,
+    BankConstants,
+    BankMemory,
+)
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+
+@lean
+def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
+    """Propagate the velocity in a state by a yaw rate [rad/s] and the specific force, if known."""
+    known, f_x, f_y = force
+    u_x, u_y = state[U_X], state[U_Y]
+    cos, sin = math.cos(rate * dt), math.sin(rate * dt)
+    state[U_X], state[U_Y] = cos * u_x + sin * u_y, cos * u_y - sin * u_x
+    if known:
+        a_x, a_y = f_x - state[BIAS_X], f_y - state[BIAS_Y]
+        half_c, half_s = math.cos(0.5 * rate * dt), math.sin(0.5 * rate * dt)
+        state[U_X] += dt * (half_c * a_x + half_s * a_y)
+        state[U_Y] += dt * (half_c * a_y - half_s * a_x)
+
+
+@lean
+def predict(
+    constants: BankConstants,
+    memory: BankMemory,
+    dt: float,
+    force: tuple[bool, float, float],
+    braking: bool,
+) -> None:
+    """Predict all filters across a step, by the specific force where it is used."""
+    product = memory.product
+    for k in range(FILTERS):
+        state, covariance = memory.state[k], memory.covariance[k]
+        used = force[0] and k not in (NO_FORCE, NO_IMU)
+        rate = state[RATE]
+        propagate(state, rate, dt, (used, force[1], force[2]))
+        # Rows of the Jacobian that differ from those of the unit matrix.
+        cos, sin = math.cos(rate * dt), math.sin(rate * dt)
+        t_x, t_y = dt * state[U_Y], -dt * state[U_X]
+        bias = -dt if used else 0.0
+        for j in range(STATES):
+            p_x, p_y, turn = covariance[U_X, j], covariance[U_Y, j], covariance[RATE, j]
+            product[0, j] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[BIAS_X, j]
+            product[1, j] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[BIAS_Y, j]
+        for j in range(STATES):
+            covariance[U_X, j], covariance[U_Y, j] = product[0, j], product[1, j]
+        for i in range(STATES):
+            p_x, p_y, turn = covariance[i, U_X], covariance[i, U_Y], covariance[i, RATE]
+            covariance[i, U_X] = cos * p_x + sin * p_y + t_x * turn + bias * covariance[i, BIAS_X]
+            covariance[i, U_Y] = cos * p_y - sin * p_x + t_y * turn + bias * covariance[i, BIAS_Y]
+        spread = dt * (constants.force if used else constants.walk) ** 2
+        covariance[U_X, U_X] += spread
+        covariance[U_Y, U_Y] += spread
+        covariance[RATE, RATE] += dt * constants.turn**2
+        if not braking:
+            for j in range(BIAS_RATE, STATES):
+                covariance[j, j] += dt * constants.drift[j] ** 2
+
+
+@lean
+def variance_along(covariance: FloatArray, h: FloatArray) -> float:
+    """Return the variance of ``h . x``."""
+    total = 0.0
+    for i in range(STATES):
+        if h[i] != 0.0:
+            for j in range(STATES):
+                total += h[i] * covariance[i, j] * h[j]
+    return total
+
+
+@lean
+def correct(
+    memory: BankMemory, k: int, innovation: float, variance: float, learned: tuple[int, int]
+) -> None:
+    """Correct a filter by a scalar measurement ``h . x``, with `BankMemory.h`.
+
+    While the pedal is down or a source is at fault, biases, scale and offset are considered but
+    not estimated (Schmidt-Kalman filter), so that no filter explains a fault by them.
+
+    Args:
+        memory: memory of the bank.
+        k: number of the filter.
+        innovation: innovation.
+        variance: variance of the measurement.
+        learned: first and last of the constant states that the measurement may correct.
+    """
+    state, covariance, h, gain = memory.state[k], memory.covariance[k], memory.h, memory.gain
+    record = memory.record[0]
+    learns, (first, last) = record.best == ALL and not record.pressed, learned
+    gain[:] = 0.0
+    for j in range(STATES):
+        if h[j] != 0.0:
+            for i in range(STATES):
+                gain[i] += covariance[j, i] * h[j]
+    total = variance
+    for i in range(STATES):
+        total += h[i] * gain[i]
+    share = 1.0 / total
+    for i in range(STATES):
+        moves = i <= RATE or (learns and first <= i <= last)
+        if moves:
+            state[i] += gain[i] * (share * innovation)
+        for j in range(STATES):
+            if moves or j <= RATE or (learns and first <= j <= last):
+                covariance[i, j] -= gain[i] * gain[j] * share

@@ -1,0 +1,316 @@
+"""State and constants of the filter bank."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.kernels import lean
+from omni_platform.quantities import FloatArray
+
+IntArray = NDArray[np.int64]
+Record = Any
+"""A record of a structured array, by reference."""
+
+# Hypotheses: which sources are at fault. All but the last have a filter without these sources.
+ALL, NO_TWIST, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(6)
+FILTERS, HYPOTHESES = 5, 6
+
+# Velocity of the mounting of the IMU, yaw rate, biases of gyro and accelerometer, relative error of
+# the wheel radii, offset of the yaw rate of the twist.
+U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
+STATES = 8
+
+READINGS = 64
+"""Steps of which all readings are stored for a twist that is late."""
+ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
+"""Columns of a row of readings: pedal, IMU, speeds and enables of the wheels."""
+
+LOSS_STEPS = 10
+"""Steps over which the loss of speed is measured."""
+
+FAULTY = 0.5
+"""Probability of a faulty encoder above which its wheel is isolated [1]."""
+
+FASTEST_TURN = 50.0  # [rad/s]
+LARGEST_FORCE = 100.0  # [m/s^2]
+FASTEST_RIM = 200.0  # [m/s]
+
+BANK = np.dtype(
+    [
+        ("begun", "?"),
+        ("known", "?"),  # whether a twist has been fused
+        ("inertial", "?"),  # whether there has been an IMU reading
+        ("pressed", "?"),  # whether the pedal was down
+        ("horizon_ns", "i8"),  # time of the filters [ns]
+        ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
+        ("twist_x", "f8"),  # that twist [m/s]
+        ("twist_y", "f8"),
+        ("twist_rate", "f8"),  # [rad/s]
+        ("gyro", "f8"),  # last reading [rad/s], NaN without
+        ("braked", "f8"),  # time since the pedal went down [s]
+        ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
+        ("scale", "f8"),  # estimated error of the wheel radii [1]
+        ("restart_ns", "i8"),  # when the filter of all sources was last reset [ns]
+        ("best", "i8"),  # most probable hypothesis
+    ]
+)
+
+
+class Readings(NamedTuple):
+    """Pedal, enables and readings of a step, NaN where there is none.
+
+    Attributes:
+        pedal: the driver's demand, 0 while there is none [1].
+        enable: enables of the step before [1], shape (N,).
+        inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
+        speeds: wheel speeds [rad/s], shape (N,).
+    """
+
+    pedal: float
+    enable: FloatArray
+    inertial: FloatArray
+    speeds: FloatArray
+
+
+class Twist(NamedTuple):
+    """The latest twist.
+
+    Attributes:
+        received: whether there is a valid one.
+        stamp_ns: its stamp [ns].
+        value: the twist [m/s, m/s, rad/s], shape (3,).
+        variance: variance of its components, shape (3,).
+    """
+
+    received: bool
+    stamp_ns: int
+    value: FloatArray
+    variance: FloatArray
+
+
+class BankConstants(NamedTuple):
+    """Constants of the bank.
+
+    Attributes:
+        n_x: active directions [1], shape (N,).
+        n_y: components along y [1], shape (N,).
+        lever: of the active directions about the mounting of the IMU [m], shape (N,).
+        roll: speed along the active direction per wheel speed [m], shape (N,).
+        p_x: mounting of the IMU [m].
+        p_y: lateral mounting of the IMU [m].
+        force: random walk of the velocity that the specific force leaves [m/s/sqrt(s)].
+        walk: random walk of the velocity: 1 g for a hundredth of a second [m/s/sqrt(s)].
+        turn: random walk of the yaw rate: 30 rad/s^2 for as long [rad/s/sqrt(s)].
+        gyro: standard deviation of the gyro [rad/s].
+        rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
+        wheel: standard deviation of a rolling rim and of a fault-free twist [m/s].
+        share: standard deviation of both as a share of the speed [1].
+        spin_up: time after its release at which a wheel rolls [s].
+        rebound: excess of a rim over rolling after its release, while the tire springs back [m/s].
+        rebound_time: duration of that [s].
+        weight: weight of the evidence of a step, as errors are correlated [1].
+        wheel_weight: the same for wheels [1].
+        transition: probability of a transition in a step [1].
+        velocity_deviation: largest standard deviation of a valid estimate [m/s].
+        rate_deviation: largest standard deviation of its yaw rate [rad/s].
+        delay: by which a twist is older than its stamp [ns].
+        patience: time for which a twist is awaited [ns].
+        longest: step across which the filters go on [s].
+        prior: probabilities of the hypotheses [1], shape (6,).
+        initial: standard deviations of the states at the start, shape (8,).
+        drift: growth of the deviations of the constant states, pedal up [1/sqrt(s)], shape (8,).
+        nothing: an empty record.
+    """
+
+    n_x: FloatArray
+    n_y: FloatArray
+    lever: FloatArray
+    roll: FloatArray
+    p_x: float
+    p_y: float
+    force: float
+    walk: float
+    turn: float
+    gyro: float
+    rate: float
+    wheel: float
+    share: float
+    spin_up: float
+    rebound: float
+    rebound_time: float
+    weight: float
+    wheel_weight: float
+    transition: float
+    velocity_deviation: float
+    rate_deviation: float
+    delay: int
+    patience: int
+    longest: float
+    prior: FloatArray
+    initial: FloatArray
+    drift: FloatArray
+    nothing: NDArray[np.void]
+
+
+class BankMemory(NamedTuple):
+    """State of the bank from step to step.
+
+    Attributes:
+        state: of each filter, shape (5, 8).
+        covariance: of each filter, shape (5, 8, 8).
+        posterior: log probabilities of the hypotheses, shape (6,).
+        evidence: log likelihoods of a step, shape (6,).
+        record: `BANK`, shape (1,).
+        released: for how long each wheel's brake has been released [s], shape (N,).
+        rim: the last speed of each rim along the active direction [m/s], shape (N,).
+        mark: speed of a released rim that it must exceed [m/s], shape (N,).
+        idle: time for which it has not [s], shape (N,).
+        faulty: probability of a faulty encoder of each wheel [1], shape (N,).
+        wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
+        ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
+            shape (2,).
+        loss: speeds of the last steps by filter [m/s] and their times [ns], shape (11, 6).
+        rows: readings of the last steps, a ring, shape (64, 4 + 2 N).
+        stamps: of these [ns], shape (64,).
+        newest: row of the newest, and of the newest that the filters have used, shape (2,).
+        h: direction of a measurement, shape (8,).
+        gain: of a correction, shape (8,).
+        product: rows of a product of matrices, shape (2, 8).
+    """
+
+    state: FloatArray
+    covariance: FloatArray
+    posterior: FloatArray
+    evidence: FloatArray
+    record: NDArray[np.void]
+    released: FloatArray
+    rim: FloatArray
+    mark: FloatArray
+    idle: FloatArray
+    faulty: FloatArray
+    wheel_ratio: FloatArray
+    ratio: FloatArray
+    loss: FloatArray
+    rows: FloatArray
+    stamps: IntArray
+    newest: IntArray
+    h: FloatArray
+    gain: FloatArray
+    product: FloatArray
+
+
+def bank_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> BankConstants:
+    """Return the constants in the layout of the kernel."""
+    p_x, p_y = configuration.imu_x, configuration.imu_y
+    return BankConstants(
+        **_rims(geometry, p_x, p_y),
+        p_x=p_x,
+        p_y=p_y,
+        force=0.02,
+        walk=1.0,
+        turn=3.0,
+        gyro=0.01,
+        rate=0.02,
+        wheel=0.03,
+        share=0.005,
+        spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
+        rebound=0.25,
+        rebound_time=0.15,
+        weight=0.3,
+        wheel_weight=0.2,
+        transition=1e-3,
+        velocity_deviation=0.4,
+        rate_deviation=0.15,
+        delay=round(configuration.feedback_delay * 1e9),
+        patience=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
+        longest=configuration.maximum_time_step,
+        prior=np.array([0.9, 0.05, 0.02, 0.02, 0.005, 0.005]),
+        initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
+        drift=np.array([0.0, 0.0, 0.0, 0.001, 0.1, 0.1, 0.002, 0.003]),
+        nothing=np.zeros(1, BANK),
+    )
+
+
+@lru_cache(maxsize=64)
+def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, FloatArray]:
+    """Return the kinematics of rims and IMU, once for all runs of a campaign."""
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
+    lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
+    roll = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    return {"n_x": n_x, "n_y": n_y, "lever": lever, "roll": roll}
+
+
+def bank_memory(wheels: int) -> BankMemory:
+    """Return the memory of a bank that has received nothing."""
+    return BankMemory(
+        np.zeros((FILTERS, STATES)),
+        np.zeros((FILTERS, STATES, STATES)),
+        np.zeros(HYPOTHESES),
+        np.zeros(HYPOTHESES),
+        np.zeros(1, BANK),
+        np.zeros(wheels),
+        np.full(wheels, np.nan),
+        np.zeros(wheels),
+        np.zeros(wheels),
+        np.zeros(wheels),
+        np.full(wheels, np.nan),
+        np.zeros(2),
+        np.zeros((LOSS_STEPS + 1, FILTERS + 1)),
+        np.zeros((READINGS, ROW_WHEELS + 2 * wheels)),
+        np.full(READINGS, -1, np.int64),
+        np.zeros(2, np.int64),
+        np.zeros(STATES),
+        np.zeros(STATES),
+        np.zeros((2, STATES)),
+    )
+
+
+@lean
+def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: FloatArray) -> None:
+    """Initialize all filters at a twist with large variances."""
+    memory.record[0] = constants.nothing[0]
+    bank = memory.record[0]
+    bank.begun = True
+    bank.horizon_ns = now_ns
+    bank.twist_ns = now_ns - 1
+    bank.twist_x, bank.twist_y, bank.twist_rate = twist[0], twist[1], twist[2]
+    bank.gyro = math.nan
+    memory.newest[1] = memory.newest[0]
+    memory.released[:] = 0.0
+    memory.rim[:] = math.nan
+    memory.faulty[:] = memory.idle[:] = memory.mark[:] = 0.0
+    memory.loss[:] = 0.0
+    memory.covariance[:] = 0.0
+    memory.state[:] = 0.0
+    reset_posterior(constants, memory)
+    for k in range(FILTERS):
+        memory.state[k, U_X] = twist[0] - twist[2] * constants.p_y
+        memory.state[k, U_Y] = twist[1] + twist[2] * constants.p_x
+        memory.state[k, RATE] = twist[2]
+        for j in range(STATES):
+            memory.covariance[k, j, j] = constants.initial[j] ** 2
+
+
+@lean
+def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
+    """Set the probabilities of the hypotheses to their priors."""
+    for k in range(HYPOTHESES):
+        memory.posterior[k] = math.log(constants.prior[k])
+
+
+@lean
+def reset(memory: BankMemory, k: int, best: int) -> None:
+    """Start a filter again from the best one."""
+    for i in range(STATES):
+        memory.state[k, i] = memory.state[best, i]
+        for j in range(STATES):
+            memory.covariance[k, i, j] = memory.covariance[best, i, j]
