@@ -51,6 +51,8 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     missed = []
     for name, metrics in columns.items():
         for key, limit in limits.items():
+            if key not in metrics:  # a drive as a whole
+                continue
             metrics[key] = replace(metrics[key], at_most=limit)
             if metrics[key].status == "missed":
                 found = f"{metrics[key].value:.3g} {metrics[key].unit}"
