@@ -86,7 +86,8 @@ def parameters(tmp_path: Path) -> Path:
     folder = tmp_path / words[-1]
     finished = omni([*words[:-1], str(folder)])
     assert finished.returncode == 0, finished.stderr
-    written = ["brake_assist.yaml", "log_only.yaml", "robot.urdf", "robot_state_publisher.yaml"]
+    written = ["brake_assist.yaml", "log_only.yaml", "recorder.yaml", "robot.urdf"]
+    written += ["robot_state_publisher.yaml"]
     assert {str(folder / name) for name in written} == set(finished.stdout.split())
     return folder
 

@@ -10,6 +10,7 @@ import yaml
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_loop.experiment import load_yaml, recorded_experiment
+from omni_platform import topics
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -23,6 +24,8 @@ _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a th
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
+RECORDER = "recorder"
+_RECORDED = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
 WARNING = "feedback_warning"  # a parameter of the assistant
 LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
@@ -202,6 +205,11 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
     documents[DESCRIPTION] = description
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
     documents[f"{LOG_ONLY}.yaml"] = parameters_text({"enabled": False})
+    recorded = {
+        "topics": [*(topic.name for topic in _RECORDED), topics.DIAGNOSTICS.path],
+        "types": [topic.type for topic in (*_RECORDED, topics.DIAGNOSTICS)],
+    }
+    documents[f"{RECORDER}.yaml"] = parameters_text(recorded)
     for name, text in documents.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in documents]
