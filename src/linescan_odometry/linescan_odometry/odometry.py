@@ -62,6 +62,7 @@ class _Solution:
         count: number of velocities used.
         assumed: whether the axle was used.
         scores: normalized residual of each against the others [1], shape (S,) or (S + 1,).
+        leverage: largest normalized error squared by a wrong velocity over its score squared [1].
         last_variance: of the last sensor, or of the axle [m^2/s^2].
     """
 
@@ -71,6 +72,7 @@ class _Solution:
     count: int
     assumed: bool
     scores: FloatArray
+    leverage: float
     last_variance: float
 
 
@@ -258,11 +260,14 @@ class LineScanOdometry:
                 for i, j in ((0, 1), (1, 0)):
                     variance[place.start + i, place.start + j] = flow.covariance[i, j]
         twist, covariance = self._solver.solve(velocity, variance, measured)
-        scores = np.zeros(len(measured))
+        scores, leverage = np.zeros(len(measured)), 1.0
         count = int(np.count_nonzero(self._solver.rows(measured)))
         if count > _UNKNOWNS and self._configuration.contradiction_limit > 0.0:
             scores = self._solver.contradictions(velocity, variance, measured, twist, covariance)
-        return _Solution(twist, covariance, measured, count, assumed, scores, last_variance)
+            leverage = max(leverage, self._solver.leverage(variance, measured, covariance))
+        return _Solution(
+            twist, covariance, measured, count, assumed, scores, leverage, last_variance
+        )
 
     def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
         """Return the sensor with the largest residual and a description, if it can be isolated."""
@@ -309,8 +314,9 @@ class LineScanOdometry:
         """Return the twist with its checks and remarks."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
-        # The faulty sensor cannot be isolated: the variances grow until they explain the residuals.
-        inflation = score**2 if score > limit > 0.0 else 1.0
+        # The faulty sensor cannot be isolated: the covariance grows until it contains the error
+        # that any one of them causes with these residuals.
+        inflation = solution.leverage * score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
         skid = ""
         if self._axle is not None and not solution.assumed:

@@ -183,6 +183,25 @@ class TwistSolver:
         twist = covariance @ (weighted.T @ velocity[use])
         return twist * self._unit, covariance * np.outer(self._unit, self._unit)
 
+    def leverage(
+        self, variance: FloatArray, measured: tuple[bool, ...], covariance: FloatArray
+    ) -> float:
+        """Return the largest normalized error squared that one wrong velocity causes [1].
+
+        A velocity with the leverage h, wrong by so much that its normalized residual is 1, causes
+        an error of the twist of ``h / (1 - h)`` normalized by its covariance.
+
+        Args:
+            variance: as in `solve`.
+            measured: as in `solve`.
+            covariance: that `solve` returned.
+        """
+        rows = self._matrix / self._unit
+        own = variance if variance.ndim == 1 else np.diag(variance)
+        h = np.einsum("ij,jk,ik->i", rows, covariance, rows) / own
+        checked = self.rows(measured) & (1.0 - h > _CHECKED)
+        return float(np.max(h / np.maximum(1.0 - h, _CHECKED), where=checked, initial=0.0))
+
     def contradictions(
         self,
         velocity: FloatArray,
