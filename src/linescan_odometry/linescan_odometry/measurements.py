@@ -38,6 +38,7 @@ class Displacement(NamedTuple):
         correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
         share: of the pairs of lines that entered, 0..1.
         rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
+        structures: number of independent structures of the ground in the view.
     """
 
     value: float
@@ -45,6 +46,7 @@ class Displacement(NamedTuple):
     correlation: float
     share: float
     rest: Lines | NDArray[np.float32] | None = None
+    structures: float = math.inf
 
 
 @dataclasses.dataclass(frozen=True)

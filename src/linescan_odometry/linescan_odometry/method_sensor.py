@@ -31,6 +31,7 @@ _LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number o
 _STATIC_PAIRS = 4  # fewest that show that a view is static
 _STATIC_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STATIC_TOLERANCE = 0.002  # of correlations, in addition to twice the loss between neighbors
+_LEAST_SHIFT = 8.0  # px, below which a fixed pattern looks like an oblique texture
 _BACKGROUND = 16384  # pixels of a batch, from which a background thread is worth its hand-over
 
 
@@ -91,7 +92,7 @@ class MethodOdometry:
             else JointMethod(sensor, configuration)
         )
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
-        self._keyframe = Keyframe(sensor.pixels)
+        self._keyframe = Keyframe(sensor.pixels, _LEAST_SHIFT)
         self._plausibility = Plausibility(
             sensor, configuration.maximum_acceleration, configuration.median_tolerance
         )
@@ -152,6 +153,7 @@ class MethodOdometry:
             still_time=self._static_time(lines, displacement),
             lasting_time=age,
             lasting=lasting,
+            structures=displacement.structures,
         )
 
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:

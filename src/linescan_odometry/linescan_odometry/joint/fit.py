@@ -48,6 +48,8 @@ class Fit(NamedTuple):
         variance: of the displacement [px^2].
         features: effective number of independent features that move with the displacement.
         coherence: of neighboring lines, weighted by power [1].
+        details: effective number of independent values of the texture in a line.
+        contrast: energy of the gradients that neighboring lines share over that of the noise [1].
     """
 
     found: bool
@@ -56,6 +58,8 @@ class Fit(NamedTuple):
     variance: float
     features: float
     coherence: float
+    details: float
+    contrast: float
 
 
 class Precision(NamedTuple):
@@ -180,94 +184,137 @@ def _projected(weight: Doubles, turn: Spectrum, white: Spectrum) -> Spectrum:
 
 
 @kernel
-def _marginalize(block: _Block, model: _Model, white: Spectrum, derivatives: Doubles) -> None:
+def _marginalize(block: _Block, model: _Model, white: Spectrum, slopes: Doubles) -> None:
     """Marginalize the fixed pattern out of the log-likelihood of one block.
 
     A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
     frame. With ``c = 1 / V + u' T^-1 u``, the likelihood loses ``log c / 2``, and the lines their
-    part ``u (u' T^-1 z) / c``; u depends on the displacement, so that both have derivatives.
+    part ``u (u' T^-1 z) / c``.
 
     Args:
         block: the lines.
         model: of their covariance.
-        white: receives ``T^-1 z``, ``T^-1 kappa z`` and ``T^-1 half z`` of them, shape (3, m, F).
-        derivatives: are added to, see `_derivatives`, shape (5,).
+        white: receives ``T^-1 z`` without the pattern, shape (m, F).
+        slopes: of the log-likelihood by d and a, are added to, shape (2,).
     """
     spectra, turn, kappa, half = block
     edges, bands_of, precision, rate = model
-    m = len(spectra)
-    ones = np.ones(m)
-    fixed = np.zeros((3, *spectra.shape), np.complex64)
-    whiten(turn, ones, edges, bands_of, fixed[0])
-    whiten(turn, kappa, edges, bands_of, fixed[1])
-    whiten(turn, half, edges, bands_of, fixed[2])
-    c = precision + _projected(ones, turn, fixed[0]).real
-    slope_d = _projected(kappa, turn, fixed[0]).imag
-    slope_a = _projected(half, turn, fixed[0]).imag
-    bend_dd = (_projected(kappa, turn, fixed[1]) - _projected(kappa**2, turn, fixed[0])).real
-    bend_da = (_projected(kappa, turn, fixed[2]) - _projected(kappa * half, turn, fixed[0])).real
-    bend_aa = (_projected(half, turn, fixed[2]) - _projected(half**2, turn, fixed[0])).real
-    whiten(spectra, ones, edges, bands_of, white[0])
-    pattern = _projected(ones, turn, white[0])
+    ones = np.ones(len(spectra))
+    fixed = np.zeros(spectra.shape, np.complex64)
+    whiten(turn, ones, edges, bands_of, fixed)
+    whiten(spectra, ones, edges, bands_of, white)
+    c = precision + _projected(ones, turn, fixed).real
+    slope_d = _projected(kappa, turn, fixed).imag
+    slope_a = _projected(half, turn, fixed).imag
+    pattern = _projected(ones, turn, white)
     for f in range(edges[0], len(c)):
         pattern[f] /= np.float32(c[f])
-    for k in range(m):
+        slopes[0] += rate[f] / c[f] * slope_d[f]
+        slopes[1] += rate[f] / c[f] * slope_a[f]
+    for k in range(len(spectra)):
         for f in range(edges[0], len(c)):
-            white[0, k, f] -= fixed[0, k, f] * pattern[f]
+            white[k, f] -= fixed[k, f] * pattern[f]
             spectra[k, f] -= turn[k, f] * pattern[f]
-    whiten(spectra, kappa, edges, bands_of, white[1])
-    whiten(spectra, half, edges, bands_of, white[2])
-    by_d = _projected(kappa, turn, white[0]) - _projected(ones, turn, white[1])
-    by_a = _projected(half, turn, white[0]) - _projected(ones, turn, white[2])
-    for f in range(edges[0], len(c)):
-        first, second = rate[f] / c[f], rate[f] ** 2 / c[f]
-        derivatives[0] += first * slope_d[f]
-        derivatives[1] += first * slope_a[f]
-        d, a, x, y = slope_d[f], slope_a[f], by_d[f], by_a[f]
-        derivatives[2] += second * (bend_dd[f] - 2.0 * d * d / c[f] - (x * np.conj(x)).real)
-        derivatives[3] += second * (bend_da[f] - 2.0 * d * a / c[f] - (x * np.conj(y)).real)
-        derivatives[4] += second * (bend_aa[f] - 2.0 * a * a / c[f] - (y * np.conj(y)).real)
 
 
 @kernel
-def _derivatives(
+def _slopes(
     cut: _Cut, model: _Model, kappa: Doubles, half: Doubles, paths: Doubles
 ) -> tuple[Spectrum, Doubles]:
-    """Return T^-1 of the lines, shape (t, F), and derivatives of the log-likelihood, shape (5,).
+    """Return T^-1 of the lines, shape (t, F), and slopes of the log-likelihood by d and a.
 
-    The derivatives are the slopes by d and a, and the negative second ones by dd, da and aa. As T
-    is the same at every frequency of a band, ``T^-1 (kappa z)`` gives all of them. The lines lose
-    the part of the pattern that is not known yet, see `_marginalize`.
+    The lines lose the part of the pattern that is not known yet, see `_marginalize`.
     """
     rows, count = cut.spectra.shape
-    white = np.zeros((3, rows, count), np.complex64)
-    derivatives = np.zeros(5)
+    white = np.zeros((rows, count), np.complex64)
+    slopes = np.zeros(2)
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
         own = cut.line[i:j]
         turn = phases(paths[own] - paths[own[0]], cut.size, count)
         lines = _Block(cut.spectra[i:j], turn, kappa[own], half[own])
-        _marginalize(lines, model, white[:, i:j], derivatives)
+        _marginalize(lines, model, white[i:j], slopes)
     first = model.edges[0]
-    sums = np.zeros((5, count), np.float32)
+    sums = np.zeros((2, count), np.float32)
     for r in range(rows):
         p, q = np.float32(kappa[cut.line[r]]), np.float32(half[cut.line[r]])
-        z, w, by_p, by_q = cut.spectra[r], white[0, r], white[1, r], white[2, r]
+        z, w = cut.spectra[r], white[r]
         for f in range(first, count):
-            c, d = z[f].real, z[f].imag
-            turn = w[f].imag * c - w[f].real * d
-            fall = w[f].real * c + w[f].imag * d
-            along_p = by_p[f].real * c + by_p[f].imag * d
-            along_q = by_q[f].real * c + by_q[f].imag * d
+            turn = w[f].imag * z[f].real - w[f].real * z[f].imag
             sums[0, f] += p * turn
             sums[1, f] += q * turn
-            sums[2, f] += p * along_p - p * p * fall
-            sums[3, f] += q * along_p - p * q * fall
-            sums[4, f] += q * along_q - q * q * fall
     for f in range(first, count):
-        for which in range(5):
-            derivatives[which] += model.rate[f] ** (1 if which < 2 else 2) * sums[which, f]
-    return white[0], derivatives
+        slopes[0] += model.rate[f] * sums[0, f]
+        slopes[1] += model.rate[f] * sums[1, f]
+    return white, slopes
+
+
+@kernel
+def _information(
+    cut: _Cut, model: _Model, kappa: Doubles, half: Doubles, paths: Doubles
+) -> Doubles:
+    """Return the Fisher information on d and a: of dd, da and aa, shape (3,).
+
+    With ``B = K T - T K``, K the diagonal matrix of the derivatives of the paths, it is ``-(2 pi
+    f)^2 tr(C^-1 B C^-1 B)`` at every frequency, and ``C^-1 = T^-1 - q q' / c`` with ``q = T^-1 u``
+    of the marginalized pattern. It is taken at the middle of each band.
+    """
+    total = np.zeros(3)
+    for block in range(len(cut.first) - 1):
+        own = cut.line[cut.first[block] : cut.first[block + 1]]
+        m = len(own)
+        p, h, way = kappa[own], half[own], paths[own] - paths[own[0]]
+        unit = np.zeros((m, m), np.complex64)
+        for k in range(m):
+            unit[k, k] = 1.0
+        inverse = np.zeros((m, m), np.complex64)
+        ones, all_columns = np.ones(m), np.array([0, m])
+        for b in range(len(model.edges) - 1):
+            first, last = model.edges[b], model.edges[b + 1]
+            texture, rho = model.bands[0, b], model.bands[1, b]
+            whiten(unit, ones, all_columns, model.bands[:, b : b + 1].copy(), inverse)
+            power, squares = np.ones(m), 0.0
+            for k in range(1, m):
+                power[k] = power[k - 1] * rho
+            for f in range(first, last):
+                squares += 0.5 * model.rate[f] ** 2
+            middle = (first + last - 1) // 2
+            u = np.exp(-1j * model.rate[middle] * way)
+            q = np.zeros(m, np.complex128)
+            for k in range(m):
+                for j in range(m):
+                    q[k] += inverse[k, j].real * u[j]
+            c = model.precision[middle]
+            for k in range(m):
+                c += (np.conj(u[k]) * q[k]).real
+            by_d, by_a = np.zeros(m, np.complex128), np.zeros(m, np.complex128)
+            trace = np.zeros(3)
+            along_d, along_a = 0.0, 0.0
+            for k in range(m):
+                for j in range(m):
+                    value = texture * power[abs(k - j)]
+                    by_d[k] += (p[k] - p[j]) * value * q[j]
+                    by_a[k] += (h[k] - h[j]) * value * q[j]
+                    product = inverse[k, j].real * value
+                    trace[0] += product * (p[k] - p[j]) ** 2
+                    trace[1] += product * (p[k] - p[j]) * (h[k] - h[j])
+                    trace[2] += product * (h[k] - h[j]) ** 2
+                along_d += (np.conj(q[k]) * by_d[k]).imag
+                along_a += (np.conj(q[k]) * by_a[k]).imag
+            # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
+            dd, da, aa = 0.0, 0.0, 0.0
+            for k in range(m):
+                left_d, left_a = 0.0j, 0.0j
+                for j in range(m):
+                    left_d += inverse[k, j].real * by_d[j]
+                    left_a += inverse[k, j].real * by_a[j]
+                dd += (np.conj(by_d[k]) * left_d).real
+                da += (np.conj(by_d[k]) * left_a).real
+                aa += (np.conj(by_a[k]) * left_a).real
+            total[0] += squares * (-trace[0] - 2.0 * dd / c + along_d * along_d / c**2)
+            total[1] += squares * (-trace[1] - 2.0 * da / c + along_d * along_a / c**2)
+            total[2] += squares * (-trace[2] - 2.0 * aa / c + along_a * along_a / c**2)
+    return total
 
 
 @kernel
@@ -290,6 +337,53 @@ def _on_grid(precision: Precision, cut: _Cut, pixels: int) -> Doubles:
 
 
 @kernel
+def _shared(cut: _Cut) -> float:
+    """Return the energy of the gradients that neighboring lines share, in units of `_gain`."""
+    total, number = 0.0, 0
+    for block in range(len(cut.first) - 1):
+        for r in range(cut.first[block] + 1, cut.first[block + 1]):
+            new, old = cut.spectra[r], cut.spectra[r - 1]
+            number += 1
+            for f in range(1, len(new)):
+                total += f * f * (new[f].real * old[f].real + new[f].imag * old[f].imag)
+    return total / number
+
+
+@kernel
+def _gain(cut: _Cut) -> float:
+    """Return the energy of the gradients of white noise of variance 1."""
+    taper = window(cut.length)
+    own = 0.0
+    for i in range(len(taper)):
+        own += taper[i] * taper[i]
+    total = 0.0
+    for f in range(1, cut.spectra.shape[1]):
+        total += f * f
+    return own * total
+
+
+@kernel
+def _noise(lines: Floats) -> float:
+    """Return the variance of the noise of a pixel, the median over the line.
+
+    Differences of lines contain no fixed pattern, their third differences along the line hardly any
+    ground: the optics blur it.
+    """
+    m, n = lines.shape
+    square = np.zeros(n - 3)
+    for k in range(1, m):
+        new, old = lines[k], lines[k - 1]
+        for i in range(n - 3):
+            outer = new[i] - old[i] - new[i + 3] + old[i + 3]
+            inner = new[i + 2] - old[i + 2] - new[i + 1] + old[i + 1]
+            value = outer + np.float32(3.0) * inner
+            square[i] += value * value
+    # The squares of 1, 3, 3 and 1 add up to 20, and a difference has the noise of two lines.
+    noise: float = np.median(square) / (2.0 * 20.0 * (m - 1))
+    return noise
+
+
+@kernel
 def fit(
     lines: Floats,
     precision: Precision,
@@ -309,7 +403,7 @@ def fit(
         last: whether variance and features are wanted.
     """
     m, n = lines.shape
-    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0)
+    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0)
     kappa = np.arange(m) - 0.5 * (m - 1)
     half = 0.5 * kappa**2
     for step in range(_STEPS + 1):
@@ -323,9 +417,13 @@ def fit(
         )
         rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
         model = _Model(edges, covariances, _on_grid(precision, cut, n), rate)
-        white, derivatives = _derivatives(cut, model, kappa, half, paths)
-        u_d, u_a = derivatives[0], derivatives[1] - change / spread**2
-        j_dd, j_da, j_aa = derivatives[2], derivatives[3], derivatives[4] + 1.0 / spread**2
+        if last and step == _STEPS:
+            contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
+        white, slopes = _slopes(cut, model, kappa, half, paths)
+        u_d, u_a = slopes[0], slopes[1] - change / spread**2
+        if step == 0:
+            j_dd, j_da, j_aa = _information(cut, model, kappa, half, paths)
+            j_aa += 1.0 / spread**2
         determinant = j_dd * j_aa - j_da * j_da
         if not (j_dd > 0.0 and determinant > 0.0):
             return nothing
@@ -335,9 +433,14 @@ def fit(
             displacement += min(max(by_d, -_LARGEST_STEP[0]), _LARGEST_STEP[0])
             change += min(max(by_a, -_LARGEST_STEP[1]), _LARGEST_STEP[1])
     if not last:
-        return Fit(True, displacement, change, math.inf, 0.0, 0.0)
+        return Fit(True, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0)
     weight = np.zeros(cut.spectra.shape[1])
+    total, square = 0.0, 1e-30
     for b in range(len(edges) - 1):
+        number = edges[b + 1] - edges[b]
+        power = moments[1, b] * (edges[b] + edges[b + 1])
+        total += number * power
+        square += number * power * power
         gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(cut, white, weight, kappa, half, n)
@@ -347,7 +450,10 @@ def fit(
     amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    return Fit(effective > 2.0, displacement, change, variance, features, coherence)
+    details = 2.0 * total * total / square * n / cut.length
+    return Fit(
+        effective > 2.0, displacement, change, variance, features, coherence, details, contrast
+    )
 
 
 @kernel

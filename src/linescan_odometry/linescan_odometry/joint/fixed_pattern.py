@@ -2,9 +2,9 @@
 
 The pattern is what dirt, unequal pixels, shading and mud do to every line. For a given displacement
 its posterior is Gaussian at every frequency: the batches so far and this one are weighted by their
-information. At first nothing is known, and the prior variance is infinite. Only candidates for the
-displacement are compared with a mean that is shrunk by the variance which the data show (empirical
-Bayes).
+information. The prior variance is the power of what looks fixed (empirical Bayes), so that a camera
+without dirt loses little information. Candidates for the displacement are compared with a mean that
+is shrunk by the variance beyond its own error.
 """
 
 from __future__ import annotations
@@ -60,6 +60,21 @@ def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
         gain = excess[f] * precision[f]
         mean[f] *= np.float32(gain / (gain + 1.0))
     return mean
+
+
+@kernel
+def prior(information: Spectrum, precision: Doubles) -> Doubles:
+    """Return the prior precision of a pattern by its power (empirical Bayes), shape (F,).
+
+    Args:
+        information: precision times mean, shape (F,).
+        precision: of each frequency, 0 where nothing is known, shape (F,).
+    """
+    mean = posterior(information, precision)
+    power: Doubles = smoothed((mean.real**2 + mean.imag**2).astype(np.float64))
+    for f in range(len(power)):
+        power[f] = 1.0 / power[f] if power[f] > 0.0 else 0.0
+    return power
 
 
 @kernel

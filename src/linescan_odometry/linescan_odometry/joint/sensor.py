@@ -10,6 +10,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.measurements import Displacement, Lines, Unmeasured
 from linescan_odometry.plausibility import Plausibility
+from linescan_odometry.view.still import without_defects
 from omni_platform.sensors import LineSensor
 
 _ACCELERATION = 15.0  # m/s^2, usual deviation: a hard stop on a dry road is 10
@@ -40,7 +41,7 @@ class JointMethod:
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
         """Measure a batch; see `sensor.Method`."""
-        estimate = self.estimator.estimate(lines, self._last)
+        estimate = self.estimator.estimate(without_defects(lines), self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unlike=True)
         if not plausibility.judge(stamp_ns, np.array([estimate.value]))[0]:
@@ -50,5 +51,6 @@ class JointMethod:
             )
         self._last = estimate.value
         return Displacement(
-            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
-        )
+            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest,
+            estimate.details,
+        )  # fmt: skip

@@ -49,12 +49,14 @@ _SLOWEST = 0.03  # m/s across, below which grain does no harm
 class Keyframe:
     """Stores an earlier line of one camera, and compares newer ones with it."""
 
-    def __init__(self, pixels: int) -> None:
+    def __init__(self, pixels: int, least_shift: float = 0.0) -> None:
         """Start with nothing to compare with.
 
         Args:
             pixels: n of a line.
+            least_shift: below which a fixed pattern of the camera may be as alike [px].
         """
+        self._least_shift = least_shift
         self._step, _ = steps(pixels)
         self._gradient: Floats | None = None
         self._stamp_ns = 0
@@ -77,7 +79,7 @@ class Keyframe:
 
         Returns:
             Age of the stored line [s], and the correlation of the gradients at the shift in
-            between, over that of neighboring lines.
+            between, over that of neighboring lines; 0 below the least shift.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -100,6 +102,8 @@ class Keyframe:
         likeness = max(0.0, far) / max(near, _EXCESS)
         if likeness < _LOST:
             self._gradient = None  # a ground that repeats itself would come again
+        if abs(self._shift) < self._least_shift:
+            return 0.0, 0.0
         return 1e-9 * (stamp_ns - self._stamp_ns), likeness
 
     def _remember(self, line: Lines | Floats) -> None:
@@ -200,6 +204,7 @@ class Grain:
         }
         self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
         self._ways: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
+        self._twist: FloatArray = np.zeros(3)
         self._found: dict[str, str] = {}
         self._before: dict[str, tuple[float, float]] = {}  # likeness and its excess
         self._excess: dict[str, float] = {}  # the least of the last two
@@ -210,7 +215,7 @@ class Grain:
         """Return readings as unmeasured that cannot be confirmed, if other cameras do not match.
 
         Without a twist the motion across the axis is unknown: the texture may be oblique. A twist
-        measured shortly before has excluded that.
+        measured shortly before gives that motion.
 
         Args:
             stamp_ns: of the readings [ns].
@@ -219,8 +224,10 @@ class Grain:
         blind = [
             name for name, reading in readings.items() if reading.unlike and not reading.measured
         ]
-        if not blind or (self._stamps and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS):
+        if not blind:
             return {}
+        if self._stamps and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS:
+            return self.misled(stamp_ns, readings, self._twist)
         reason = f"unconfirmed: the ground may have grain, it does not match for {', '.join(blind)}"
         return {
             name: reading.refuted(reason) for name, reading in readings.items() if reading.measured
@@ -237,6 +244,7 @@ class Grain:
             self._stamps.clear()
             self._ways.clear()
         elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
+        self._twist = twist
         across = np.array([row @ twist for row in self._rows.values()])
         self._ways.append((self._ways[-1] if self._ways else 0.0) + across * elapsed)
         self._stamps.append(stamp_ns)
