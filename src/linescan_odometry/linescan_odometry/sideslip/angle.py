@@ -91,7 +91,7 @@ class WheelSideslip:
     """The geometry of one camera at one wheel."""
 
     def __init__(self, wheel: SideslipWheel, sensor: LineSensor) -> None:
-        """Place them.
+        """Compute the geometry of the camera and the wheel.
 
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.

@@ -19,8 +19,8 @@ Each hypothesis explains all readings, so that their likelihoods compare: a read
 fault is a random walk from its last one, by as much as a vehicle can move. A wheel is a mixture of
 rolling, sliding, and a faulty encoder, whose prior probabilities follow from its brake. Braking
 takes speed from the vehicle, within the limits of the tires. The probabilities of the hypotheses
-follow by Bayes' rule with one probability of transition (Blom and Bar-Shalom 1988), that of a
-faulty encoder likewise; isolation, recovery and hysteresis follow from these.
+follow by Bayes' rule with one probability of transition (Blom and Bar-Shalom 1988), and so does
+that of a faulty encoder; isolation, recovery and hysteresis follow from these.
 
 The estimate is that of the most probable hypothesis. There is none if too many sources are at
 fault, if its variance is too large, or without the twist unless there are an IMU and a wheel that

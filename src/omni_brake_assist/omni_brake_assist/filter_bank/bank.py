@@ -145,7 +145,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         braking, force = reading[ROW_PEDAL] > 0.0, _force(reading)
         until_ns = min(stamp_ns, target_ns)
         dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[ROW_IMU]
-        if stamp_ns > target_ns:  # the twist lies between two readings
+        if stamp_ns > target_ns:  # the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
         predict(constants, memory, dt, force, braking)
