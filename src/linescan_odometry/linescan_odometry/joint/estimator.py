@@ -125,8 +125,8 @@ class JointEstimator:
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
         choice = self._choose(products, layout, known, found)
         d, a, moves, reason = choice.displacement, 0.0, choice.moves, choice.reason
-        # Where nothing moves, the ground is as fixed as the pattern, and few lines do not tell one
-        # from the other: it is taken as known.
+        # Where nothing moves, the ground is as fixed as the pattern, and few lines do not separate
+        # the two: the pattern is taken as known.
         parted = moves and m >= _FEWEST_LINES
         pattern, before, batch = known, np.full(self._bins, _KNOWN), np.zeros(self._bins)
         information, removed = known, products.mean
