@@ -38,11 +38,7 @@ _FROZEN_PAIRS = 3
 _SHARP_PAIRS = 6  # of a batch whose detail is compared
 _FEWEST_MOVES = 2
 _FAINT = 0.15  # correlation of a moving texture behind a fixed pattern
-_FAR_DIVISOR = 4  # of a line: larger displacements are compared with smaller ones
-_AS_WELL, _AS_WELL_AT_ALL = (
-    1.0,
-    0.05,
-)  # tolerated loss of correlation, relative and absolute [1]
+_FAR_DIVISOR = 4  # of a line: the whole-batch estimate is used for smaller displacements
 _FEWEST_PLACES = 3.0  # smallest effective number of independent features
 _LONE_PLACES = 2.0  # number of features below which a single one dominates
 _ALIKE = 0.3  # smallest correlation of the detail of lines over the same ground
@@ -171,9 +167,6 @@ class SensorOdometry:
             min(_FAINT, configuration.minimum_correlation),
         )
         self._near = min(limit, sensor.pixels // _FAR_DIVISOR)
-        self._near_matcher = self._make_matcher(
-            METRICS[configuration.metric](sensor.pixels, self._near)
-        )
         self._sharp_matchers = {
             step: self._make_sharp_matcher(sharp_pixels(sensor.pixels, step), limit)
             for step in steps(sensor.pixels)
@@ -352,7 +345,6 @@ class SensorOdometry:
             Unmeasured: they disagree, or do not show the ground.
         """
         mean = self._average(lines, pairs, frozen, implausible)
-        self._refuse_periodic(lines, mean)
         mean = self._finer(lines, mean) or self._span(lines, mean)
         if mean.places < _FEWEST_PLACES:
             raise Unmeasured(
@@ -420,23 +412,6 @@ class SensorOdometry:
             reason = self._describe(lines, pairs, frozen, implausible)
             raise Unmeasured(reason, share, unlike=unlike, open=seen)
         return _mean_of(self._matcher, pairs, inlier, share)
-
-    def _refuse_periodic(self, lines: Lines, mean: _Mean) -> None:
-        """Refuse a large displacement if a small one fits equally well.
-
-        Raises:
-            Unmeasured: the ground is periodic within the view.
-        """
-        if abs(mean.displacement) <= self._near:
-            return
-        near = self._near_matcher.match(lines[-_SHARP_PAIRS - 1 :])
-        alike = mean.correlation - float(np.median(near.similarity))
-        if alike < _AS_WELL * (1.0 - mean.correlation) + _AS_WELL_AT_ALL:
-            raise Unmeasured(
-                f"periodic ground: {float(np.median(near.displacement)):.3g} px a line "
-                f"fit as well as {mean.displacement:.3g} px",
-                mean.share,
-            )
 
     def _finer(self, lines: Lines, mean: _Mean) -> _Mean | None:
         """Return the mean of the fine detail, if its displacement differs from that of the lines.
