@@ -145,7 +145,9 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
         beside_recording = (file.parent / "metadata.yaml").exists()
         name = own or ("run_" if beside_recording else "") + document["name"]
         numbers = found.setdefault(name, {})
-        numbers |= {key: metric["value"] for key, metric in document["metrics"].items()}
+        metrics: dict[str, Any] = document.get("metrics", document)
+        for key, metric in metrics.items():  # a plain number in the documents of some benchmarks
+            numbers[key] = metric["value"] if isinstance(metric, dict) else metric
         others = {place.metric for place in used if place.study == name} - set(numbers)
         for table in {file.parent / f"{metric.partition('.')[0]}.csv" for metric in others}:
             if table.exists():
