@@ -62,6 +62,7 @@ class _Wheel(NamedTuple):
         faulty: probability that its encoder is faulty [1].
         variance: variance of a rolling rim [m^2/s^2].
         share: standard deviation of it as a share of its speed [1].
+        excess: of its rim over rolling after its release, as the tire springs back [m/s].
         span: range of the readings of a faulty encoder [m/s].
     """
 
@@ -69,6 +70,7 @@ class _Wheel(NamedTuple):
     faulty: float
     variance: float
     share: float
+    excess: float
     span: float
 
 
@@ -193,8 +195,8 @@ def fuse_wheels(
 ) -> None:
     """Correct all filters by the wheels that roll.
 
-    A reading is a mixture: the wheel rolls, slides between rest and rolling, or its encoder is
-    faulty, one of them at a time.
+    A reading is a mixture: the wheel rolls, slides between rest and rolling (and a little beyond,
+    while the tire springs back after a release), or its encoder is faulty, one of them at a time.
 
     Args:
         constants: constants of the vehicle.
@@ -226,17 +228,18 @@ def fuse_wheels(
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
         own = constants.wheel**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls = _DRIVEN
+        rolls, excess = _DRIVEN, 0.0
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
+            excess = 0.0 if held else 2.0 * constants.rebound * fresh  # 95 % of its readings
             rolls = _BRAKED
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
         share = constants.share if braking else constants.share + slip
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], _FAULTY)
         memory.evidence[NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
-        wheel, odds = _Wheel(rolls, faulty, own, share, span), 1.0
+        wheel, odds = _Wheel(rolls, faulty, own, share, excess, span), 1.0
         for k in range(FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             if k == memory.record[0].best:
@@ -255,7 +258,7 @@ def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
     """Correct a filter by a wheel; return the likelihood of a fault-free encoder [s/m]."""
-    rolls, faulty, own, share, span = wheel
+    rolls, faulty, own, share, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
@@ -270,7 +273,8 @@ def _fuse_wheel(
     rolling = rolls * math.exp(-0.5 * min(squared, GATE)) / math.sqrt(2.0 * math.pi * total)
     edge = _EDGE + math.sqrt(predicted)
     fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
-    sliding = (1.0 - rolls) / (fast + 2.0 * edge) if -edge <= turns <= fast + edge else 0.0
+    most = fast + edge + excess
+    sliding = (1.0 - rolls) / (most + edge) if -edge <= turns <= most else 0.0
     possible = rolling + sliding
     likelihood = (1.0 - faulty) * possible + faulty / span
     memory.evidence[k] += constants.wheel_weight * math.log(likelihood)
