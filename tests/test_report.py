@@ -329,7 +329,8 @@ def test_the_arrows_are_the_forces_that_move_the_vehicle(sample: ReportedRun) ->
     velocity = np.diff(center, axis=0) / np.diff(history.time)[:, np.newaxis]
     needed = masses.mass * (velocity[rows] - velocity[rows - 1])
     needed /= np.diff(history.time)[rows, np.newaxis]
-    total = np.sum(sample.forces.force[1 : 1 + len(rows)], axis=1)[:, :2]
+    forces = sample.forces.values[1 : 1 + len(rows)].reshape(len(rows), -1, 2)
+    total = np.sum(forces, axis=1)
     error = np.linalg.norm(total - needed, axis=1)
     # All brakes on, the vehicle rocks on its tires: nothing switches within those periods.
     rocking = history.time[rows] > 1.5
