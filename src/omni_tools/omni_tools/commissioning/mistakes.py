@@ -30,7 +30,7 @@ _FORCE = 0.05  # [m/s^2] acceleration that identifies the axes of an IMU
 _LATEST = 0.3  # [s] after which a brake must have responded
 _RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
 _OFTEN = 0.3  # least share of the stop in which a wheel must have been braked for a test
-_CLEARLY = 0.1  # by which the sum of two correlations must be larger with exchanged brakes
+_CLEARLY = 0.25  # by which the sum of two correlations must be larger with exchanged brakes
 _DELAY = 0.03  # [s] by which a delay may differ from those of the file
 
 
@@ -269,20 +269,22 @@ def _brake_mistakes(
             return
     braking = np.flatnonzero((pedal > 0.0) & np.any(moving, axis=1))
     relative_slip, relative_demand = _without_mean(slip, moving), _without_mean(demand, moving)
-    fits = []  # by delay: fit of the best order of the brakes, the exchange in it, its advantage
+    own, exchanged = [], []  # by delay: fit of the described order; best fit of an exchange, which
     for delay in range(round(_LATEST / signals.period)):
         late = braking[braking >= delay]
         score = _correlation(relative_slip[late], relative_demand[late - delay])
-        own = np.diagonal(score)
-        advantages = {
-            pair: score[pair] + score[pair[::-1]] - own[pair[0]] - own[pair[1]]
-            for pair in itertools.combinations(range(len(names)), 2)
-        }
-        pair = max(advantages, key=lambda each: advantages[each])
-        fits.append((float(own.sum() + max(advantages[pair], 0.0)), pair, advantages[pair]))
-    delay = max(range(len(fits)), key=lambda each: fits[each][0])
-    fit, (one, other), advantage = fits[delay]
-    if fit > 0.0 and advantage > _CLEARLY:
+        fit = np.diagonal(score)
+        own.append(float(fit.sum()))
+        exchanged.append(
+            max(
+                (own[-1] + float(score[i, j] + score[j, i] - fit[i] - fit[j]), (i, j))
+                for i, j in itertools.combinations(range(len(names)), 2)
+            )
+        )
+    # Each hypothesis with the delay that fits it best.
+    delay = int(np.argmax(own))
+    fit_exchanged, (one, other) = max(exchanged)
+    if fit_exchanged > max(own[delay], 0.0) + _CLEARLY:
         yield Mistake(
             f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
         )
@@ -290,7 +292,7 @@ def _brake_mistakes(
     # One delay fits both applying and releasing.
     found = signals.period * delay
     longest = max(brake.dead_time, brake.release_time)
-    if fit > 0.0 and not brake.dead_time - _DELAY <= found <= longest + _DELAY:
+    if own[delay] > 0.0 and not brake.dead_time - _DELAY <= found <= longest + _DELAY:
         yield Mistake(
             f"brakes: dead time is about {1e3 * found:.0f} ms",
             f"set brake.dead_time to {found:.2f}, or fit it by ./omni fit-brakes",
