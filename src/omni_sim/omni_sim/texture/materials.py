@@ -27,44 +27,33 @@ planks         boards of 50 mm with their grain along x between dark grooves
 =============  =====================================================================================
 """
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from omni_platform.quantities import FloatArray
 from omni_sim.texture import patterns
 
 Layers = list[patterns.Pattern]
+Range = tuple[float, float]
 
 _ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % binder is left
 
 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
-    cells = _per_period(size, 0.002)
-    gray = generator.normal(138.0, 26.0, (cells, cells)).clip(60.0, 210.0)
-    granules = patterns.Cells(
-        _jittered(generator, cells),
-        gray.astype(np.float32),
-        border_gray=70.0,
-        border=0.00012 * cells / size,
-        warp=np.zeros((2, 1, 1), np.float32),
-    )
-    octaves = ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0))
-    return [granules, *_octaves(size, generator, octaves)]
+    granules = _plates(size, generator, 0.002, ((138.0, 26.0), (60.0, 210.0)), (70.0, 0.00012))
+    return [
+        granules,
+        *_octaves(size, generator, ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0))),
+    ]
 
 
 def _stone(size: float, generator: np.random.Generator) -> Layers:
-    cells = _per_period(size, 0.012)
-    gray = generator.normal(132.0, 22.0, (cells, cells)).clip(70.0, 200.0)
-    waves = _per_period(size, 0.004)
-    pieces = patterns.Cells(
-        _jittered(generator, cells),
-        gray.astype(np.float32),
-        border_gray=62.0,
-        border=0.0006 * cells / size,
-        warp=generator.uniform(-0.08, 0.08, (2, waves, waves)).astype(np.float32),
-    )
+    grays, border = ((132.0, 22.0), (70.0, 200.0)), (62.0, 0.0006)
+    pieces = _plates(size, generator, 0.012, grays, border, warp=(0.08, 0.004))
     octaves = ((0.005, 10.0), (0.0015, 10.0), (0.0005, 9.0), (0.0002, 7.0))
     return [pieces, *_octaves(size, generator, octaves)]
 
@@ -94,20 +83,12 @@ def _wood(size: float, generator: np.random.Generator) -> Layers:
         _noise(size, generator, 0.012, 0.1, 0.0003 / size),
     )
     fibres = ((0.02, 0.2, 6.0), (0.0009, 0.07, 4.0), (0.0002, 0.04, 6.0))
-    count = round(40000.0 * size**2)
-    pores = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (count, 2)),
-            generator.uniform(0.0015, 0.0045, count) / size,
-            generator.uniform(0.02, 0.035, count),
-            generator.normal(0.0, 0.01, count),
-            generator.normal(106.0, 10.0, count),
-        )
-    )
+    shape = _Shape((0.0015, 0.0045), (0.02, 0.035), (106.0, 10.0), direction=0.01)
+    pores = _leaves(size, generator, 40000.0, shape, 0.00005)
     return [
         patterns.Rings(profile.astype(np.float32), bend),
         *(_noise(size, generator, *fibre) for fibre in fibres),
-        patterns.Leaves(pores, 0.00005 / size),
+        pores,
     ]
 
 
@@ -117,57 +98,35 @@ def _plastic(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _metal(size: float, generator: np.random.Generator) -> Layers:
-    return [
-        patterns.Plain(148.0),
-        _noise(size, generator, 0.03, 0.1, 1.0),
-        _noise(size, generator, 0.00035, 0.004, 2.0),
-        _noise(size, generator, 0.00018, 0.0015, 3.5),
-        _noise(size, generator, 0.00018, 0.00025, 3.5),
-    ]
+    sheet = [(0.03, 0.1, 1.0), (0.00035, 0.004, 2.0)]
+    sheet += [(0.00018, 0.0015, 3.5), (0.00018, 0.00025, 3.5)]
+    return [patterns.Plain(148.0), *(_noise(size, generator, *grain) for grain in sheet)]
 
 
 def _walking_tile(size: float, generator: np.random.Generator) -> Layers:
     cells = _per_period(size, 0.02)
     gray = generator.normal(150.0, 5.0, (cells, cells)).astype(np.float32)
-    pits = round(0.04 * size**2 / (math.pi * 0.00035**2))
-    holes = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (pits, 2)),
-            generator.uniform(0.0002, 0.0005, pits) / size,
-            generator.uniform(0.6, 1.0, pits),
-            generator.uniform(0.0, math.pi, pits),
-            generator.normal(92.0, 14.0, pits).clip(50.0, 130.0),
-        )
-    )
+    shape = _Shape((0.0002, 0.0005), (0.6, 1.0), (92.0, 14.0), (50.0, 130.0))
+    holes = _leaves(size, generator, 0.04 / (math.pi * 0.00035**2), shape, 0.00006)
     cell = size / cells
     return [
         patterns.Studs(gray, 98.0, 0.007 / cell, 0.0013 / cell, 0.0015 / cell, 38.0),
-        patterns.Leaves(holes, 0.00006 / size),
+        holes,
         *_octaves(size, generator, ((0.02, 4.0), (0.002, 5.0), (0.0006, 9.0), (0.00025, 7.0))),
     ]
 
 
 def _dry_earth(size: float, generator: np.random.Generator) -> Layers:
-    def plates(
-        spacing: float, crack: float, gray: tuple[float, float], crack_gray: float, *, darken: bool
-    ) -> patterns.Cells:
-        cells, waves = _per_period(size, spacing), _per_period(size, 0.3 * spacing)
-        shades = generator.normal(*gray, (cells, cells)).clip(90.0, 255.0)
-        return patterns.Cells(
-            _jittered(generator, cells),
-            shades.astype(np.float32),
-            border_gray=crack_gray,
-            border=crack * cells / size,
-            warp=generator.uniform(-0.14, 0.14, (2, waves, waves)).astype(np.float32),
-            darken=darken,
-        )
-
+    grays, limits = (146.0, 9.0), (90.0, 255.0)
+    plates = _plates(
+        size, generator, 0.026, (grays, limits), (20.0, 0.0016), warp=(0.14, 0.3 * 0.026)
+    )
+    cracks = _plates(
+        size, generator, 0.008, ((255.0, 0.0), limits), (75.0, 0.0006), warp=(0.14, 0.3 * 0.008)
+    )
     octaves = ((0.015, 7.0), (0.004, 6.0), (0.0012, 6.0), (0.0005, 7.0), (0.0002, 6.0))
-    return [
-        plates(0.026, 0.0016, (146.0, 9.0), 20.0, darken=False),
-        plates(0.008, 0.0006, (255.0, 0.0), 75.0, darken=True),
-        *_octaves(size, generator, octaves),
-    ]
+    darkening = dataclasses.replace(cracks, darken=True)
+    return [plates, darkening, *_octaves(size, generator, octaves)]
 
 
 def _worn_asphalt(size: float, generator: np.random.Generator) -> Layers:
@@ -204,46 +163,19 @@ def _sand(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _grass(size: float, generator: np.random.Generator) -> Layers:
-    count = round(1.6 * size**2 / (math.pi * 0.012**2 * 0.07))
-    blades = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (count, 2)),
-            generator.uniform(0.006, 0.02, count) / size,
-            generator.uniform(0.04, 0.1, count),
-            generator.uniform(0.0, math.pi, count),
-            generator.normal(105.0, 28.0, count).clip(30.0, 210.0),
-        )
-    )
+    shape = _Shape((0.006, 0.02), (0.04, 0.1), (105.0, 28.0), (30.0, 210.0))
+    blades = _leaves(size, generator, 1.6 / (math.pi * 0.012**2 * 0.07), shape, 0.0001)
     octaves = ((0.01, 6.0), (0.0006, 4.0), (0.0002, 3.0))
-    return [
-        patterns.Plain(40.0),
-        patterns.Leaves(blades, 0.0001 / size),
-        *_octaves(size, generator, octaves),
-    ]
+    return [patterns.Plain(40.0), blades, *_octaves(size, generator, octaves)]
 
 
 def _bark(size: float, generator: np.random.Generator) -> Layers:
-    count = round(1.2 * size**2 / (math.pi * 0.02 * 0.003))
-    furrows = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (count, 2)),
-            generator.uniform(0.008, 0.03, count) / size,
-            generator.uniform(0.06, 0.18, count),
-            generator.normal(0.0, 0.12, count),
-            generator.normal(60.0, 14.0, count).clip(20.0, 100.0),
-        )
-    )
-    ridges = (
-        (0.004, 0.03, 16.0),
-        (0.0012, 0.008, 12.0),
-        (0.0005, 0.002, 9.0),
-        (0.0003, 0.0003, 7.0),
-    )
-    return [
-        patterns.Plain(120.0),
-        patterns.Leaves(furrows, 0.0006 / size),
-        *(_noise(size, generator, *ridge) for ridge in ridges),
-    ]
+    shape = _Shape((0.008, 0.03), (0.06, 0.18), (60.0, 14.0), (20.0, 100.0), direction=0.12)
+    furrows = _leaves(size, generator, 1.2 / (math.pi * 0.02 * 0.003), shape, 0.0006)
+    ridges = [(0.004, 0.03, 16.0), (0.0012, 0.008, 12.0)]
+    ridges += [(0.0005, 0.002, 9.0), (0.0003, 0.0003, 7.0)]
+    noise = (_noise(size, generator, *ridge) for ridge in ridges)
+    return [patterns.Plain(120.0), furrows, *noise]
 
 
 def _brick(size: float, generator: np.random.Generator) -> Layers:
@@ -289,14 +221,41 @@ def _per_period(size: float, spacing: float) -> int:
     return max(1, round(size / spacing))
 
 
+class _Shape(NamedTuple):
+    """Distribution of ellipses.
+
+    Attributes:
+        radius: least and greatest long half axis [m].
+        ratio: least and greatest ratio of the axes [1].
+        gray: mean and standard deviation of the gray levels.
+        limits: limits of the gray levels.
+        direction: standard deviation of the direction from x [rad], infinite for any direction.
+    """
+
+    radius: Range
+    ratio: Range
+    gray: Range
+    limits: Range = (-math.inf, math.inf)
+    direction: float = math.inf
+
+
+def _leaves(
+    size: float, generator: np.random.Generator, density: float, shape: _Shape, softness: float
+) -> patterns.Leaves:
+    """Return ellipses with uniform radii, a number per area [1/m^2] and a soft edge [m]."""
+    place = generator.uniform(0.0, 1.0, (round(density * size**2), 2))
+    radius = generator.uniform(*shape.radius, len(place))
+    return _painted(size, generator, np.column_stack((place, radius / size)), shape, softness)
+
+
 def _stones(
     size: float,
     generator: np.random.Generator,
-    radii: tuple[float, float],
+    radii: Range,
     coverage: float,
-    gray: tuple[float, float],
+    gray: Range,
     flattest: float,
-    limits: tuple[float, float] = (20.0, 225.0),
+    limits: Range = (20.0, 225.0),
 ) -> patterns.Leaves:
     """Return ellipses of scale-invariant sizes: radii by the power law r^-3.
 
@@ -311,24 +270,60 @@ def _stones(
     """
     least, greatest = radii
     mean_area = 2.0 * math.pi * math.log(greatest / least) / (1.0 / least**2 - 1.0 / greatest**2)
-    count = round(coverage * size**2 / mean_area)
-    share = generator.uniform(size=count)
+    share = generator.uniform(size=round(coverage * size**2 / mean_area))
     radius = 1.0 / np.sqrt(1.0 / least**2 + share * (1.0 / greatest**2 - 1.0 / least**2))
-    leaves = np.column_stack(
-        (
-            generator.uniform(0.0, 1.0, (count, 2)),
-            radius / size,
-            generator.uniform(flattest, 1.0, count),
-            generator.uniform(0.0, math.pi, count),
-            generator.normal(*gray, count).clip(*limits),
-        )
+    places = np.column_stack((generator.uniform(0.0, 1.0, (len(radius), 2)), radius / size))
+    return _painted(size, generator, places, _Shape(radii, (flattest, 1.0), gray, limits), 0.0001)
+
+
+def _painted(
+    size: float,
+    generator: np.random.Generator,
+    places: FloatArray,
+    shape: _Shape,
+    softness: float,
+) -> patterns.Leaves:
+    """Return ellipses at places x, y with long half axes [periods], shape (n, 3)."""
+    ratio = generator.uniform(*shape.ratio, len(places))
+    if math.isinf(shape.direction):
+        direction = generator.uniform(0.0, math.pi, len(places))
+    else:
+        direction = generator.normal(0.0, shape.direction, len(places))
+    gray = generator.normal(*shape.gray, len(places)).clip(*shape.limits)
+    return patterns.Leaves(np.column_stack((places, ratio, direction, gray)), softness / size)
+
+
+def _plates(
+    size: float,
+    generator: np.random.Generator,
+    spacing: float,
+    gray: tuple[Range, Range],
+    border: Range,
+    warp: Range = (0.0, 1.0),
+) -> patterns.Cells:
+    """Return cells around points that are jittered on a grid.
+
+    Args:
+        size: period [m].
+        generator: generator of points, grays and warp.
+        spacing: spacing of the grid [m].
+        gray: mean and standard deviation of the gray levels, and limits.
+        border: gray level of the borders, and the distance over which they fade [m].
+        warp: largest displacement that bends the borders [cells], and spacing of its nodes [m].
+    """
+    cells, nodes = _per_period(size, spacing), _per_period(size, warp[1])
+    shades = generator.normal(*gray[0], (cells, cells)).clip(*gray[1])
+    points = generator.uniform(0.08, 0.92, (cells, cells, 2))
+    bend = np.zeros((2, 1, 1))
+    if warp[0] > 0.0:
+        bend = generator.uniform(-warp[0], warp[0], (2, nodes, nodes))
+    return patterns.Cells(
+        points.astype(np.float32),
+        shades.astype(np.float32),
+        border_gray=border[0],
+        border=border[1] * cells / size,
+        warp=bend.astype(np.float32),
     )
-    return patterns.Leaves(leaves, 0.0001 / size)
-
-
-def _jittered(generator: np.random.Generator, cells: int) -> NDArray[np.float32]:
-    """Return one point in every cell of a grid, as its place within the cell (cells, cells, 2)."""
-    return generator.uniform(0.08, 0.92, (cells, cells, 2)).astype(np.float32)
 
 
 def _octaves(
@@ -345,27 +340,17 @@ def _noise(
     spacing_x: float,
     deviation: float,
 ) -> patterns.Noise:
-    return patterns.Noise(_lattice(size, generator, spacing_y, spacing_x, deviation))
-
-
-def _lattice(
-    size: float,
-    generator: np.random.Generator,
-    spacing_y: float,
-    spacing_x: float,
-    deviation: float,
-) -> NDArray[np.float32]:
     """Return random values whose interpolation has a standard deviation.
 
     Args:
         size: period [m].
         generator: generator of the values.
         spacing_y: about the distance of two nodes along y [m].
-        spacing_x: the same along x.
+        spacing_x: about the distance of two nodes along x [m].
         deviation: deviation of the interpolated values.
     """
     cells = _per_period(size, spacing_y), _per_period(size, spacing_x)
-    lattice: NDArray[np.float64] = generator.uniform(-1.0, 1.0, cells)
+    lattice: FloatArray = generator.uniform(-1.0, 1.0, cells)
     # Uniform on +/- 1 has the variance 1/3; the interpolation keeps about 0.52 of it.
     lattice *= deviation * math.sqrt(3.0 / 0.52)
-    return lattice.astype(np.float32)
+    return patterns.Noise(lattice.astype(np.float32))
