@@ -168,13 +168,11 @@ class JointEstimator:
         evidence = rate(products, layout, removed, found)
         best = int(np.argmax(evidence))
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < _STATIC)
-        faint = evidence[best] < _LIKELY
-        drifts = len(static) > 0 and faint and evidence[static].max() > _RATIO * evidence[best]
-        if drifts or (evidence[best] < _NOISE and len(static)):
+        if evidence[best] < _NOISE and len(static):
             c = float(found[static[0]])
             own = coherent(products, layout, known, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
-        if faint:
+        if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
         # Neighboring lines do not part slow displacements, lines farther apart do.
         near = (abs(found - found[best]) < _RESOLVED) & (evidence > _RATIO * evidence[best])
