@@ -42,7 +42,7 @@ def measure() -> None:
     grains = np.random.default_rng(0).integers(0, 255, (400, 64)).astype(float)
     rolled = [np.roll(grains, (i, j), (0, 1)) for i in range(4) for j in range(4)]
     ground = np.mean(rolled, axis=0)
-    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors, flat_field_places=0))
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
     for batch in range(4):
         rows = range(10 * batch, 10 * batch + 10)  # 1 mm per line along x: 1 m/s
         along = np.array([ground[row : row + 64, 20] for row in rows]).astype(np.uint8)

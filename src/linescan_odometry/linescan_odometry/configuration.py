@@ -13,7 +13,7 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
-METHODS = ("checked_pairs", "pairs", "joint")
+METHODS = ("joint", "pairs")
 """Estimators of displacements by name."""
 
 
@@ -30,11 +30,10 @@ class OdometryConfiguration(Configuration):
         description="Optical-flow sensors on the platform, each of which counts as two cameras",
     )
     method: str = parameter(
-        "checked_pairs",
-        description="Estimator of displacements: `pairs`, pairs of lines and the median of section "
-        "4.4 alone; `checked_pairs`, the same with checks for fixed patterns, light and oblique "
-        "texture; `joint`, the likelihood of whole batches, more accurate and less well guarded "
-        "against oblique texture",
+        "joint",
+        description="Estimator of displacements: `joint`, the likelihood of whole batches together "
+        "with the fixed pattern of the camera; `pairs`, pairs of lines and the median of section "
+        "4.4 alone",
         choices=METHODS,
     )
     metric: str = parameter(
@@ -62,13 +61,6 @@ class OdometryConfiguration(Configuration):
         "the displacement before (section 4.6); 0 for none",
         minimum=0.0,
         maximum=100.0,
-    )
-    flat_field_places: int = parameter(
-        200,
-        description="Number of positions in the mean that estimates the fixed pattern (shading, "
-        "dirt, unequal pixels), by which lines are divided; 0 for no correction",
-        minimum=0,
-        maximum=100000,
     )
     flat_field_tables: str = parameter(
         "",
@@ -115,13 +107,6 @@ class OdometryConfiguration(Configuration):
         unit="m/s^2",
         minimum=0.0,
         maximum=1e6,
-    )
-    slow_displacement: float = parameter(
-        0.5,
-        description="Displacement per line below which the whole batch is spanned; 0 for never",
-        unit="px",
-        minimum=0.0,
-        maximum=10.0,
     )
     maximum_speed: float = parameter(
         20.0,

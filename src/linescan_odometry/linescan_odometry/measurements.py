@@ -64,13 +64,9 @@ class SensorReading:
         remark: what is wrong with the lines although they can be used; empty if nothing is.
         lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
         lasting: how alike they are, shifted, over how alike neighboring lines are [1].
-        batch_time: between the ends of the batch, where all its lines were matched together [s].
-        batch_lasting: how alike these are, over how alike neighboring lines are [1].
-        batch_oblique_variance: variance of the velocity if what lasts is grain [m^2/s^2].
         direction_variance: part of the variance from the direction of the ground [m^2/s^2].
         structures: number of independent structures of the ground in the view.
-        unlike: whether the camera sees something whose lines do not match, or not as a ground does;
-            of a measured one, that only its consecutive lines match.
+        unlike: whether the camera sees something whose lines do not match, or not as a ground does.
     """
 
     velocity: float
@@ -83,9 +79,6 @@ class SensorReading:
     remark: str = ""
     lasting_time: float = 0.0
     lasting: float = 0.0
-    batch_time: float = 0.0
-    batch_lasting: float = 0.0
-    batch_oblique_variance: float = math.inf
     direction_variance: float = 0.0
     structures: float = math.inf
     unlike: bool = False
@@ -134,19 +127,15 @@ class FlowReading:
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
     """A batch yields no velocity; contains the unmeasured reading with the reason."""
 
-    def __init__(
-        self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False, open: bool = False
-    ) -> None:
+    def __init__(self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False) -> None:
         """Store the reason.
 
         Args:
             reason: why there is no velocity.
             inlier_share: of pairs that could be used.
             unlike: whether the lines of a ground are unlike each other.
-            open: whether all lines together may still give the displacement.
         """
         super().__init__(reason)
-        self.open = open
         reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
         self.reading = dataclasses.replace(reading, unlike=unlike)
 

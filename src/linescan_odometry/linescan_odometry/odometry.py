@@ -1,9 +1,9 @@
 """Line-scan odometry: batches of lines from line cameras to the twist of the platform.
 
-Each sensor's displacements come from a full search refined to sub-pixel accuracy, pass a median
-filter and become a velocity along the sensor's axis; weighted least squares turn these into the
-twist. The twist is the mean over the batch: while the platform accelerates it lags by half the
-duration of a batch, 5 ms at 100 batches per second (0.05 m/s at 10 m/s^2).
+The lines of each sensor become a velocity along its axis, by one of two methods; weighted least
+squares turn these into the twist. The twist is the mean over the batch: while the platform
+accelerates it lags by half the duration of a batch, 5 ms at 100 batches per second (0.05 m/s at
+10 m/s^2).
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from linescan_odometry.measurements import (
     SensorReading,
     TwistEstimate,
 )
-from linescan_odometry.method_sensor import MethodOdometry
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import monitors
 from linescan_odometry.twist.least_squares import TwistSolver
@@ -87,12 +86,9 @@ class LineScanOdometry:
                 field cannot be used.
         """
         self._configuration = configuration
-        kind: type[SensorOdometry | MethodOdometry] = (
-            SensorOdometry if configuration.method == "checked_pairs" else MethodOdometry
-        )
         try:
             self._sensors = {
-                name: kind(sensor, configuration, _tables(configuration, name))
+                name: SensorOdometry(sensor, configuration, _tables(configuration, name))
                 for name, sensor in configuration.sensors.items()
             }
         except LineBatchError as error:
@@ -151,9 +147,7 @@ class LineScanOdometry:
         if self._covers is None or self._grain is None:
             return self._estimate(readings, measured)
         readings |= self._covers.stopped(self._stamp_ns, readings)
-        readings |= self._grain.trust.weighed(readings)
         estimate = self._estimate(readings, measured)
-        self._grain.trust.remember(estimate.readings)
         if estimate.measured:
             self._covers.remember(self._stamp_ns, estimate.twist)
             self._grain.remember(self._stamp_ns, estimate.twist)

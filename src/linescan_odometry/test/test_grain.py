@@ -18,6 +18,7 @@ PIXELS, BATCH, RATE = 256, 25, 2500.0
 CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)
 LINE_PITCH = 0.0005  # m across from one row of the ground to the next
 ROWS = int(CAMERA.width / LINE_PITCH)
+SHIFT = 1  # px per line: without one, a fixed pattern of the camera would be as alike
 
 Ground = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
@@ -43,10 +44,11 @@ def verdicts(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorReading
     keyframe, grain = Keyframe(PIXELS), Grain({"eye": CAMERA})
     noise = np.random.default_rng(6)
     seen = ground(np.rint(way / LINE_PITCH).astype(np.int64))
+    seen = np.array([np.roll(line, -SHIFT * k) for k, line in enumerate(seen)])
     lines = np.rint(seen + noise.normal(0.0, 1.0, seen.shape)).clip(0, 255).astype(np.uint8)
     for end in range(BATCH, len(way), BATCH):
         stamp_ns = round(1e9 * end / RATE)
-        age, lasting = keyframe.compare(stamp_ns, 1e9 / RATE, lines[end - BATCH : end + 1], 0.0)
+        age, lasting = keyframe.compare(stamp_ns, 1e9 / RATE, lines[end - BATCH : end + 1], SHIFT)
         reading = dataclasses.replace(
             SensorReading(0.0, 1e-6, 1.0, 1.0, True), lasting_time=age, lasting=lasting
         )

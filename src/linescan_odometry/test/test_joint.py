@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.spectra import whiten
 from linescan_odometry.measurements import LineBatch
-from linescan_odometry.method_sensor import MethodOdometry
 from linescan_odometry.odometry import LineScanOdometry
+from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor, sensor_matrix
 
 Expose = Callable[..., Any]
@@ -147,7 +148,7 @@ def test_a_stuck_pixel_leaves_a_coarse_ground_at_rest_measured(expose: Expose) -
     sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
     lines = moved(expose, 0.0, grain=6.0)
     lines[:, 100] = 0
-    reading = MethodOdometry(sensor, _with_others(sensor)).update(LineBatch(10**9, lines))
+    reading = SensorOdometry(sensor, _with_others(sensor)).update(LineBatch(10**9, lines))
     assert reading.measured, reading.reason
     assert abs(reading.velocity) < 5.0 * math.sqrt(reading.variance) < 0.01
 
@@ -162,9 +163,21 @@ def test_gradients_far_below_the_noise_are_not_measured(expose: Expose) -> None:
     assert reasons == ["", "low texture"]
 
 
+def test_defective_pixels_are_interpolated_and_only_they(expose: Expose) -> None:
+    sound = moved(expose, 7.0, grain=8.0)
+    assert without_defects(sound) is sound
+    broken = sound.copy()
+    broken[:, 40], broken[:, 100], broken[:, 101] = 0, 255, 250
+    mended = without_defects(broken)
+    assert np.abs(mended.astype(int) - sound)[:, [40, 100, 101]].max() < 40
+    others = np.setdiff1d(np.arange(PIXELS), [40, 100, 101])
+    assert np.array_equal(mended[:, others], sound[:, others])
+    assert broken[0, 40] == 0  # the camera's own memory is left alone
+
+
 def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:
     sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
-    camera = MethodOdometry(sensor, _with_others(sensor))
+    camera = SensorOdometry(sensor, _with_others(sensor))
     still = np.repeat(expose([0.0], PIXELS), LINES, axis=0)
     assert camera.update(LineBatch(10**9, still)).reason.startswith("frozen")
     half = moved(expose, 4.0)

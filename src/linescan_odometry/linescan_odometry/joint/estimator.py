@@ -81,7 +81,11 @@ class _Choice(NamedTuple):
 
 
 class JointEstimator:
-    """Estimates displacements and the fixed pattern of a camera."""
+    """Estimates displacements and the fixed pattern of a camera.
+
+    Attributes:
+        pattern: of the camera, as estimated so far.
+    """
 
     def __init__(
         self,
@@ -103,7 +107,7 @@ class JointEstimator:
         self._taper = window(pixels)
         self._tables = {1: log_table(8), 2: log_table(16)}
         self._weight = band_pass(self._size, self._bins)
-        self._pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
+        self.pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
 
     def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
         """Estimate the displacement of a batch.
@@ -118,7 +122,7 @@ class JointEstimator:
         table = self._tables[lines.itemsize]
         spectra = spectra_of(lines, table, self._taper, size)
         products = correlate(spectra)
-        known = shrink(*self._pattern)
+        known = shrink(*self.pattern)
         kappa = np.arange(m) - 0.5 * (m - 1)
         found = find(products, layout, known, self._weight, last)
         if not len(found):
@@ -134,8 +138,8 @@ class JointEstimator:
             if parted:
                 paths = d * kappa + a * 0.5 * kappa**2
                 information, batch = observe(spectra, removed, paths, size)
-                together = self._pattern.information + information
-                before = self._pattern.precision + prior(together, self._pattern.precision + batch)
+                together = self.pattern.information + information
+                before = self.pattern.precision + prior(together, self.pattern.precision + batch)
                 pattern = posterior(together, before + batch)
             rest = without(lines, table, pattern, self._taper, size)
             precision = Precision(before, batch)
@@ -226,7 +230,7 @@ class JointEstimator:
     def _learn(self, information: Spectrum, precision: Doubles) -> None:
         """Update the pattern by a batch; the weight of earlier batches decays."""
         kept = np.float32(1.0 - 1.0 / _MEMORY)
-        before = self._pattern
-        self._pattern = FixedPattern(
+        before = self.pattern
+        self.pattern = FixedPattern(
             before.information * kept + information, before.precision * kept + precision
         )

@@ -9,6 +9,7 @@ is shrunk by the variance beyond its own error.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,12 @@ class FixedPattern(NamedTuple):
 
     information: Spectrum
     precision: Doubles
+
+    def deviation(self, pixels: int) -> float:
+        """Return the standard deviation over a line of n pixels, of relative gains [1]."""
+        power = np.abs(shrink(self.information, self.precision)) ** 2
+        # Of a line padded to twice its length, each frequency counts twice (Parseval).
+        return math.sqrt(float(power.sum()) / pixels**2)
 
 
 @kernel

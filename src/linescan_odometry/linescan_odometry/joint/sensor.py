@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.fixed_pattern import FixedPattern
 from linescan_odometry.measurements import Displacement, Lines, Unmeasured
 from linescan_odometry.plausibility import Plausibility
-from linescan_odometry.view.still import without_defects
 from omni_platform.sensors import LineSensor
 
 _ACCELERATION = 15.0  # m/s^2, usual deviation: a hard stop on a dry road is 10
@@ -23,16 +24,20 @@ class JointMethod:
         self,
         sensor: LineSensor,
         configuration: OdometryConfiguration,
+        pattern: FixedPattern | None = None,
     ) -> None:
         """Prepare the estimator.
 
         Args:
             sensor: the camera.
             configuration: of the odometry.
+            pattern: of an earlier drive; None without.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
         self.estimator = JointEstimator(sensor.pixels, configuration.shift_limit(sensor), change)
+        if pattern is not None:
+            self.estimator.pattern = pattern
         self._last = math.nan
 
     def reset(self) -> None:

@@ -95,31 +95,6 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def effective_places(overlaps: Overlaps, weight: FloatArray) -> float:
-    """Return the effective number of blocks with the gradients of a match.
-
-    Args:
-        overlaps: of the pairs, see `mean_variance`.
-        weight: of each pair, zero for excluded ones, shape (m,).
-
-    Returns:
-        Mean over the pairs of ``1 / sum_b (P_ib / P_i)^2``: 1 for a match by a single edge.
-    """
-    total, count = 0.0, 0
-    for pair in range(len(weight)):
-        if weight[pair] == 0.0:
-            continue
-        whole, squares = 0.0, 0.0
-        for part in range(overlaps.parts[pair]):
-            p = overlaps.sums[pair, part, 3]
-            whole += p
-            squares += p * p
-        total += whole * whole / squares if squares > 0.0 else 0.0
-        count += 1
-    return total / count if count > 0 else 0.0
-
-
-@njit(cache=True, error_model="numpy")
 def _variance(overlaps: Overlaps, weight: FloatArray, blocks: _Blocks) -> float:
     """Return the variance; `blocks` receives the sums over the pairs."""
     _add_pairs(overlaps, weight, blocks)

@@ -66,11 +66,6 @@ class PairMatcher:
         usable = (similarity >= self._minimum_correlation) & np.isfinite(variance)
         return PairDisplacements(displacement, variance, similarity, usable)
 
-    @property
-    def places(self) -> float:
-        """Effective number of positions in the match of the last mean; 1 for a single edge."""
-        return self._refiner.places
-
     def mean_variance(self, displacement: FloatArray, weight: FloatArray) -> float:
         """Return the variance of a weighted mean of the pairs matched last [px^2].
 

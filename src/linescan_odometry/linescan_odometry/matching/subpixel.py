@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.matching.mean_variance import Overlaps, effective_places, mean_variance
+from linescan_odometry.matching.mean_variance import Overlaps, mean_variance
 from linescan_odometry.matching.smoothed_peak import smoothed_peak
 from linescan_odometry.measurements import Lines
 from omni_platform.kernels import kernel, njit
@@ -75,12 +75,7 @@ def kernel_sigma(pixels: int) -> float:
 
 
 class SubpixelRefiner:
-    """Refines the integer shifts of consecutive lines, with working memory.
-
-    Attributes:
-        places: effective number of positions with the gradients of the pairs of the last
-            `mean_variance`.
-    """
+    """Refines the integer shifts of consecutive lines, with working memory."""
 
     def __init__(self, pixels: int, recovery: int = 0) -> None:
         """Prepare for one sensor.
@@ -92,7 +87,6 @@ class SubpixelRefiner:
         """
         self._pixels = pixels
         self._recovery = recovery
-        self.places = 0.0
         self._sigma = kernel_sigma(pixels)
         self._ground_block = max(4, pixels // _GROUND_BLOCKS)
         self._shift = np.empty(0, np.int64)  # of the pairs refined last, with recovered peaks
@@ -145,8 +139,7 @@ class SubpixelRefiner:
             displacement: as refined [px], shape (m,).
             weight: of each in the mean, zero for excluded ones, sum 1, shape (m,).
         """
-        square: float
-        square, self.places = _weigh(
+        square: float = _weigh(
             self._centered, self._shift, self._filters, self._sums, self._ground_block,
             displacement, weight,
         )  # fmt: skip
@@ -234,8 +227,8 @@ def _weigh(
     ground_block: int,
     displacement: NDArray[np.float64],
     weight: NDArray[np.float64],
-) -> tuple[float, float]:
-    """Return the variance of a weighted mean [px^2], and its effective number of positions."""
+) -> float:
+    """Return the variance of a weighted mean [px^2]."""
     pairs = len(weight)
     cut = _Layout(
         np.empty(pairs, np.int64), np.full(pairs, ground_block), np.empty(pairs, np.int64),
@@ -244,7 +237,8 @@ def _weigh(
     _lay_out(centered.shape[1], shift, displacement, weight, cut)
     _filter_and_sum(centered, shift, filters, cut.lead, cut.block, sums)
     overlaps = Overlaps(sums, cut.length, cut.parts, cut.number)
-    return mean_variance(overlaps, weight), effective_places(overlaps, weight)
+    variance: float = mean_variance(overlaps, weight)
+    return variance
 
 
 @njit(cache=True, error_model="numpy")

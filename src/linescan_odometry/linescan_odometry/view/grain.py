@@ -18,9 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines, SensorReading
-from linescan_odometry.view.sharp import steps
-from linescan_odometry.view.structures import pull
-from linescan_odometry.view.trust import Trust
 from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
@@ -33,6 +30,7 @@ _GAP_NS = 50_000_000  # between two twists, over which nothing is known of the w
 _CONFIRMED_NS = 50_000_000  # after a twist, over which a ground is the same
 _LONGEST = 1.0  # s, that a view is remembered
 _LOST = 0.35  # correlation below which nothing of a view is left
+_LEAST_SHIFT = 8.0  # px, below which a fixed pattern looks like an oblique texture
 _SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # px that are compared
@@ -41,23 +39,22 @@ _FAR_ENOUGH = 0.5  # share of both from which the test is possible
 _EXCESS = 0.35  # of correlation over that of a ground without grain
 _CLEAR_EXCESS = 0.65  # the same, seen only once
 _USUAL_EXCESS = 0.2
-_LOST_TOO_SOON = 0.65  # of correlation, less than what the motion leaves; 0.45 is usual
 _PULL = 0.5  # of the velocity across the axis, along it, by an excess of 1
 _SLOWEST = 0.03  # m/s across, below which grain does no harm
+_MANY = 38.0  # structures of the ground, from which their pulls cancel
+_PULL_OF_ONE = 0.06  # of the velocity across the axis, along it, by a single structure
 
 
 class Keyframe:
     """Stores an earlier line of one camera, and compares newer ones with it."""
 
-    def __init__(self, pixels: int, least_shift: float = 0.0) -> None:
+    def __init__(self, pixels: int) -> None:
         """Start with nothing to compare with.
 
         Args:
             pixels: n of a line.
-            least_shift: below which a fixed pattern of the camera may be as alike [px].
         """
-        self._least_shift = least_shift
-        self._step, _ = steps(pixels)
+        self._step = 4 if pixels > 512 else 2  # px: detail below is noise
         self._gradient: Floats | None = None
         self._stamp_ns = 0
         self._shift = 0.0
@@ -79,7 +76,7 @@ class Keyframe:
 
         Returns:
             Age of the stored line [s], and the correlation of the gradients at the shift in
-            between, over that of neighboring lines; 0 below the least shift.
+            between, over that of neighboring lines; 0 if they have hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -102,7 +99,7 @@ class Keyframe:
         likeness = max(0.0, far) / max(near, _EXCESS)
         if likeness < _LOST:
             self._gradient = None  # a ground that repeats itself would come again
-        if abs(self._shift) < self._least_shift:
+        if abs(self._shift) < _LEAST_SHIFT:
             return 0.0, 0.0
         return 1e-9 * (stamp_ns - self._stamp_ns), likeness
 
@@ -196,7 +193,6 @@ class Grain:
             sensors: the cameras by name.
         """
         self._sensors = sensors
-        self.trust = Trust(sensors)
         # Across (to the left of) each camera's axis.
         self._rows = {
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
@@ -277,39 +273,24 @@ class Grain:
             across = float(self._rows[name] @ twist)
             speed = abs(across)
             lasting = self._sensors[name].width + _STONE
-            way, likeness = speed * reading.batch_time, reading.batch_lasting
-            of_batch = way > _FAR_ENOUGH * lasting
-            if not of_batch:
-                way = self._way(name, stamp_ns, reading.lasting_time, across)
-                likeness = reading.lasting
-            share = pull(reading.structures) * self.trust.growth(name, reading)
+            way = self._way(name, stamp_ns, reading.lasting_time, across)
+            share = _pull(reading.structures)
             if way > _FAR_ENOUGH * lasting:
-                excess = likeness - max(0.0, 1.0 - way / lasting)
+                excess = reading.lasting - max(0.0, 1.0 - way / lasting)
                 # Once it may be chance, of the few pieces of ground in a line.
                 lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
-                if likeness != lasting_before:  # a reading is repeated with its variance
+                if reading.lasting != lasting_before:  # a reading is repeated with its variance
                     self._excess[name] = min(excess, excess_before)
-                    self._before[name] = likeness, excess
+                    self._before[name] = reading.lasting, excess
                 least = self._excess.get(name, 0.0)
                 share = max(share, _PULL * (least - _USUAL_EXCESS))
                 self._found.pop(name, None)
                 if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
                         f"grain: {1e3 * way:.3g} mm across the axis the view is still "
-                        f"{100.0 * likeness:.0f} % alike"
+                        f"{100.0 * reading.lasting:.0f} % alike"
                     )
-            kept = 1.0 - speed * reading.batch_time / self._sensors[name].width
-            if reading.batch_time > 0.0 and kept - max(reading.batch_lasting, 0.0) > _LOST_TOO_SOON:
-                misled[name] = SensorReading.unmeasured(
-                    f"the view changes faster than it moves: {100.0 * reading.batch_lasting:.0f} % "
-                    f"alike after {1e3 * speed * reading.batch_time:.3g} mm across the axis",
-                    reading.correlation,
-                )
-                continue
             direction = (share * speed) ** 2
-            if of_batch and name in self._found and math.isfinite(reading.batch_oblique_variance):
-                del self._found[name]  # the rest of the texture gives the motion too
-                direction = reading.batch_oblique_variance
             if direction > 2.0 * reading.direction_variance:
                 misled[name] = dataclasses.replace(
                     reading,
@@ -319,3 +300,12 @@ class Grain:
             if name in self._found and speed > _SLOWEST:
                 misled[name] = reading.refuted(self._found[name])
         return misled
+
+
+def _pull(structures: float) -> float:
+    """Return the standard deviation of the velocity along the axis per velocity across it [1].
+
+    In motion across the axis every oblique edge of the ground also shifts along it. With many
+    structures these errors cancel; with the few stones of a cobbled road they do not.
+    """
+    return _PULL_OF_ONE * max(0.0, 1.0 - structures / _MANY)

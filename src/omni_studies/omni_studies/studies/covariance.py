@@ -4,9 +4,8 @@ Three line cameras on a circle, along its tangents. The error squared of the twi
 expectation from the covariance, has the mean 1 for a correct covariance. Speeds are shares of the
 largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are comparable.
 
-Cross-validation over grounds: a variance factor for pair matches and one for whole-batch estimates
-are fitted on all grounds but one, and evaluated on that one. The odometry itself has no factor for
-the latter.
+Cross-validation over grounds: a factor on the variances is fitted on all grounds but one, and
+evaluated on that one. The odometry itself has no factor.
 """
 
 import dataclasses
@@ -83,11 +82,10 @@ class Case:
         """Errors squared over their expectation, of all batches."""
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
-    def squares_of(self, *, together: bool) -> NDArray[np.float64]:
-        """Errors squared of single cameras over their variances, for one kind of match."""
-        return np.concatenate(
-            [trial.ratio[trial.together == together] ** 2 for trial in self.trials]
-        )
+    @property
+    def squares_of_cameras(self) -> NDArray[np.float64]:
+        """Errors squared of single cameras over their variances."""
+        return np.concatenate([trial.ratio**2 for trial in self.trials])
 
     @property
     def mean(self) -> float:
@@ -135,7 +133,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     left_out = _leave_one_out(cases)
     study.figure("covariance.png", _draw(cases))
     header: tuple[str, ...] = (
-        "ground", "factor_pairs", "factor_together", "normalized_error_squared", "coverage",
+        "ground", "factor", "normalized_error_squared", "coverage",
     )  # fmt: skip
     study.table("left_out.csv", header, ((kind, *values) for kind, values in left_out.items()))
     header = (
@@ -148,39 +146,33 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 class LeftOut(NamedTuple):
-    """Evaluation of variance factors from all other grounds on one ground.
+    """Evaluation of the variance factor of all other grounds on one ground.
 
     Attributes:
-        pairs: factor on the variances of pair matches from the other grounds [1].
-        together: factor on the variances of whole-batch estimates from the other grounds [1].
+        factor: on the variances, from the other grounds [1].
         squared: mean error squared of single cameras over these variances on this ground [1].
         coverage: share of errors within 1.96 standard deviations [%].
     """
 
-    pairs: float
-    together: float
+    factor: float
     squared: float
     coverage: float
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """For each ground, fit the variance factors on the others and evaluate them on it."""
-    found: dict[str, list[NDArray[np.float64]]] = {}
+    """Fit the variance factor on all grounds but one, and evaluate it on that one, for each."""
+    found: dict[str, NDArray[np.float64]] = {}
     for kind in dict.fromkeys(case.ground for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]
         if own:
-            found[kind] = [
-                np.concatenate([case.squares_of(together=how) for case in own])
-                for how in (False, True)
-            ]
+            found[kind] = np.concatenate([case.squares_of_cameras for case in own])
     left_out = {}
     for kind, own_squares in found.items():
-        others = [squares for other, squares in found.items() if other != kind]
-        pairs, together = (_fitted([squares[how] for squares in others]) for how in range(2))
-        left = np.concatenate([own_squares[0] / pairs, own_squares[1] / together])
+        factor = _fitted([squares for other, squares in found.items() if other != kind])
+        left = own_squares / factor
         if len(left):
             covered = 100.0 * float(np.mean(left <= _WITHIN_95**2))
-            left_out[kind] = LeftOut(pairs, together, float(left.mean()), covered)
+            left_out[kind] = LeftOut(factor, float(left.mean()), covered)
     return left_out
 
 

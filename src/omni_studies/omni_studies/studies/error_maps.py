@@ -25,6 +25,7 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
 from omni_studies.line_trials import tables, view_grid
 from omni_studies.line_trials.figures import Scale, draw_error_maps, view_lengths
+from omni_studies.line_trials.integrity_trials import DEVIATIONS
 from omni_studies.line_trials.options import LineOptions, TextureOptions
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
@@ -48,7 +49,7 @@ _SPEEDS = (5.0, *(float(speed) for speed in range(10, 201, 10)))  # m/s, of Figu
 _LENGTHS = tuple(0.01 * i for i in range(1, 11))  # m, of Figure 62
 _SHIFT_LIMIT = 0.5  # overlap at the shift limit n / k, k = 2
 _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
-_ERROR = 0.01  # of the speed, beyond which a velocity is wrong
+_ERROR = 0.01  # of the speed, beyond which an error beyond 4 deviations is wrong
 
 Found = list[tuple[Motion, Matches]]
 
@@ -332,7 +333,12 @@ def _odometry(
     twist = view_grid.SPEED * np.array([math.cos(angle), math.sin(angle), 0.0])
     readings = [odometry.update(seen["camera"]) for seen in rig.drive(start, twist, batches=40)]
     measured = [reading for reading in readings if reading.measured]
-    wrong = [r for r in measured if abs(r.velocity - twist[0]) > _ERROR * view_grid.SPEED]
+    wrong = [
+        r
+        for r in measured
+        if abs(r.velocity - twist[0])
+        > max(_ERROR * view_grid.SPEED, DEVIATIONS * math.sqrt(r.variance))
+    ]
     case = "_".join(key)
     return {
         f"odometry_measured_share.{case}": Metric(len(measured) / len(readings), "1"),

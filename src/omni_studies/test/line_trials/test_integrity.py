@@ -42,10 +42,11 @@ def test_steps_of_the_dark_signal_do_not_bias_fast_motion_over_a_faint_ground() 
 
 
 @pytest.mark.parametrize("fault", ["dirt_spots", "shadow_fixed"])
-def test_a_camera_that_sees_dirt_alone_does_not_confirm_oblique_texture(fault: str) -> None:
+def test_a_camera_that_sees_dirt_alone_rarely_confirms_oblique_texture(fault: str) -> None:
     ground = Ground("planks", texels=4096)
-    tally = drive_over(ground, {fault: FAULTS[fault]}, range(4, 5), 20, 1)[fault]
-    assert not tally.undetected.any()
+    tally = drive_over(ground, {fault: FAULTS[fault]}, range(4, 16), 20, 1)[fault]
+    assert tally.available > 0.02
+    assert tally.undetected.mean() < 0.01
 
 
 def test_fault_free_lines_are_measured(tallies: dict[str, Tally]) -> None:

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from omni_platform.quantities import BoolArray, FloatArray
+from omni_platform.quantities import FloatArray
 from omni_platform.sensors import sensor_matrix
 from omni_tools.line_trials.rig import PERIOD, Rig
 
@@ -22,7 +22,6 @@ class TwistTrial:
         measured: share of the batches that were measured, 0..1.
         ratio: error of each camera's velocity along its axis over the stated deviation, of every
             batch that it measured, shape (k,).
-        together: whether the whole-batch estimate was used, shape (k,).
     """
 
     twist: FloatArray
@@ -30,7 +29,6 @@ class TwistTrial:
     covariance: FloatArray
     measured: float
     ratio: FloatArray
-    together: BoolArray
 
     @property
     def error(self) -> FloatArray:
@@ -66,7 +64,7 @@ def drive(
     odometry = LineScanOdometry(configuration)
     odometry.update(rig.expose(start, twist, {name: np.arange(1) for name in sensors}))
     truth = dict(zip(sensors, sensor_matrix(sensors) @ twist, strict=True))
-    estimates, covariances, ratios, together = [], [], [], []
+    estimates, covariances, ratios = [], [], []
     for batch in rig.drive(start, twist, batches, first=1):
         estimate = odometry.update(batch)
         if estimate.measured:
@@ -75,12 +73,10 @@ def drive(
         for name, reading in estimate.readings.items():
             if reading.measured:
                 ratios.append((reading.velocity - truth[name]) / math.sqrt(reading.variance))
-                together.append(reading.batch_time > 0.0)
     return TwistTrial(
         twist,
         np.array(estimates).reshape(-1, 3),
         np.array(covariances).reshape(-1, 3, 3),
         len(estimates) / batches,
         np.array(ratios),
-        np.array(together, np.bool_),
     )

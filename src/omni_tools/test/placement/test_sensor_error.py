@@ -19,11 +19,11 @@ VIEW = View(256, 0.05, 0.02, 1000.0)
             "more --noise or a higher --speed, so that the lines change",
         ),
         (
-            "cork", 0.1, 100.0, "--ground", "no match: ",
+            "cork", 0.1, 100.0, "--ground", "low texture",
             "another --ground, another --type or less --noise",
         ),
         (
-            "metal", 7.5, 1.0, "--ground", "no match: ",
+            "metal", 7.5, 1.0, "--ground", "low texture",
             "another --ground, another --type, a lower --speed or less --noise",
         ),
     ],

@@ -21,12 +21,12 @@ from omni_platform.configuration import ConfigurationError, parameter
 from omni_tools.line_files.options import FileOptions, camera_files
 
 if TYPE_CHECKING:
+    from linescan_odometry.configuration import OdometryConfiguration
+    from linescan_odometry.joint.fixed_pattern import FixedPattern
     from linescan_odometry.measurements import LineBatch, Lines
-    from linescan_odometry.view.flat_field import FlatField
+    from linescan_odometry.references import References
 
 WORK = "averaging lines"
-
-_PLACES = 200  # of the mean of a drive, as the odometry's own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,9 +58,11 @@ def run(options: Options, workspace: Workspace) -> Report:
         raise ConfigurationError("--dark", "nothing is given: neither --dark, --white nor --drive")
     batches: dict[str, list[LineBatch]] = {}
     cameras = library.sensors(options.sensors)
+    odometry = None
     if options.drive is not None:
         bag = open_vehicle(options.drive)
-        cameras = replay_configuration(bag, library, None, ()).odometry.sensors
+        odometry = replay_configuration(bag, library, None, ()).odometry
+        cameras = odometry.sensors
         batches = read_batches(bag, cameras)
     files = {
         kind: camera_files(given, cameras, options.sensors, f"--{kind}")
@@ -70,16 +72,21 @@ def run(options: Options, workspace: Workspace) -> Report:
         kind: {n: read_lines(path, options.cut, options.raw) for n, path in own.items()}
         for kind, own in files.items()
     }
-    fields = {}
+    tables = {}
     for name, camera in cameras.items():
-        references = lines["dark"].get(name), lines["white"].get(name)
-        field = _field(name, camera.pixels, references, batches.get(name, []))
-        if field is not None:
-            fields[name] = field
+        dark, white = lines["dark"].get(name), lines["white"].get(name)
+        given = [part for part in (dark, white) if part is not None]
+        if given or name in batches:
+            pixels = camera.pixels if name in batches else given[0].shape[1]
+            tables[name] = _references(name, pixels, dark, white)
     options.out.mkdir(parents=True, exist_ok=True)
-    for name, field in fields.items():
-        field.save(options.out / f"{name}.npz")
-    rows = {name: _quantities(field) for name, field in fields.items()}
+    for name, references in tables.items():
+        file = options.out / f"{name}.npz"
+        references.save(file)
+        if odometry is not None and name in batches:
+            references.pattern = _pattern_of(odometry, name, batches[name], file)
+            references.save(file)
+    rows = {name: _quantities(references) for name, references in tables.items()}
     text = [
         f"{name}: "
         + ", ".join(f"{key.replace('_', ' ')} {v:.3g} {u}" for key, (v, u) in row.items())
@@ -96,41 +103,41 @@ def run(options: Options, workspace: Workspace) -> Report:
     )
 
 
-def _field(
-    name: str,
-    pixels: int,
-    references: tuple[Lines | None, Lines | None],
-    batches: Sequence[LineBatch],
-) -> FlatField | None:
-    """Return the tables of a camera from dark lines, white lines and a drive; None if not given."""
+def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None) -> References:
+    """Return the references of a camera from dark and white lines, either of which may be None."""
     from linescan_odometry.measurements import LineBatchError
-    from linescan_odometry.view.flat_field import FlatField
+    from linescan_odometry.references import References
 
-    given = [part for part in references if part is not None]
-    if not given and not batches:
-        return None
-    field = FlatField(pixels if batches else given[0].shape[1], _PLACES)
-    if given:
-        try:
-            field.take_references(*references)
-        except LineBatchError as error:
-            key = "--dark" if references[1] is None else "--white"
-            raise ConfigurationError(key, f"{name}: {error}") from None
+    references = References(pixels)
+    try:
+        references.take(dark, white)
+    except LineBatchError as error:
+        key = "--dark" if white is None else "--white"
+        raise ConfigurationError(key, f"{name}: {error}") from None
+    return references
+
+
+def _pattern_of(
+    odometry: OdometryConfiguration, name: str, batches: Sequence[LineBatch], tables: Path
+) -> FixedPattern | None:
+    """Return the fixed pattern of a camera that the odometry estimates over a drive."""
+    from linescan_odometry.sensor import SensorOdometry
+
+    camera = SensorOdometry(odometry.sensors[name], odometry, tables)
     for batch in batches:
-        if batch.lines.shape[1:] == (pixels,):
-            field.apply(batch.lines)
-    return field
+        camera.update(batch)
+    return camera.pattern
 
 
-def _quantities(field: FlatField) -> dict[str, tuple[float, str]]:
+def _quantities(references: References) -> dict[str, tuple[float, str]]:
     """Return the figures of a camera's tables, as (value, unit)."""
-    dark, white = field.references
-    gain = 1.0 / white
+    dark, pattern = references.dark, references.pattern
+    gain = 1.0 / references.gain
+    still = 0.0 if pattern is None else pattern.deviation(len(dark))
     return {
         "dark_level": (float(dark.mean()), "gray levels"),
         "dark_spread": (float(dark.std()), "gray levels"),
         "gain_spread": (100.0 * float(gain.std() / gain.mean()), "%"),
-        "still_spread": (100.0 * float(np.std(field.profile)) if field.places else 0.0, "%"),
-        "places": (float(field.places), "1"),
-        "blind_pixels": (float(np.count_nonzero(field.blind)), "1"),
+        "pattern_spread": (100.0 * still, "%"),
+        "dead_pixels": (float(np.count_nonzero(references.dead)), "1"),
     }

@@ -1,0 +1,113 @@
+"""References of one camera: dark signal, gain of each pixel, and the fixed pattern of a drive.
+
+Lines of a covered camera give the dark signal, lines of an even white surface the gains. Lines are
+corrected by both before they are measured; pixels that receive hardly any light are interpolated.
+Dirt, shadows and mud, which no reference contains, are estimated with the displacement. Of these
+the file may hold the estimate from an earlier drive, with which the estimator starts.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from linescan_odometry.joint.fixed_pattern import FixedPattern
+from linescan_odometry.measurements import LineBatchError, Lines
+from omni_platform.quantities import FloatArray
+
+_STRONGEST = 4.0  # gain; a pixel that needs more counts as dead
+
+
+class References:
+    """Corrects the lines of one camera by its references.
+
+    Attributes:
+        dark: dark signal [gray levels], shape (n,).
+        gain: of each pixel [1], shape (n,).
+        dead: whether each pixel is interpolated, shape (n,).
+        pattern: fixed pattern of an earlier drive; None without.
+    """
+
+    def __init__(self, pixels: int) -> None:
+        """Start without references.
+
+        Args:
+            pixels: n of a line.
+        """
+        self.dark: FloatArray = np.zeros(pixels)
+        self.gain: FloatArray = np.ones(pixels)
+        self.dead: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
+        self.pattern: FixedPattern | None = None
+
+    def take(self, dark: Lines | None, white: Lines | None) -> None:
+        """Make references from lines of a covered camera and of an even white surface.
+
+        Args:
+            dark: lines without light [gray levels], shape (m, n); None for no dark signal.
+            white: lines of an evenly lit surface, shape (m, n); None for equal gains.
+
+        Raises:
+            LineBatchError: another number of pixels, or white is no brighter than dark.
+        """
+        pixels = len(self.dark)
+        for lines in (dark, white):
+            if lines is not None and lines.shape[1:] != (pixels,):
+                raise LineBatchError(
+                    f"references have lines of {pixels} px, not of shape {lines.shape}"
+                )
+        self.dark = np.zeros(pixels) if dark is None else dark.mean(axis=0)
+        if white is not None:
+            light = white.mean(axis=0) - self.dark
+            if light.mean() <= 0.0:
+                raise LineBatchError("the white reference is no brighter than the dark one")
+            relative = light / light.mean()
+            self.dead = relative < 1.0 / _STRONGEST
+            self.gain = 1.0 / np.maximum(relative, 1.0 / _STRONGEST)
+
+    def save(self, path: Path) -> None:
+        """Write the references to a file of numpy (.npz)."""
+        none = FixedPattern(np.zeros(0, np.complex64), np.zeros(0))
+        pattern = none if self.pattern is None else self.pattern
+        np.savez(path, dark=self.dark, gain=self.gain, dead=self.dead, **pattern._asdict())
+
+    def load(self, path: Path) -> None:
+        """Read references that `save` wrote.
+
+        Raises:
+            LineBatchError: they are invalid, or of a camera with another number of pixels.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                tables = dict(file)
+            dark, gain, dead = (tables[name] for name in ("dark", "gain", "dead"))
+            pattern = FixedPattern(tables["information"], tables["precision"])
+        except (OSError, ValueError, KeyError) as error:
+            raise LineBatchError(f"{path} holds no tables of a camera: {error}") from None
+        if len(dark) != len(self.dark):
+            raise LineBatchError(
+                f"{path} is of {len(dark)} px, this camera has {len(self.dark)} px"
+            )
+        self.dark, self.gain, self.dead = dark, gain, dead
+        self.pattern = pattern if len(pattern.precision) else None
+
+    def correct(self, lines: Lines) -> Lines:
+        """Return lines less the dark signal times the gains, 16 bit; the same without references.
+
+        A gain of 1 uses a quarter of the range, so that no gain saturates a pixel.
+
+        Args:
+            lines: m lines of n pixels, shape (m, n).
+        """
+        if not self.dark.any() and (self.gain == 1.0).all():
+            return lines
+        scale = 64.0 if lines.dtype == np.uint8 else 0.25
+        light = (lines - self.dark) * (scale * self.gain)
+        if self.dead.any():
+            place = np.arange(len(self.dead))
+            sound = ~self.dead
+            for row in light:
+                row[self.dead] = np.interp(place[self.dead], place[sound], row[sound])
+        corrected: Lines = np.rint(light).clip(0.0, 65535.0).astype(np.uint16)
+        return corrected
