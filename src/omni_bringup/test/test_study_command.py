@@ -13,10 +13,11 @@ from omni_studies.study import StudyResult
 
 
 def printed(result: StudyResult) -> list[str]:
-    console = Console(width=80, file=io.StringIO())
+    shown = io.StringIO()
+    console = Console(width=80, file=shown)
     for part in _text(result):
         console.print(part)
-    return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return shown.getvalue().splitlines()
 
 
 def test_a_table_of_80_columns_breaks_no_name_of_a_case() -> None:

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -25,8 +26,9 @@ def lost(speed: float) -> float:
     return speed / RADIUS
 
 
-def stop(vehicle: Vehicle, time: float, pedal: float = 1.0, enable: object = None) -> None:
-    enable = np.ones(4) if enable is None else enable
+def stop(
+    vehicle: Vehicle, time: float, pedal: float = 1.0, enable: ArrayLike = (1.0, 1.0, 1.0, 1.0)
+) -> None:
     vehicle.advance(round(time / STEP), pedal, enable, (SPEED, 0.0, 0.0))
 
 

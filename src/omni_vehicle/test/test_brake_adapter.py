@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from omni_platform.brakes import PROPORTIONAL, SPRING, TORQUE, VELOCITY
 from omni_platform.configuration import ConfigurationError
 from omni_vehicle.brake_adapter import (
     KINDS,
-    PROPORTIONAL,
-    SPRING,
-    TORQUE,
-    VELOCITY,
     BrakeAdapter,
     BrakeAdapterConfiguration,
     WheelDemand,
