@@ -31,7 +31,7 @@ def measure() -> None:
     from omni_platform.sensors import LineSensor
 
     def camera(x: float, y: float, heading_deg: float) -> LineSensor:
-        view = {"pixels": 64, "length": 0.064, "width": 0.002, "line_rate": 1000.0}
+        view = {"pixels": 256, "length": 0.256, "width": 0.002, "line_rate": 1000.0}
         return LineSensor(x=x, y=y, heading_deg=heading_deg, **view)  # type: ignore[arg-type]
 
     sensors = {
@@ -39,13 +39,13 @@ def measure() -> None:
         "right": camera(0.0, -0.2, 0.0),
         "front": camera(0.3, 0.0, 90.0),
     }
-    grains = np.random.default_rng(0).integers(0, 255, (400, 64)).astype(float)
+    grains = np.random.default_rng(0).integers(0, 255, (400, 256)).astype(float)
     rolled = [np.roll(grains, (i, j), (0, 1)) for i in range(4) for j in range(4)]
     ground = np.mean(rolled, axis=0)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
     for batch in range(4):
         rows = range(10 * batch, 10 * batch + 10)  # 1 mm per line along x: 1 m/s
-        along = np.array([ground[row : row + 64, 20] for row in rows]).astype(np.uint8)
+        along = np.array([ground[row : row + 256, 20] for row in rows]).astype(np.uint8)
         across = np.array([ground[row] for row in rows]).astype(np.uint8)
         views = {"left": along, "right": along, "front": across}
         stamp_ns = 10_000_000 * (batch + 1)
