@@ -45,7 +45,7 @@ def test_what_does_not_suffice_is_refused(
         ((tmp_path / "none",), "none"),
         ((bag, "--vehicle", "three_wheel"), "three_wheel"),
         ((bag, bag), "given twice"),
-        ((bag,), "so that the wheels do not lock"),  # they lock faster than the cameras' average
+        ((bag, "--vehicle", "table_2_mecanum"), "check that the recordings are of this vehicle"),
     ):
         assert omni(*arguments, "--out", out) == 2
         assert reason in capsys.readouterr().err
