@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 
 from omni_process import WORKSPACE, omni
@@ -53,6 +54,30 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     assert found <= explained
     assert set(run_metrics(RUN)) <= explained | {f"brake_switchings.{w}" for w in RUN.wheel_names}
     assert set(study_names()) <= explained
+
+
+def test_docstrings_name_what_exists() -> None:
+    """``module.name`` in a docstring begins with a name that the code has."""
+    sources = sorted((WORKSPACE / "src").glob("*/*/**/*.py"))
+    names = {part for path in sources for part in (*path.parts, path.stem)}
+    docstrings = []
+    for path in sources:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names |= {
+                name
+                for field in ("id", "attr", "arg", "name", "module")
+                for name in str(getattr(node, field, "")).split(".")
+            }
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                docstrings.append((path, str(node.value.value)))
+    dotted = re.compile(r"`([a-z_]\w*)\.[\w.]+`")
+    unknown = {
+        (str(path.relative_to(WORKSPACE)), name[0])
+        for path, text in docstrings
+        for name in dotted.finditer(text)
+        if name[1] not in names
+    }
+    assert not unknown
 
 
 def test_the_safety_case_has_the_marks_of_the_tests() -> None:

@@ -65,7 +65,7 @@ class LineCamera:
             sensor: mounting and field of view.
             texture: the ground.
             configuration: its exposure.
-            key: key of its noise, see `line_exposure.noise_key`.
+            key: key of its noise, see `exposure.noise_key`.
         """
         self.sensor = sensor
         self._seen = seen(sensor, configuration)

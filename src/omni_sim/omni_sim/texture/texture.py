@@ -1,7 +1,7 @@
 """Grounds: periodic gray-level pictures of known physical size.
 
 Procedural materials (`materials`), all seamless when tiled, at any resolution, and
-the user's own scan or photo (`ground_picture`).
+the user's own scan or photo (`picture`).
 """
 
 import dataclasses

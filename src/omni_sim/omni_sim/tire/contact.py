@@ -57,7 +57,7 @@ def _turning_point(viscous: float, gain: float, curve: Any, falling: float, risi
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; arguments and result as `tire_model.contact_friction`.
+    """Solve the contact equation; arguments and result as `model.contact_friction`.
 
     Args:
         demand: [N].

@@ -102,7 +102,7 @@ class TireModel:
         largest_load: configuration to the load [N] at which the model ends.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
         force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
-        contact: kernel as `contact_friction`; `rising_falling.solve_contact` serves any model
+        contact: kernel as `contact_friction`; `contact.solve_contact` serves any model
             whose curve also has ``steepest_slip`` and ``steepest_fall``.
         fit: how it is fitted to measurements.
     """

@@ -30,7 +30,7 @@ def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
     """Return the curve over normalized slip in a direction; also inside kernels.
 
     Args:
-        active: curve along the roller's axis, from `tire_model.curve_at`.
+        active: curve along the roller's axis, from `model.curve_at`.
         passive: curve across it.
         q: unit vector of the normalized slip, active and passive component [1].
 

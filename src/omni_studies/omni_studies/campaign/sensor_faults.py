@@ -181,7 +181,8 @@ class FaultyStops:
     def fingerprint(self) -> str:
         """Digest of everything that the stops depend on besides their seeds."""
         bases = [to_mapping(base) for base in self._bases.values()]
-        text = json.dumps([bases, EXTENTS, SEARCH_SHARE, SEARCH_STEPS])
+        drawn = [EXTENTS, SEARCH_SHARE, SEARCH_STEPS, KINDS, _SIZES, _SHARES, _BRAKES]
+        text = json.dumps([bases, drawn, [_CHANNELS[imu] for imu in (True, False)]])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def __call__(self, seed: int) -> Stop:

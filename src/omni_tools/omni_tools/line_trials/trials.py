@@ -94,7 +94,7 @@ class Matches:
         return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
 
     def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
-        """Return the errors under `displacement_errors.ERROR_COLUMNS`.
+        """Return the errors under `errors.ERROR_COLUMNS`.
 
         Args:
             view: field of view of the camera.

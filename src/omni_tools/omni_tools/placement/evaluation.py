@@ -31,7 +31,7 @@ class EvaluatedPlacement:
         by_motion: E in each motion alone [m/s].
         without: E without each camera [m/s], infinite if the others are singular, shape (N,).
         condition: condition number of the sensor matrix in SI units.
-        spread_deg: angle by which the axes spread, see `placement_error.closeness` [deg].
+        spread_deg: angle by which the axes spread, see `error.closeness` [deg].
         lever: effective lever for the yaw rate [m].
         singular: why the odometry refuses it, empty if it does not.
         mounting: why it cannot be mounted on the chassis, empty if it can.

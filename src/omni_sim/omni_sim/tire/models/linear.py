@@ -36,7 +36,7 @@ class LinearParameters(NamedTuple):
 
 
 class LinearCurve(NamedTuple):
-    """A curve at one load; see `tire_model.Curve`."""
+    """A curve at one load; see `model.Curve`."""
 
     slope: float
     peak_slip: float
@@ -65,7 +65,7 @@ def force_at(curve: LinearCurve, slip: float) -> tuple[float, float]:
 def contact(
     demand: float, damping: float, gain: float, speed: float, curve: LinearCurve, _sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation in closed form; see `tire_model.contact_friction`."""
+    """Solve the contact equation in closed form; see `model.contact_friction`."""
     if curve.peak_force <= 0.0:
         return 0.0, demand / damping, False
     slip = demand / (damping * speed + gain * curve.slope)

@@ -88,7 +88,7 @@ class MagicFormulaParameters(NamedTuple):
 
 
 class MagicFormulaCurve(NamedTuple):
-    """A curve at one load; see `tire_model.Curve` and `rising_falling.solve_contact`.
+    """A curve at one load; see `model.Curve` and `contact.solve_contact`.
 
     ``scale`` is B [1], ``shape`` C and ``curvature`` E.
     """
