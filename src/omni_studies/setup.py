@@ -5,4 +5,4 @@ import sys
 sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
-install(data=["claims.yaml"])
+install(data=["claims.yaml", "limits.yaml"])

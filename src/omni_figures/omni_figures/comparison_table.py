@@ -14,10 +14,8 @@ from rich.text import Text
 
 from omni_loop.metrics import Metric
 
-_SMALL = 0.2  # [m] below which lengths are shown in millimeters
 _DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
-_ANY_WIDTH = 10_000  # more than any table needs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +43,7 @@ class ComparisonTable:
             for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
                 shown = {name: self.metrics_by_variant[name] for name in left[:count]}
                 table = _table(shown, title, folded=folded)
-                needed = console.measure(table, options=options.update(width=_ANY_WIDTH)).minimum
+                needed = console.measure(table, options=options.update(width=10_000)).minimum
                 if needed <= options.max_width:
                     break
             yield table
@@ -100,7 +98,7 @@ def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric |
     known = [entry for entry in entries if entry is not None]
     unit = known[0].unit if known else ""
     lengths = [abs(entry.value) for entry in known if math.isfinite(entry.value)]
-    if unit != "m" or not lengths or not 0.0 < max(lengths) < _SMALL:
+    if unit != "m" or not lengths or not 0.0 < max(lengths) < 0.2:
         return unit, list(entries)
     return "mm", [None if entry is None else _times(entry, 1000.0, "mm") for entry in entries]
 

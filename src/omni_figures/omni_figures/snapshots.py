@@ -16,13 +16,8 @@ from omni_loop.history import RunHistory
 from omni_loop.metrics import RestCriterion
 from omni_platform.quantities import FloatArray
 
-_MOST_BETWEEN = 5
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
 _SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, the best first
-# Arrows shorter than this are omitted, in lengths of the chassis.
-_SHORTEST_ARROW = 0.1
-# Least distance of an arrow's tip or of a load from other snapshots, in lengths of the chassis.
-_CLEARANCE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +51,11 @@ class _Span:
 
 
 def choose_snapshots(
-    scene: Scene, histories: Mapping[str, RunHistory], rest: RestCriterion, arrow_scale: float
+    scene: Scene,
+    histories: Mapping[str, RunHistory],
+    rest: RestCriterion,
+    arrow_scale: float,
+    most: int = 7,
 ) -> dict[str, Snapshots]:
     """Choose the snapshots of every variant.
 
@@ -65,13 +64,14 @@ def choose_snapshots(
         histories: runs by variant, at least one.
         rest: when a vehicle counts as stopped.
         arrow_scale: length of the velocity arrow over speed [m / (m/s)].
+        most: largest number of them.
     """
     spans = {name: _span(history, rest) for name, history in histories.items()}
     longest = max(spans.values(), key=lambda span: float(span.traveled[-1]))
     step = next((s for s in _STEPS if 20.0 * s <= longest.duration), _STEPS[-1])
     choices = [
         _free_instants(scene, longest, _equal_distances(longest, count, step), step, arrow_scale)
-        for count in range(_MOST_BETWEEN + 1)
+        for count in range(most - 1)
     ]
     common = max(choices, key=len)
     return {
@@ -81,7 +81,7 @@ def choose_snapshots(
 
 
 def velocity_arrow(
-    scene: Scene, history: RunHistory, index: int, arrow_scale: float
+    scene: Scene, history: RunHistory, index: int, arrow_scale: float, shortest: float = 0.1
 ) -> FloatArray | None:
     """Return tail and tip of a snapshot's velocity arrow in `odom` [m], shape (2, 2).
 
@@ -90,19 +90,20 @@ def velocity_arrow(
         history: its run.
         index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
+        shortest: length of the shortest arrow, in lengths of the chassis.
 
     Returns:
         None where the vehicle is too slow for an arrow.
     """
     tail = history.pose[index, :2]
     arrow = arrow_scale * history.velocity_world[index]
-    if np.hypot(*arrow) <= _SHORTEST_ARROW * scene.chassis_length:
+    if np.hypot(*arrow) <= shortest * scene.chassis_length:
         return None
     return np.array([tail, tail + arrow])
 
 
 def snapshot_outlines(
-    scene: Scene, history: RunHistory, index: int, arrow_scale: float
+    scene: Scene, history: RunHistory, index: int, arrow_scale: float, clearance: float = 0.1
 ) -> list[FloatArray]:
     """Return the outlines of a snapshot: chassis, wheels, load arm and velocity arrow.
 
@@ -111,6 +112,7 @@ def snapshot_outlines(
         history: its run.
         index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
+        clearance: distance of an arrow's tip or of a load from others, in lengths of the chassis.
 
     Returns:
         Corners of each, or both ends, in `odom` [m], shape (4, 2) or (2, 2).
@@ -121,7 +123,7 @@ def snapshot_outlines(
     for line in (arm, velocity_arrow(scene, history, index, arrow_scale)):
         if line is not None:
             along = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
-            tip = line[1] + _CLEARANCE * scene.chassis_length * along
+            tip = line[1] + clearance * scene.chassis_length * along
             outlines.append(np.array([line[0], tip]))
     return outlines
 

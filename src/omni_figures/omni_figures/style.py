@@ -23,13 +23,12 @@ BLACK, GRAY, PALE = "#222222", "#8A8A8A", "#DDDDDD"
 # Neighbors differ in lightness too.
 WHEEL_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
-DOTS_PER_INCH = 100
-
 matplotlib.rcParams.update(
     matplotlib.rc_params_from_file(
         Path(__file__).with_name("omni.mplstyle"), use_default_template=False
     )
 )
+PAGE_WIDTH: float = matplotlib.rcParams["figure.figsize"][0]  # [in]
 
 
 def wheel_color(index: int) -> str:
@@ -116,5 +115,5 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
         with matplotlib.rc_context({"svg.hashsalt": "omni"}):
             figure.savefig(target, metadata={"Date": None})
     else:
-        figure.savefig(target, dpi=DOTS_PER_INCH, metadata={"Software": None})
+        figure.savefig(target, metadata={"Software": None})
     return target

@@ -20,26 +20,23 @@ from omni_figures import style
 from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
-_WIDTH, _MARGINS = 14.0, 1.6  # of the figure, and above, below and between its rows [inch]
 _ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
-_STRIP = 0.22  # height of one wheel's brake [inch]
 _V_X, _V_Y, _YAW_RATE = style.BLUE, style.ORANGE, style.GREEN
 _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
-_BEFORE = 0.3  # shown before the start of braking [s]
-# A panel gets its own scale if it would fill less than this share of the common one, provided
-# that there is anything to see.
-_HIDDEN_SHARE, _LEAST_SPAN = 0.125, 1e-3  # [1], [m/s] or [rad/s]
 _OWN_SCALE = "#FFF7DC"  # background
 
 Limits = tuple[float, float]
 
 
-def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figure:
+def time_series(
+    histories: Mapping[str, RunHistory], *, title: str = "", before: float = 0.3
+) -> Figure:
     """Draw velocities, errors and brake enables of every variant over time.
 
     Args:
         histories: runs by variant, in the order of the columns.
         title: printed above the columns.
+        before: time that is shown before the start of braking [s].
 
     Raises:
         ValueError: there is no history.
@@ -48,9 +45,9 @@ def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figu
         raise ValueError("time series need at least one history")
     wheels = list(dict.fromkeys(name for h in histories.values() for name in h.wheel_names))
     runs = list(histories.values())
-    scales = _choose_scales(runs)
-    heights = (*_ROWS, _STRIP * len(wheels))
-    size = (_WIDTH, sum(heights) + _MARGINS)
+    scales = _choose_scales(runs, before)
+    heights = (*_ROWS, 0.22 * len(wheels))
+    size = (style.PAGE_WIDTH, sum(heights) + 1.6)  # with margins
     x = [f"{style.time_label([history])} [s]" for history in runs]
     y = ("velocity [m/s]", "yaw rate [rad/s]", "error $s_i$ [m/s]", "")
     figure, grid = style.panels(
@@ -65,7 +62,7 @@ def time_series(histories: Mapping[str, RunHistory], *, title: str = "") -> Figu
         _draw_brakes(panels[3], history, wheels)
         for axes in panels if history.brake_start is not None else ():
             axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
-    _set_scales(columns, runs, scales)
+    _set_scales(columns, runs, scales, before)
     _add_legends(columns[-1], wheels)
     return figure
 
@@ -111,9 +108,9 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
         axes.fill_between(edges, row + 0.35, top, where=drawn, step="post", **look)
 
 
-def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
+def _choose_scales(histories: Sequence[RunHistory], before: float) -> list[list[Limits]]:
     """Return the limits of velocity, yaw rate and error, each one value per history."""
-    shown = [h.braking_time >= -_BEFORE for h in histories]
+    shown = [h.braking_time >= -before for h in histories]
     pairs = list(zip(histories, shown, strict=True))
     return [
         _row_scales([h.twist[i, :2] for h, i in pairs], [h.estimate[i, :2] for h, i in pairs]),
@@ -122,13 +119,25 @@ def _choose_scales(histories: Sequence[RunHistory]) -> list[list[Limits]]:
     ]
 
 
-def _row_scales(shown: Sequence[FloatArray], noisy: Sequence[FloatArray]) -> list[Limits]:
-    """Return a common scale, and separate scales for panels that it would make unreadable."""
+def _row_scales(
+    shown: Sequence[FloatArray],
+    noisy: Sequence[FloatArray],
+    share: float = 0.125,
+    least: float = 1e-3,
+) -> list[Limits]:
+    """Return a common scale, and separate scales for panels that it would make unreadable.
+
+    Args:
+        shown: values of each panel.
+        noisy: values of each panel whose outliers may be cut off.
+        share: a panel has its own scale if it would fill less of the common one than this [1].
+        least: smallest range that has its own scale [m/s] or [rad/s].
+    """
     common = _limits(shown, noisy)
     scales = []
     for place, values in enumerate(shown):
         known = np.append(values[np.isfinite(values)], 0.0)
-        hidden = _LEAST_SPAN < np.ptp(known) < _HIDDEN_SHARE * (common[1] - common[0])
+        hidden = least < np.ptp(known) < share * (common[1] - common[0])
         low, high = _limits([values], noisy[place : place + 1]) if hidden else common
         # A scale of its own leaves room to say so.
         scales.append((low, high + (0.15 * (high - low) if hidden else 0.0)))
@@ -139,9 +148,10 @@ def _set_scales(
     columns: Sequence[Sequence[Axes]],
     histories: Sequence[RunHistory],
     scales: Sequence[Sequence[Limits]],
+    before: float,
 ) -> None:
     """Set the limits, and label scales that differ from that of the panel to the left."""
-    first = max(-_BEFORE, min(float(h.braking_time[0]) for h in histories))
+    first = max(-before, min(float(h.braking_time[0]) for h in histories))
     last = max(float(h.braking_time[-1]) for h in histories)
     for place, panels in enumerate(columns):
         for axes in panels:

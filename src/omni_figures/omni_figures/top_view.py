@@ -23,12 +23,6 @@ from omni_loop.history import RunHistory
 from omni_loop.metrics import RestCriterion, run_metrics
 from omni_platform.quantities import FloatArray
 
-_WIDTH, _GREATEST_HEIGHT, _LEAST_PANEL = 14.0, 10.0, 1.3  # [inch]
-_LEGEND_COLUMNS = 7
-_LABEL_POINTS, _LABEL_WIDTH, _LABEL_HEIGHT = 9.0, 0.55, 0.2  # the last two in [inch]
-# The arrow of the greatest speed, in lengths of the chassis.
-_LONGEST_ARROW = 0.9
-
 
 @dataclasses.dataclass(frozen=True)
 class _View:
@@ -46,6 +40,7 @@ def top_view(
     *,
     title: str = "",
     rest: RestCriterion | None = None,
+    arrow: float = 0.9,
 ) -> Figure:
     """Draw snapshots of every variant's braking from above.
 
@@ -54,6 +49,7 @@ def top_view(
         histories: runs by variant, in the order of the panels.
         title: printed above the panels.
         rest: when a vehicle counts as stopped.
+        arrow: length of the arrow of the greatest speed, in lengths of the chassis.
 
     Raises:
         ValueError: there is no history.
@@ -62,7 +58,7 @@ def top_view(
         raise ValueError("a top view needs at least one history")
     criterion = rest or RestCriterion()
     greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
-    arrow_scale = _LONGEST_ARROW * scene.chassis_length / greatest if greatest > 0.0 else 0.0
+    arrow_scale = arrow * scene.chassis_length / greatest if greatest > 0.0 else 0.0
     snapshots = choose_snapshots(scene, histories, criterion, arrow_scale)
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
@@ -93,8 +89,19 @@ def _choose_view(
     histories: Mapping[str, RunHistory],
     snapshots: Mapping[str, Snapshots],
     arrow_scale: float,
+    height: float = 10.0,
+    lowest: float = 1.3,
 ) -> _View:
-    """Frame all snapshots of all variants and find the largest scale that fits the page."""
+    """Frame all snapshots of all variants and find the largest scale that fits the page.
+
+    Args:
+        scene: vehicle and ground.
+        histories: runs by variant.
+        snapshots: their snapshots.
+        arrow_scale: length of an arrow over the speed [m / (m/s)].
+        height: of all panels [in].
+        lowest: height of a panel at least [in].
+    """
     points = []
     for name, history in histories.items():
         indices = list(snapshots[name].indices)
@@ -108,33 +115,36 @@ def _choose_view(
     side_by_side = bool(span[1] > span[0]) and len(histories) > 1
     columns, rows = (len(histories), 1) if side_by_side else (1, len(histories))
     # What axes, titles and legend leave of the page.
-    room = np.array([(_WIDTH - 1.0 - 0.3 * (columns - 1)) / columns, _GREATEST_HEIGHT / rows])
+    width = (style.PAGE_WIDTH - 1.0 - 0.3 * (columns - 1)) / columns
+    room = np.array([width, height / rows])
     # Labels stand on the left of platforms that move up the page, else above them.
-    label = np.array([_LABEL_WIDTH, 0.0] if side_by_side else [0.0, _LABEL_HEIGHT])
+    label = np.array([0.55, 0.0] if side_by_side else [0.0, 0.2])
     scale = float(np.min((room - label) / span))
     low, high = low - (label * [1, 0]) / scale, high + (label * [0, 1]) / scale
     # What the scale leaves free becomes ground, so that every panel fills its place.
-    wanted = np.array([room[0], max(_LEAST_PANEL, (high - low)[1] * scale)])
+    wanted = np.array([room[0], max(lowest, (high - low)[1] * scale)])
     slack = np.maximum(wanted / scale - (high - low), 0.0)
     return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
 
 
-def _lay_out(view: _View, count: int, handles: Sequence[Any], title: str) -> tuple[Figure, Any]:
-    """Return a figure with equal panels and its legend."""
+def _lay_out(
+    view: _View, count: int, handles: Sequence[Any], title: str, entries: int = 7
+) -> tuple[Figure, Any]:
+    """Return a figure with equal panels and its legend, which has some entries in a row."""
     width, height = (view.high - view.low) * view.inches_per_meter
     rows, columns = (1, count) if view.side_by_side else (count, 1)
-    legend = 0.25 * math.ceil(len(handles) / _LEGEND_COLUMNS)
+    legend = 0.25 * math.ceil(len(handles) / entries)
     total = rows * (height + (1.3 if view.side_by_side else 0.38)) + 1.1 + legend
+    size = style.PAGE_WIDTH, total
     figure, grid = style.panels(
-        title, rows, columns, size=(_WIDTH, total), x="x [m]", y="y [m]", sharex=True, sharey=True
+        title, rows, columns, size=size, x="x [m]", y="y [m]", sharex=True, sharey=True
     )
     (left, lower), (right, upper) = view.low, view.high
     grid[0, 0].set(xlim=(left, right), ylim=(lower, upper))
     for axes in grid.flat:
         axes.set_aspect("equal")
         axes.xaxis.set_major_locator(MaxNLocator(max(int(width * 1.2), 2), prune="both"))
-    columns = min(_LEGEND_COLUMNS, len(handles))
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(entries, len(handles)))
     return figure, grid.flat
 
 
@@ -149,10 +159,14 @@ def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str
 
 
 def _label_snapshots(
-    axes: Axes, covered: Sequence[Sequence[FloatArray]], labels: Sequence[str], view: _View
+    axes: Axes,
+    covered: Sequence[Sequence[FloatArray]],
+    labels: Sequence[str],
+    view: _View,
+    points: float = 9.0,
 ) -> None:
-    """Write each label next to its snapshot without overlap."""
-    line = _LABEL_POINTS / 72.0 / view.inches_per_meter  # [m]
+    """Write each label next to its snapshot without overlap, in a size [points]."""
+    line = points / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
     for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
@@ -167,7 +181,7 @@ def _label_snapshots(
                 taken.append(box)
                 halo = [Stroke(linewidth=3, foreground="white"), Normal()]
                 x, y = center.tolist()
-                look: dict[str, Any] = {"fontsize": _LABEL_POINTS, "path_effects": halo}
+                look: dict[str, Any] = {"fontsize": points, "path_effects": halo}
                 axes.text(x, y, label, ha="center", va="center", zorder=20, **look)
                 break
 

@@ -1,6 +1,7 @@
-"""Claims about the metrics of a study: a sentence, an expression and a comparison each.
+"""Claims about the metrics of a study, and the limits of these metrics.
 
-They are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
+Limits are in ``limits.yaml``, by study and name. Claims, a sentence, an expression and a comparison
+each, are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
 ``quantity`` all of its cases, and ``of(quantity, "pattern")`` those whose names match; ``min``,
 ``max``, ``mean``, ``abs`` and ``zip`` are known. A claim about metrics that a run does not have,
 such as those of another ground, is omitted.
@@ -70,8 +71,18 @@ _FUNCTIONS: dict[str, Any] = {
 
 
 @functools.cache
-def _claims() -> Any:
-    return yaml.safe_load((files(__package__) / "claims.yaml").read_text(encoding="utf-8"))
+def _read(name: str) -> Any:
+    return yaml.safe_load((files(__package__) / name).read_text(encoding="utf-8"))
+
+
+def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
+    """Return the metrics of a study with their limits; arguments as of `evaluate`."""
+    limits = _read("limits.yaml").get(study, {})
+    chosen: dict[str, Any] = {
+        name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})
+        for name in metrics
+    }
+    return {name: dataclasses.replace(metric, **chosen[name]) for name, metric in metrics.items()}
 
 
 def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
@@ -89,7 +100,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
         quantity, _, case = name.partition(".")
         names.setdefault(quantity, _Cases())[case] = metric.value
     claims = []
-    for row in _claims().get(study, ()):
+    for row in _read("claims.yaml").get(study, ()):
         try:
             value = float(eval(row["value"], {"__builtins__": {}, **_FUNCTIONS}, names))
         except (KeyError, NameError):

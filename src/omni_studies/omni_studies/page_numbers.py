@@ -42,7 +42,6 @@ from typing import Any, NamedTuple
 Numbers = Mapping[str, Mapping[str, float | None]]
 """Values of metrics by study and name."""
 
-_TOLERANCE = 0.02
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
 _EACH = re.compile(r"^each: (.*)\n(.*)$", re.MULTILINE)
@@ -165,13 +164,13 @@ def _cells(table: Path) -> Iterator[tuple[str, float]]:
                     yield f"{table.stem}.{_word(first)}_{_word(head)}", float(cell)
 
 
-def outdated(place: Place, old: float | None, new: float | None) -> bool:
-    """Return whether a stored number differs from the measured one by more than the tolerance."""
+def outdated(place: Place, old: float | None, new: float | None, tolerance: float = 0.02) -> bool:
+    """Return whether a stored number differs from the measured one by more than a tolerance [1]."""
     if old is None or new is None:
         return old is not new
     digits = re.search(r"\.(\d+)f", place.form)
     step = 10.0 ** -int(digits[1]) if digits else 0.0
-    return not math.isclose(old, new, rel_tol=_TOLERANCE, abs_tol=step * 1.0001)
+    return not math.isclose(old, new, rel_tol=tolerance, abs_tol=step * 1.0001)
 
 
 def main() -> int:

@@ -23,7 +23,7 @@ from omni_figures import data_table, style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric, results_entry
 from omni_platform import configuration, plugins
-from omni_studies.claims import Claim, evaluate
+from omni_studies.claims import Claim, evaluate, limited
 from omni_tools.campaign.runner import CampaignOptions, Row, Work, run_campaign
 
 _STUDIES = "omni_studies.studies"
@@ -150,7 +150,7 @@ def load_study(name: str) -> Study:
 
 
 def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, dict[str, Any]]:
-    """Run a study, evaluate its claims and write ``summary.json``.
+    """Run a study, apply its limits, evaluate its claims and write ``summary.json``.
 
     Args:
         name: one of `study_names`.
@@ -161,7 +161,8 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
         Its results, and the written document.
     """
     result = load_study(name).run(options, study)
-    result = dataclasses.replace(result, claims=evaluate(name, result.metrics))
+    bounded = limited(name, result.metrics)
+    result = dataclasses.replace(result, metrics=bounded, claims=evaluate(name, bounded))
     metrics = {key: results_entry(metric) for key, metric in result.metrics.items()}
     document: dict[str, Any] = {"name": name, "metrics": metrics}
     if result.claims:

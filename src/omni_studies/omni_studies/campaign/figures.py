@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_studies.campaign.robustness import DISTANCE_FACTOR, ORIENTATION_LIMIT, Outcome
+from omni_studies.campaign.robustness import ALLOWED, Outcome
 
 _TITLES = {
     "mecanum_forklift": "Mecanum, four wheels",
@@ -27,8 +27,8 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
         title, 2, len(_TITLES), size=size, y=[f"assisted {name}" for name in _QUANTITIES.values()]
     )
     limits: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-        "orientation": lambda x: x + ORIENTATION_LIMIT,
-        "distance": lambda x: DISTANCE_FACTOR * x,
+        "orientation": lambda x: x + ALLOWED.orientation,
+        "distance": lambda x: ALLOWED.distance * x,
     }
     for row, (quantity, label) in zip(panels, _QUANTITIES.items(), strict=True):
         for axes, (vehicle, title) in zip(row, _TITLES.items(), strict=True):

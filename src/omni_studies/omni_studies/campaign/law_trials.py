@@ -173,14 +173,15 @@ def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric
         np.reshape([getattr(trial, name) for trial in trials], shape)
         for name in ("distance", "rotation", "stopped")
     )
-    distance = np.maximum(distance, robustness.SHORTEST_DISTANCE)
+    distance = np.maximum(distance, robustness.ALLOWED.shortest)
     metrics: dict[str, Metric] = {}
     for k, kind in enumerate(_KINDS):
         free = distance[:, k, 0]
         for j, law in enumerate(laws, start=1):
             ratio = distance[:, k, j] / free
             turned = rotation[:, k, j] - rotation[:, k, 0]
-            broken = (ratio > robustness.DISTANCE_FACTOR) | (turned > robustness.ORIENTATION_LIMIT)
+            allowed = robustness.ALLOWED
+            broken = (ratio > allowed.distance) | (turned > allowed.orientation)
             broken |= stopped[:, k, j] < stopped[:, k, 0]
             found = {
                 "median_ratio": Metric(float(np.median(ratio)), "1"),

@@ -11,18 +11,26 @@ import numpy as np
 from omni_loop import compiled, experiment
 from omni_studies.campaign.random_braking import RandomBraking, Tree, draw
 
-ORIENTATION_LIMIT = 5.0
-"""Allowed excess of the orientation change over the unassisted one [deg]."""
 
-DISTANCE_FACTOR = 2.0
-"""How many times longer the stopping distance may be than unassisted [1]: the assistant may have to
-give up the friction of half of the wheels."""
+class Allowed(NamedTuple):
+    """Limits of an assisted stop.
 
-ENERGY_LIMIT = 1e-3
-"""Allowed rise of the energy while braking, relative to the start of braking [1]."""
+    Attributes:
+        orientation: excess of the orientation change over the unassisted one [deg].
+        distance: how many times longer the stop may be than unassisted [1]: the assistant may have
+            to give up the friction of half of the wheels.
+        energy: rise of the energy while braking, relative to the start of braking [1].
+        shortest: lower limit of stopping distances in comparisons [m].
+    """
 
-SHORTEST_DISTANCE = 0.2
-"""Lower limit of stopping distances in comparisons [m]."""
+    orientation: float = 5.0
+    distance: float = 2.0
+    energy: float = 1e-3
+    shortest: float = 0.2
+
+
+ALLOWED = Allowed()
+"""Limits of every run."""
 
 CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
 """Why a limit is broken: the sensor fails; it is noisy, biased or slow; wheels meet patches; the
@@ -141,11 +149,12 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
 
 def violations(result: Outcome) -> tuple[str, ...]:
     """Return the limits that a run violates, some of `LIMITS`."""
-    longest = DISTANCE_FACTOR * max(result.distance_unassisted, SHORTEST_DISTANCE)
+    longest = ALLOWED.distance * max(result.distance_unassisted, ALLOWED.shortest)
+    rise = max(result.energy_rise_unassisted, result.energy_rise_assisted)
+    turned = result.orientation_assisted - result.orientation_unassisted
     broken = {
-        "energy": max(result.energy_rise_unassisted, result.energy_rise_assisted) > ENERGY_LIMIT,
-        "orientation": result.orientation_assisted
-        > result.orientation_unassisted + ORIENTATION_LIMIT,
+        "energy": rise > ALLOWED.energy,
+        "orientation": turned > ALLOWED.orientation,
         "distance": result.distance_assisted > longest,
         "rest": result.stopped_assisted < result.stopped_unassisted,
     }

@@ -3,7 +3,7 @@
 The seed draws the law, whether there is an IMU, the vehicle with its braking (`CASES`) and the
 fault. A `single` fault takes one channel; a `pair` takes two with the same kind and onset, as a
 shared supply, clock or calibration does; a `brake` fault takes the brake of one wheel, before or
-during the stop. Every `SEARCH_SHARE`-th seed searches for the worst fault nearby by changing one
+during the stop. Every eighth seed searches for the worst fault nearby by changing one
 entry after the other.
 
 Sensor faults are compared with the longer stop and the larger rotation of unassisted braking and of
@@ -43,9 +43,6 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 EXTENTS = ("single", "single", "pair", "brake")
 """Kinds of failures; repeated entries are drawn more often."""
-
-SEARCH_SHARE = 8
-SEARCH_STEPS = 10
 
 # Size of a fault in the unit of the channel, from and to; the last axis of the twist is a rate.
 _SIZES = {
@@ -158,9 +155,18 @@ class FaultyStops:
         library: library of experiments and vehicles.
         changes: changes of every assistant and vehicle, as ``dotted.key=value``; a law among them
             is the only one then.
+        searched: how many seeds there are for each one that searches for the worst fault nearby.
+        steps: number of faults that a search tries.
     """
 
-    def __init__(self, library: ExperimentLibrary, changes: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        library: ExperimentLibrary,
+        changes: Sequence[str] = (),
+        searched: int = 8,
+        steps: int = 10,
+    ) -> None:
+        self._searched, self._steps = searched, steps
         chosen = [c.split("=", 1)[1] for c in changes if c.startswith("brake_assist.law=")]
         laws = {law: LAWS.get(law, (f"brake_assist.law={law}",)) for law in chosen or LAWS}
         self._laws = tuple(laws)
@@ -181,7 +187,7 @@ class FaultyStops:
     def fingerprint(self) -> str:
         """Digest of everything that the stops depend on besides their seeds."""
         bases = [to_mapping(base) for base in self._bases.values()]
-        drawn = [EXTENTS, SEARCH_SHARE, SEARCH_STEPS, KINDS, _SIZES, _SHARES, _BRAKES]
+        drawn = [EXTENTS, self._searched, self._steps, KINDS, _SIZES, _SHARES, _BRAKES]
         text = json.dumps([bases, drawn, [_CHANNELS[imu] for imu in (True, False)]])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -193,8 +199,8 @@ class FaultyStops:
         extent = str(random.choice(EXTENTS))
         fault = self._draw(random, setting, extent)
         worst = self.run(setting, fault, seed)
-        if seed % SEARCH_SHARE == 0:
-            for _ in range(SEARCH_STEPS):
+        if seed % self._searched == 0:
+            for _ in range(self._steps):
                 changed = self._change(random, setting, extent, fault)
                 tried = self.run(setting, changed, seed)
                 if _severity(tried) > _severity(worst):
@@ -369,7 +375,7 @@ def limits(extent: str, *, imu: bool) -> Limits:
     return Limits(1.15, 5.0, 92.0) if imu else Limits(1.5, 15.0, None)
 
 
-def loss_of_twist(stops: FaultyStops, onset: float) -> float:
+def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
     """Return the change of orientation [deg] on ``straight_line`` if the twist is lost for good.
 
     Args:

@@ -15,10 +15,10 @@ import numpy as np
 from omni_platform import quantities, signals
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Observation
+from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
 MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
 _UNMEASURED = signals.UNMEASURED_VARIANCE * np.eye(3)
-_SMALLEST = 1e-4  # deviation that a source without noise states
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,13 +53,14 @@ class Source:
 
 
 _LINES = "study accuracy and covariance: RMSE and availability on photographs"
-_LEVER = 0.4  # [m] half of the distance between two sensors under a small vehicle
 
 
-def _pair(label: str, basis: str, sensors: int, linear: float, **changes: float) -> Source:
-    """Return flow sensors at a lever of 0.4 m, combined to mean velocity and yaw rate."""
+def _pair(
+    label: str, basis: str, sensors: int, linear: float, lever: float = 0.4, **changes: float
+) -> Source:
+    """Return flow sensors at a lever [m], combined to mean velocity and yaw rate."""
     shared = linear / math.sqrt(sensors)
-    return Source(label, basis, linear=shared, turning=shared / _LEVER, **changes)  # type: ignore[arg-type]
+    return Source(label, basis, linear=shared, turning=shared / lever, **changes)  # type: ignore[arg-type]
 
 
 _PAA5100 = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
@@ -156,8 +157,8 @@ class SourceEstimator:
         noise = self._random.standard_normal(3)
         if lost or speed > source.maximum_speed:
             return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED)
-        linear = max(math.hypot(source.linear, source.relative * speed), _SMALLEST)
-        deviation = np.array([linear, linear, max(source.turning, _SMALLEST)])
+        linear = max(math.hypot(source.linear, source.relative * speed), SMALLEST_DEVIATION)
+        deviation = np.array([linear, linear, max(source.turning, SMALLEST_DEVIATION)])
         scale = np.array([self._scale, self._scale, 1.0])
         # A source states its scale error too, as its maker does.
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2

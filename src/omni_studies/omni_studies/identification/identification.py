@@ -49,9 +49,9 @@ class Quantity:
     decimals: int
     description: str
 
-    def near(self, center: float) -> tuple[float, float]:
-        """Return the range of the refinement about a value."""
-        reach = _NEIGHBORHOOD * (self.high - self.low)
+    def near(self, center: float, share: float = 0.1) -> tuple[float, float]:
+        """Return the range of the refinement: `share` of the whole to either side of a value."""
+        reach = share * (self.high - self.low)
         return max(center - reach, self.low), min(center + reach, self.high)
 
 
@@ -196,7 +196,6 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
 
 
 _SKIPPED = 100.0  # cost of a case that is not worth running
-_HOPELESS = 25.0  # mean cost of the cases before it from which on it is not
 
 
 def unsound(vehicle: VehicleConfiguration) -> float:
@@ -219,6 +218,7 @@ def cost(
     exponent: int = 2,
     *,
     sound: bool = False,
+    hopeless: float = 25.0,
 ) -> float:
     """Return the sum of powers of the deviations from Table 2 in tolerances [1].
 
@@ -229,6 +229,7 @@ def cost(
         parameters: parameters by the names of `QUANTITIES`.
         exponent: even; a larger one gives more weight to the largest deviation.
         sound: whether vehicles that are `unsound` get a higher cost than all others.
+        hopeless: mean cost of some cases beyond which the next ones are not run [1].
     """
     total = 0.0
     if sound:
@@ -239,7 +240,7 @@ def cost(
         if amiss > 0.0:
             return _SKIPPED * len(bases) * (1.0 + amiss)
     for done, (case, base) in enumerate(bases.items()):
-        if total > _HOPELESS * done:
+        if total > hopeless * done:
             return total + (len(bases) - done) * _SKIPPED
         try:
             run = run_fast_loop(configure(base, parameters))
@@ -255,20 +256,13 @@ def cost(
     return total
 
 
-GENERATIONS = 250
-"""Largest number of generations of a search."""
-
-_REFINEMENT = 60  # generations of the refinement at most
-_NEIGHBORHOOD = 0.1  # half its box, as a share of the whole one
-_IMPOSSIBLE = 1e4
-
-
 def search(
     bases: Mapping[str, ExperimentConfiguration],
     *,
     start: Parameters | None = None,
     seed: int,
-    generations: int = GENERATIONS,
+    generations: int,
+    refinement: int = 60,
     sound: bool = False,
     on_generation: Callable[[int, float], None] = lambda _generation, _cost: None,
 ) -> dict[str, float]:
@@ -284,6 +278,7 @@ def search(
         seed: seed of every random draw.
         generations: largest number for each search; the first ends when its cost is below 1, the
             second when no deviation is above 0.7 tolerances.
+        refinement: largest number for the second search.
         sound: whether to exclude vehicles that are `unsound`.
         on_generation: called after each generation with its number in the current search and the
             lowest cost so far.
@@ -304,7 +299,7 @@ def search(
                 raise StopIteration
 
         result = differential_evolution(
-            lambda vector: min(cost(bases, rounded(vector), exponent, sound=sound), _IMPOSSIBLE),
+            lambda vector: min(cost(bases, rounded(vector), exponent, sound=sound), 1e4),
             box,
             rng=seed,
             init="latinhypercube",
@@ -321,4 +316,4 @@ def search(
     whole = [(quantity.low, quantity.high) for quantity in QUANTITIES]
     found = start or evolve(whole, 2, 1.0, generations)
     near = [quantity.near(found[quantity.name]) for quantity in QUANTITIES]
-    return evolve(near, 4, 0.7**4, min(generations, _REFINEMENT))
+    return evolve(near, 4, 0.7**4, min(generations, refinement))

@@ -18,7 +18,6 @@ from omni_studies.line_trials import view_grid
 _EDGES = (0.0, 1e-9, 0.5, 2.0, 8.0, 32.0, 128.0, 1024.0)  # [px]
 _SHADES = ("#FFFFFF", "#FDE7B0", "#F6C15C", "#E69F00", "#D55E00", "#8F2A00", "#3B0A00")
 _NORM, _COLORS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
-_SAMPLE = 0.02  # edge of the pictures, as in Figure 59 [m]
 
 
 class Scale(NamedTuple):
@@ -93,8 +92,9 @@ def _draw_map(
     axes.set_ylabel(scales[1].label)
 
 
-def _draw_ground(axes: Axes, name: str, ground: GroundTexture) -> None:
-    texels = min(len(ground.gray), round(_SAMPLE / ground.texel))
+def _draw_ground(axes: Axes, name: str, ground: GroundTexture, shown: float = 0.02) -> None:
+    """Draw a square of the ground whose edge is `shown` [m], as in Figure 59."""
+    texels = min(len(ground.gray), round(shown / ground.texel))
     edge = 1e3 * texels * ground.texel
     gray = ground.gray[:texels, :texels]
     axes.grid(False)

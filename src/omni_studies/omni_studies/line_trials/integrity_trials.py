@@ -18,18 +18,9 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, sensor_matrix
 from omni_platform.signals import LineBatch
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
-from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.picture import read_picture
-from omni_sim.texture.texture import GroundTexture, TextureConfiguration
-from omni_tools.line_trials.rig import poses_at
-
-BATCH_LINES = 25
-LEAST_ERROR = 0.05  # m/s
-DEVIATIONS = 4.0
-
-_SIZE, _TEXELS = 0.2, 8192  # two texels a pixel of 1024 px on 50 mm
-_COARSE = 16
-_REPEAT = 0.0256  # period of the ground that repeats itself [m]
+from omni_sim.texture.texture import GroundTexture
+from omni_tools.line_trials import errors, rig
 
 SENSORS: Mapping[str, LineSensor] = {
     "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
@@ -126,23 +117,20 @@ class Ground:
         angle: angle of the driving direction from the texture's x (the grain) [rad]; NaN for any.
         dpi: dots per inch on the ground of a picture.
         seed: seed of a kind's pattern.
-        texels: texels of a kind, per period of 0.2 m.
+        texels: texels of a kind, per period of 0.2 m: two a pixel of 1024 px on 50 mm.
     """
 
     kind: str
     angle: float = math.nan
     dpi: float = 0.0
     seed: int = 1
-    texels: int = _TEXELS
+    texels: int = 8192
 
     def texture(self) -> GroundTexture:
         """Return its texture configuration."""
         if self.dpi > 0.0:
             return read_picture(self.kind, self.dpi)
-        configuration = TextureConfiguration(
-            kind=self.kind, size=_SIZE, texels=self.texels, seed=self.seed
-        )
-        return TextureCache.of_user().texture(configuration)
+        return rig.ground(self.kind, self.texels, self.seed)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,7 +151,7 @@ class Tally:
     @property
     def undetected(self) -> NDArray[np.bool_]:
         """Batches with an undetected error."""
-        return (abs(self.ratio) > DEVIATIONS) & (abs(self.error) > LEAST_ERROR)
+        return errors.undetected(self.ratio, self.error)
 
     @property
     def available(self) -> float:
@@ -198,21 +186,23 @@ def drive_over(
     texture = _texture(ground)
     clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
     # They only develop what the others have seen: a coarse ground is laid out sooner.
-    gray = np.ascontiguousarray(texture.gray[::_COARSE, ::_COARSE])
+    gray = np.ascontiguousarray(texture.gray[::16, ::16])
     coarse = GroundTexture(gray, texture.size)
     key = np.random.SeedSequence(seed)
     faulty = {
         name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
     }
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
+    line_rate = next(iter(sensors.values())).line_rate
+    size = rig.batch_lines(line_rate)
     for number in drives:
         generator = np.random.default_rng((seed, 7, number))
         motion = motions[number % len(motions)]
-        time = np.arange(BATCH_LINES * batches + 1) / next(iter(sensors.values())).line_rate
+        time = np.arange(size * batches + 1) / line_rate
         yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
         start = np.array([*generator.uniform(0.0, texture.size, 2), yaw])
         path = motion.traveled(time)
-        poses = poses_at(path, start, np.array(motion.twist))
+        poses = rig.poses_at(path, start, np.array(motion.twist))
         seen: dict[bool, dict[str, NDArray[np.float32]]] = {}
         for name, fault in faults.items():
             if fault.repeats not in seen:
@@ -258,10 +248,10 @@ def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
     )
 
 
-def _repeating(texture: GroundTexture) -> GroundTexture:
-    texels = round(_REPEAT / texture.texel)
-    times = math.ceil(0.06 / _REPEAT)
-    return GroundTexture(np.tile(texture.gray[:texels, :texels], (times, times)), times * _REPEAT)
+def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:
+    """Return a ground that repeats the beginning of another with a period [m]."""
+    texels, times = round(period / texture.texel), math.ceil(0.06 / period)
+    return GroundTexture(np.tile(texture.gray[:texels, :texels], (times, times)), times * period)
 
 
 def _measure(
@@ -282,7 +272,8 @@ def _measure(
     kept = np.arange(len(time))
     if fault.lost:
         kept = kept[(kept % fault.lost) != fault.lost // 2]
-    ends = np.arange(0, len(kept), BATCH_LINES)
+    size = rig.batch_lines(next(iter(sensors.values())).line_rate)
+    ends = np.arange(0, len(kept), size)
     order = list(range(len(ends)))
     for i in range(fault.swapped, len(order) - 1, fault.swapped) if fault.swapped else ():
         order[i], order[i + 1] = order[i + 1], order[i]
@@ -292,14 +283,14 @@ def _measure(
         if fault.repeated and turn > 1 and turn % fault.repeated == 0:
             shown = number - 1
         end = ends[shown]
-        chosen = kept[max(0, end - BATCH_LINES + 1) : end + 1]
+        chosen = kept[max(0, end - size + 1) : end + 1]
         stamp_ns = 10**9 + round(1e9 * time[kept[ends[number]]])
         estimate = odometry.update(
             {n: LineBatch(stamp_ns, own[chosen]) for n, own in lines.items()}
         )
         if number == 0:
             continue
-        first, last = kept[ends[number] - BATCH_LINES], kept[ends[number]]
+        first, last = kept[ends[number] - size], kept[ends[number]]
         pace = (path[last] - path[first]) / (time[last] - time[first])
         truth = rows @ np.array(motion.twist) * pace
         for reading, velocity in zip(estimate.readings.values(), truth, strict=True):

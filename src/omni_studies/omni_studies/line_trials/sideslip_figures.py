@@ -19,16 +19,16 @@ Case = tuple[str, str]  # ground, sensor
 def draw_sideslip(
     trials: Mapping[Case, Sequence[Angles]],
     fastest: Mapping[str, float],
-    speed: float,
     slipping: float,
+    speed: float = 10.0,
 ) -> Figure:
     """Draw RMS errors over the speed and, for one speed, errors over the true angle.
 
     Args:
         trials: trials of ground and sensor, by increasing speed.
         fastest: speed at 60 % overlap by sensor [m/s].
-        speed: the one whose errors are drawn over the angle [m/s].
         slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
+        speed: the one whose errors are drawn over the angle [m/s].
     """
     figure, ((left, right),) = style.panels(
         "Sideslip angle of a wheel from one line camera along its axis of rotation",

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ def write_matches(
     path: Path,
     names: tuple[str, ...],
     motions: Sequence[trials.Motion],
-    cases: Mapping[tuple[str, ...], Sequence[trials.Matches]],
+    cases: Mapping[Any, Sequence[trials.Matches]],
 ) -> Path:
     """Write one row for every case and motion.
 
@@ -23,7 +24,7 @@ def write_matches(
         path: path of the file.
         names: column names of the parts of a case.
         motions: the motions.
-        cases: the matches of each motion, by case.
+        cases: the matches of each motion, by case: a tuple of its parts.
     """
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",

@@ -1,5 +1,6 @@
 """Sideways motion over the two dimensions of the field of view (Figures 63, 64 and 71)."""
 
+import dataclasses
 import math
 
 from omni_platform.quantities import FloatArray
@@ -14,17 +15,14 @@ SHAPES = tuple(0.1 * i for i in range(1, 11))
 GROUP = 10
 """n of the median filter over consecutive displacements (section 4.6)."""
 
-SPEED = 12.0
-"""Speed of the sideways motion [m/s]."""
-
-ANGLE = math.radians(89.0)
-"""Angle of the sideways motion from the axis [rad]."""
+MOTION = trials.Motion(rig.View(), 12.0, math.radians(89.0))
+"""Sideways motion at 12 m/s, at 89 deg to the axis of the camera."""
 
 
 def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
     """Return 12 m/s at 89 deg to an axis [rad], 2500 lines/s, for every shape and length."""
     return [
-        trials.Motion(rig.View(length=length, width=shape * length), SPEED, ANGLE, axis)
+        dataclasses.replace(MOTION, view=rig.View(length=length, width=shape * length), axis=axis)
         for shape in SHAPES
         for length in LENGTHS
     ]

@@ -45,7 +45,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         metrics |= {
             f"compared.{bound}": Metric(count, "1"),
             f"solved.{bound}": Metric(solved, "1"),
-            f"below_bound.{bound}": Metric(lower, "1", at_most=0.0),
+            f"below_bound.{bound}": Metric(lower, "1"),
         }
         if count:
             metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")

@@ -52,7 +52,6 @@ _ALONE = "_twist_alone"
 _TWIST_ALONE = "brake_assist.fault_detection=false"
 _COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
 _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
-_BEFORE = 0.2  # shown before the start of braking [s]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,9 +258,11 @@ def _rows(title: str, labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
     return figure, list(grid[:, 0])
 
 
-def _finish(panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int = 2) -> None:
-    """Set a common time axis, mark the start of braking and explain the first panels."""
-    low = max(-_BEFORE, min(float(run.braking_time[0]) for run in runs))
+def _finish(
+    panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int = 2, before: float = 0.2
+) -> None:
+    """Set a time axis from `before` braking [s], mark its start and explain the first panels."""
+    low = max(-before, min(float(run.braking_time[0]) for run in runs))
     high = max(float(run.braking_time[-1]) for run in runs)
     for place, axes in enumerate(panels):
         label = "pedal down" if place == 0 else None

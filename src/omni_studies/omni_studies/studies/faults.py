@@ -19,9 +19,6 @@ from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 
-_LOSS_ONSET, _LOSS_LIMIT = 0.3, 6.0  # [s] after the pedal, [deg]
-_WORST = 20  # stops in the table of the worst
-
 
 @dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
@@ -31,6 +28,8 @@ class Options(CampaignOptions, LoopOptions):
     """number of stops"""
     seed: int = parameter(0, minimum=0)
     """seed of the first stop; the others follow"""
+    worst: int = parameter(20, minimum=0)
+    """number of stops in the table of the worst, of distance and of rotation each"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -45,10 +44,10 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics = {"runs.all": Metric(len(stops), "1")}
     for group, chosen in groups.items():
         metrics |= _metrics(group, chosen)
-    rotation = loss_of_twist(work, _LOSS_ONSET)
-    metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg", at_most=_LOSS_LIMIT)
-    worst = sorted(stops, key=lambda stop: -stop.distance)[:_WORST]
-    worst += sorted(stops, key=lambda stop: -stop.rotation)[:_WORST]
+    rotation = loss_of_twist(work)
+    metrics["rotation_after_loss.straight_line"] = Metric(rotation, "deg")
+    worst = sorted(stops, key=lambda stop: -stop.distance)[: options.worst]
+    worst += sorted(stops, key=lambda stop: -stop.rotation)[: options.worst]
     study.table("worst.csv", Stop._fields, worst)
     study.figure("stops.png", _draw(groups))
     findings = (*map(_finding, groups.values()), f"Loss of the twist: {rotation:.1f} deg")
@@ -64,7 +63,7 @@ def _metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
     rotation = max((stop.rotation for stop in counted), default=0.0)
     return {
         f"runs.{group}": Metric(len(counted), "1"),
-        f"comes_to_rest.{group}": Metric(rest, "%", at_least=100.0),
+        f"comes_to_rest.{group}": Metric(rest, "%"),
         f"worst_distance_ratio.{group}": Metric(distance, "1", at_most=limit.distance),
         f"worst_extra_rotation.{group}": Metric(rotation, "deg", at_most=limit.rotation),
         f"still_assisting.{group}": Metric(assisting, "%", at_least=limit.assisting),

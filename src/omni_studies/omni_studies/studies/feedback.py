@@ -32,9 +32,6 @@ _UNASSISTED = "unassisted"
 _NAMED = "named"
 _EXPERIMENTS = ("straight_line", "three_wheel_diagonal", "ice_patch", "turn_while_translate")
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
-_LONGER = 1.05  # median of the distance over that without assistant, from which it harms
-_WORST = 1.5  # 95th percentile of the same ratio, from which it harms
-_TURN = 2.0  # [deg] by which the 95th percentile of the rotation may be larger
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,11 +224,20 @@ def _results(
     }
 
 
-def _harms(found: dict[str, tuple[float, str]]) -> bool:
-    """Return whether stops are longer without less rotation, or far longer in the worst cases."""
-    ratio, worst = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
+def _harms(
+    found: dict[str, tuple[float, str]], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
+) -> bool:
+    """Return whether stops are longer without less rotation, or far longer in the worst cases.
+
+    Args:
+        found: `_results` of a source.
+        longer: allowed median of the distance over that without assistant [1].
+        worst: allowed 95th percentile of the same ratio [1].
+        turn: by how much the 95th percentile of the rotation may be larger [deg].
+    """
+    ratio, high = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
     turned, free = found["rotation_p95"][0], found["rotation_unassisted_p95"][0]
-    return turned > free + _TURN or worst > _WORST or (ratio > _LONGER and turned > free)
+    return turned > free + turn or high > worst or (ratio > longer and turned > free)
 
 
 def _findings(table: dict[tuple[str, str, str], dict[str, tuple[float, str]]]) -> list[str]:

@@ -6,8 +6,10 @@ of its lines, which average 20 mm across, and the frequency below which half of 
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_figures import style
@@ -18,10 +20,6 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option
 from omni_studies.study import StudyResult, StudyRun
 
-_SHOWN = 0.1  # [m]
-_DOTS = 480  # that a picture has
-_COLUMNS = 6
-_LINES = 200
 _DECADES = (0.02, 10.0)  # cycles per millimeter that are drawn
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
 """Contrast of photographs of asphalt after averaging over 20 mm [gray levels]."""
@@ -94,29 +92,40 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return study.result(metrics)
 
 
-def _appearance(texture: GroundTexture, seed: int) -> Appearance:
+def _appearance(
+    texture: GroundTexture, seed: int, lines: int = 200, shown: float = 0.1, dots: int = 480
+) -> Appearance:
+    """Return the appearance of a ground.
+
+    Args:
+        texture: the ground.
+        seed: seed of the places of the lines.
+        lines: number of lines.
+        shown: edge of the picture [m].
+        dots: edge of the picture [px].
+    """
     sensor = sensors.LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(
         {"eye": sensor}, texture, CameraConfiguration(noise=0.0), np.random.SeedSequence(seed)
     )
     generator = np.random.default_rng(seed)
-    places = generator.uniform(0.0, texture.size, (_LINES, 2))
-    poses = np.column_stack((places, generator.uniform(0.0, 2.0 * math.pi, _LINES)))
-    lines = cameras.render({"eye": poses})["eye"].astype(np.float64)
-    lines -= lines.mean(axis=1, keepdims=True)
+    places = generator.uniform(0.0, texture.size, (lines, 2))
+    poses = np.column_stack((places, generator.uniform(0.0, 2.0 * math.pi, lines)))
+    gray = cameras.render({"eye": poses})["eye"].astype(np.float64)
+    gray -= gray.mean(axis=1, keepdims=True)
     pitch = 1e3 * sensor.pixel_pitch
     window = np.hanning(sensor.pixels)
-    power = np.abs(np.fft.rfft(lines * window, axis=1)) ** 2 * pitch / np.sum(window**2)
+    power = np.abs(np.fft.rfft(gray * window, axis=1)) ** 2 * pitch / np.sum(window**2)
     spectrum = np.asarray(power.mean(axis=0)[1:], np.float64)
     frequency = np.asarray(np.fft.rfftfreq(sensor.pixels, pitch)[1:], np.float64)
     share = np.cumsum(spectrum) / np.sum(spectrum)
-    block = max(1, round(_SHOWN / texture.texel / _DOTS))
-    count = block * max(1, round(_SHOWN / texture.texel / block))
+    block = max(1, round(shown / texture.texel / dots))
+    count = block * max(1, round(shown / texture.texel / block))
     patch = np.tile(texture.gray, (1 + count // len(texture.gray),) * 2)[:count, :count]
-    dots = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
+    picture = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
     return Appearance(
-        np.asarray(dots, np.float64),
-        float(lines.std(axis=1).mean()),
+        np.asarray(picture, np.float64),
+        float(gray.std(axis=1).mean()),
         frequency,
         spectrum,
         float(frequency[np.searchsorted(share, 0.5)]),
@@ -124,33 +133,42 @@ def _appearance(texture: GroundTexture, seed: int) -> Appearance:
     )
 
 
+def _panels(
+    title: str, count: int, size: tuple[float, float], columns: int = 6, **look: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with a number of panels of a size [in]."""
+    rows = math.ceil(count / columns)
+    whole = size[0] * columns, size[1] * rows + 0.6
+    figure, grid = style.panels(title, rows, columns, size=whole, **look)
+    for axes in list(grid.flat)[count:]:
+        axes.set_axis_off()
+    return figure, list(grid.flat)[:count]
+
+
 def _plate(appearances: dict[str, Appearance]) -> Figure:
-    rows = math.ceil(len(appearances) / _COLUMNS)
     title = (
         "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm"
     )
-    figure, panels = style.panels(title, rows, _COLUMNS, size=(2.2 * _COLUMNS, 2.65 * rows + 0.5))
-    for axes in panels.flat:
+    figure, panels = _panels(title, len(appearances), (2.2, 2.65))
+    for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
         axes.set_axis_off()
-    for axes, (name, appearance) in zip(panels.flat, appearances.items(), strict=False):
         axes.imshow(appearance.patch, cmap="gray", vmin=0.0, vmax=255.0, origin="lower")
         axes.set_title(f"{name.replace('_', ' ')}: {appearance.contrast:.1f}", pad=3.0)
     return figure
 
 
 def _spectra(appearances: dict[str, Appearance]) -> Figure:
-    rows = math.ceil(len(appearances) / _COLUMNS)
     title = (
         "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power"
     )
-    size = (2.3 * _COLUMNS, 2.0 * rows + 0.7)
-    x = "cycles per mm"
-    figure, panels = style.panels(
-        title, rows, _COLUMNS, size=size, x=x, y="levels² mm", sharex=True, sharey=True
-    )
-    for axes in list(panels.flat)[len(appearances) :]:
-        axes.set_axis_off()
-    for axes, (name, appearance) in zip(panels.flat, appearances.items(), strict=False):
+    words: dict[str, Any] = {
+        "x": "cycles per mm",
+        "y": "levels² mm",
+        "sharex": True,
+        "sharey": True,
+    }
+    figure, panels = _panels(title, len(appearances), (2.3, 2.0), **words)
+    for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
         axes.loglog(appearance.frequency, appearance.spectrum, color=style.BLUE, linewidth=1.0)
         axes.axhline(
             0.5 / appearance.frequency[-1], color=style.GRAY, linestyle="--", linewidth=0.9

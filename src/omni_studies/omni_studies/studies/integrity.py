@@ -26,6 +26,7 @@ from omni_figures.data_table import write_table
 from omni_figures.style import draw_title, save_figure
 from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
+from omni_studies.claims import limited
 from omni_studies.line_trials import integrity_trials
 from omni_studies.line_trials.integrity_trials import (
     FAULTS,
@@ -38,6 +39,7 @@ from omni_studies.line_trials.integrity_trials import (
 )
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.line_trials.errors import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
 GROUNDS = {
@@ -55,11 +57,7 @@ GROUNDS = {
     **{f"wood_{angle}": Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
-_WITHIN_95 = 1.96  # standard deviations
-_WITHOUT, _WITH = 2.0, 10.0  # per mille of undetected errors without and with a fault
 _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
-_EASY = ("asphalt", "concrete", "gravel", "grass")
-_AVAILABLE = 90.0  # % of the batches over these without a fault
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -128,7 +126,7 @@ class Counts(NamedTuple):
             int(np.count_nonzero(tally.undetected)),
             len(ratio),
             float(ratio @ ratio),
-            int(np.count_nonzero(np.abs(ratio) <= _WITHIN_95)),
+            int(np.count_nonzero(within_95(ratio))),
             float(error @ error),
         )
 
@@ -225,7 +223,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ((*cell, *_numbers(tallies[cell])) for cell in cells),
         ),
     )  # fmt: skip
-    return StudyResult(_metrics(cells, tallies), files, _findings(cells, tallies))
+    metrics = limited("integrity", _metrics(cells, tallies))
+    return StudyResult(metrics, files, _findings(cells, metrics))
 
 
 def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
@@ -267,11 +266,9 @@ def _metrics(
     metrics = {}
     for name, fault in cells:
         _, undetected, available, squared, coverage, rmse = _numbers(tallies[name, fault])
-        limit = _WITHOUT if fault == "none" else _WITH
         key = f"{name}_{fault}"
-        metrics[f"undetected_error_rate.{key}"] = Metric(undetected, "per mille", at_most=limit)
-        least = _AVAILABLE if fault == "none" and name in _EASY else None
-        metrics[f"availability.{key}"] = Metric(available, "%", at_least=least)
+        metrics[f"undetected_error_rate.{key}"] = Metric(undetected, "per mille")
+        metrics[f"availability.{key}"] = Metric(available, "%")
         metrics[f"rmse.{key}"] = Metric(
             rmse, "mm/s", note="" if math.isfinite(rmse) else "nothing was measured"
         )
@@ -281,24 +278,21 @@ def _metrics(
     return metrics
 
 
-def _findings(
-    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
-) -> tuple[str, ...]:
+def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tuple[str, ...]:
     findings = []
-    for words, limit, chosen in (
-        ("without a fault", _WITHOUT, [cell for cell in cells if cell[1] == "none"]),
-        ("with a fault", _WITH, [cell for cell in cells if cell[1] != "none"]),
-    ):
-        if not chosen:
-            continue
-        undetected = {cell: _numbers(tallies[cell])[1] for cell in chosen}
-        kept = sum(value <= limit for value in undetected.values())
-        worst = max(undetected, key=lambda cell: undetected[cell])
-        findings.append(
-            f"{words.capitalize()}, {kept} of {len(chosen)} cases have at most {limit:g} "
-            f"undetected errors in 1000 batches; the worst is {' with '.join(worst)}, "
-            f"{undetected[worst]:.3g}."
-        )
+    for words, faulty in (("Without a fault", False), ("With a fault", True)):
+        rates = {
+            cell: metrics[f"undetected_error_rate.{'_'.join(cell)}"]
+            for cell in cells
+            if (cell[1] != "none") == faulty
+        }
+        if rates:
+            worst = max(rates, key=lambda cell: rates[cell].value)
+            findings.append(
+                f"{words}, {sum(rate.status == 'met' for rate in rates.values())} of {len(rates)} "
+                f"cases have at most {rates[worst].at_most:g} undetected errors in 1000 batches; "
+                f"the worst is {' with '.join(worst)}, {rates[worst].value:.3g}."
+            )
     return tuple(findings)
 
 

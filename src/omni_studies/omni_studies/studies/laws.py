@@ -44,7 +44,7 @@ _VARIANTS = {
     "turn_while_translate": ("zero", "cosine", "k1", "k7"),
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
-_NEVER_LONGER, _NEVER_TURNED = 1.05, 5.0
+_NEVER = (1.05, 5.0)  # of unknown conditions: distance over unassisted [1], rotation [deg]
 # Changes of the vehicle and ground; the assistant is configured only with kind and lag of the
 # brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
@@ -274,7 +274,7 @@ def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
     for word in _UNKNOWN:
         free = distances.get(f"straight_line_unassisted_{word}", math.nan)
         for law in ("allocation_proportional", "allocation_on_off"):
-            limits[f"straight_line_{law}_{word}"] = (_NEVER_LONGER * free, _NEVER_TURNED)
+            limits[f"straight_line_{law}_{word}"] = (_NEVER[0] * free, _NEVER[1])
     metrics: dict[str, Metric] = {}
     for stop in stops:
         longest, most = limits.get(stop.case, (None, None))

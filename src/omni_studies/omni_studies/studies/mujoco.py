@@ -41,7 +41,6 @@ _DIFFERENCES = {
     "orientation_change": ("swerve_difference", "deg"),
     "stopping_distance": ("distance_difference", "1"),
 }
-_MISMOUNTED = 0.001  # [m]
 
 Stops = Mapping[tuple[str, str, str], RunHistory]
 """Stops by case, variant and engine."""
@@ -109,10 +108,10 @@ def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
     return found
 
 
-def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
-    """Return the load change for a millimeter of height at the first wheel, in both engines."""
+def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[str, Metric]:
+    """Return the load change for a height [m] of the first wheel, in both engines."""
     offsets = np.zeros(len(vehicle.wheels))
-    offsets[0] = _MISMOUNTED
+    offsets[0] = higher
     metrics = {}
     for name, stiffness in (("sprung", 2.0e5), ("stiff", 2.0e7)):
         loads = []
@@ -120,7 +119,7 @@ def _mismounted(vehicle: VehicleConfiguration) -> dict[str, Metric]:
             machine = MujocoVehicle(vehicle, suspension=stiffness, height_offset=height)
             machine.advance(4000, 1.0, np.ones(len(offsets)), np.zeros(3), traced=False)
             loads.append(machine.wheels["load"])
-        high = {next(iter(vehicle.wheels)): WheelCondition(mounted=_MISMOUNTED)}
+        high = {next(iter(vehicle.wheels)): WheelCondition(mounted=higher)}
         springs = SuspensionConfiguration(stiffness=stiffness)
         ours = [
             Vehicle(dataclasses.replace(vehicle, suspension=springs, conditions=conditions)).wheels[

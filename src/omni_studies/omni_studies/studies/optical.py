@@ -32,7 +32,6 @@ _DIFFERENCES = {
 _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 _FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
 _REPEATED = {("ice_patch_noisy", "assisted")}  # is the run of ice_patch
-_COLUMNS = 4
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -192,9 +191,9 @@ def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]
     return figure
 
 
-def _draw_orientations(comparisons: Sequence[Comparison]) -> Figure:
+def _draw_orientations(comparisons: Sequence[Comparison], most: int = 4) -> Figure:
     """Draw the orientation of every case over time with either feedback."""
-    columns = min(_COLUMNS, len(comparisons))
+    columns = min(most, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
     panels = grid.ravel()

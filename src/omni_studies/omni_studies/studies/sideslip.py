@@ -29,9 +29,6 @@ from omni_studies.study import StudyResult, StudyRun
 _SENSORS = ("generic", "s3901")
 _SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0)  # [m/s]
 _ANGLES = np.radians(np.arange(-15.0, 15.1, 2.5))
-_BATCHES = 4
-_SLIPPING = 0.99  # wheel speed over forward velocity
-_SHOWN = 10.0  # [m/s], the speed whose errors are drawn over the angle
 
 Case = tuple[str, str]  # ground, sensor
 
@@ -45,6 +42,8 @@ class Options(TextureOptions):
     sensors: tuple[str, ...] = parameter(_SENSORS)
     """a file of config/sensors/ whose first camera is used"""
     noise: float = noise_option()
+    slipping: float = parameter(0.99, above=0.0, maximum=2.0)
+    """wheel speed over forward velocity of the wheel that slips"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -57,13 +56,14 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             wheel = sideslip_trials.RollingWheel(camera, texture, options.noise, options.seed)
             generator = np.random.default_rng(options.seed)
             trials[ground, name] = [
-                wheel.measure(speed, _ANGLES, options.runs, _BATCHES, generator)
-                for speed in _SPEEDS
+                wheel.measure(speed, _ANGLES, options.runs, 4, generator) for speed in _SPEEDS
             ]
     figure = sideslip_figures.draw_sideslip(
-        trials, {name: camera.sideways_speed for name, camera in cameras.items()}, _SHOWN, _SLIPPING
+        trials,
+        {name: camera.sideways_speed for name, camera in cameras.items()},
+        options.slipping,
     )
-    metrics = _metrics(trials) | {
+    metrics = _metrics(trials, options.slipping) | {
         f"overlap_limited_speed.{name}": Metric(
             camera.sideways_speed, "m/s", note="forward, at 60 % overlap across the camera's axis"
         )
@@ -95,7 +95,9 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     return camera
 
 
-def _metrics(trials: Mapping[Case, Sequence[sideslip_trials.Angles]]) -> dict[str, Metric]:
+def _metrics(
+    trials: Mapping[Case, Sequence[sideslip_trials.Angles]], slipping: float
+) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     for (ground, name), found in trials.items():
         for angles in found:
@@ -104,7 +106,9 @@ def _metrics(trials: Mapping[Case, Sequence[sideslip_trials.Angles]]) -> dict[st
             metrics |= {
                 f"rms_error.{case}": Metric(math.degrees(angles.rms_error), "deg", note=note),
                 f"rms_error_slipping.{case}": Metric(
-                    math.degrees(angles.rms_error_with(_SLIPPING)), "deg", note="wheel slip of 1 %"
+                    math.degrees(angles.rms_error_with(slipping)),
+                    "deg",
+                    note=f"wheel slip of {1.0 - slipping:.0%}",
                 ),
                 f"measured_share.{case}": Metric(angles.measured_share, "1"),
             }

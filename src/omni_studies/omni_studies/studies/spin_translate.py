@@ -35,11 +35,6 @@ _TITLES = {
     "three_wheel": ("Three-wheeled robot", "Figure 21", "Figure 22"),
 }
 _PERIOD = SimulationConfiguration.control_period  # time between two commands [s]
-# The vehicle counts as following its command below these.
-_POSITION_LIMIT, _HEADING_LIMIT, _SPEED_LIMIT = 0.05, 1.0, 0.05  # [m], [deg], [rad/s]
-_WIDTH = 14.0  # of the figures [inch]
-_MOST_SNAPSHOTS = 12
-_LONGEST_ARROW = 0.9  # of the fastest snapshot, in lengths of the chassis
 _WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, (1.5, 1)))
 
 
@@ -210,11 +205,11 @@ def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
     heading = np.degrees(tracking.heading_error)
     steps = np.diff(tracking.pose[:, :2], axis=0)
     return {
-        f"position_rms.{name}": Metric(_rms(distance), "m", at_most=_POSITION_LIMIT),
+        f"position_rms.{name}": Metric(_rms(distance), "m"),
         f"position_max.{name}": Metric(float(np.max(distance)), "m"),
-        f"heading_rms.{name}": Metric(_rms(heading), "deg", at_most=_HEADING_LIMIT),
+        f"heading_rms.{name}": Metric(_rms(heading), "deg"),
         f"heading_max.{name}": Metric(float(np.max(np.abs(heading))), "deg"),
-        f"wheel_speed_rms.{name}": Metric(_rms(speed), "rad/s", at_most=_SPEED_LIMIT),
+        f"wheel_speed_rms.{name}": Metric(_rms(speed), "rad/s"),
         f"path_length.{name}": Metric(float(np.sum(np.hypot(*steps.T))), "m"),
     }
 
@@ -233,27 +228,32 @@ def _table(tracking: Tracking) -> tuple[list[str], list[list[float]]]:
     return header, np.column_stack((tracking.time, tracking.reference, *reached)).tolist()
 
 
-def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
+def _draw_snapshots(
+    scene: Scene, tracking: Tracking, title: str, most: int = 12, arrow: float = 0.9
+) -> Figure:
     """Draw the platform at regular intervals on its path, as Figures 19 and 21.
 
     Args:
         scene: the vehicle.
         tracking: its drive.
         title: printed above.
+        most: largest number of snapshots.
+        arrow: length of the arrow of the fastest one, in lengths of the chassis.
     """
     history = tracking.history()
     traveled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
     size = math.hypot(scene.chassis_length, scene.chassis_width)
-    count = min(max(int(1.05 * traveled / size) + 1, 2), _MOST_SNAPSHOTS)
+    count = min(max(int(1.05 * traveled / size) + 1, 2), most)
     indices = np.unique(np.linspace(0, len(tracking.time) - 1, count).round().astype(int))
     fastest = float(np.max(np.hypot(tracking.twist[:, 0], tracking.twist[:, 1])))
-    arrow_scale = _LONGEST_ARROW * scene.chassis_length / max(fastest, 1e-9)
+    arrow_scale = arrow * scene.chassis_length / max(fastest, 1e-9)
 
     margin = 0.5 * size + 0.5
     low = np.min(tracking.pose[:, :2], axis=0) - margin
     high = np.max(tracking.pose[:, :2], axis=0) + margin
-    height = _WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + 1.2  # for title and legend
-    figure, ((axes,),) = style.panels(title, size=(_WIDTH, height), x="x [m]", y="y [m]")
+    width = style.PAGE_WIDTH
+    height = width * (high[1] - low[1]) / (high[0] - low[0]) + 1.2  # for title and legend
+    figure, ((axes,),) = style.panels(title, size=(width, height), x="x [m]", y="y [m]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, zorder=8)
     axes.plot(*tracking.reference[:, :2].T, color=style.SKY, linewidth=4.0, zorder=7.9)
@@ -293,7 +293,13 @@ def _draw_commands(tracking: Tracking, title: str) -> Figure:
     """
     y = ("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]")
     figure, ((commands,), (position,), (heading,)) = style.panels(
-        title, 3, size=(_WIDTH, 8.5), x="time [s]", y=y, sharex=True, height_ratios=(3.0, 1.0, 1.0)
+        title,
+        3,
+        size=(style.PAGE_WIDTH, 8.5),
+        x="time [s]",
+        y=y,
+        sharex=True,
+        height_ratios=(3.0, 1.0, 1.0),
     )
     handles: list[Line2D | Patch] = []
     for row, name in enumerate(tracking.wheel_names):

@@ -29,8 +29,6 @@ from omni_studies.identification.figures import weighting_functions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.vehicles.plausibility import plain
 
-_SETTLED = 0.15  # [s] after the pedal: locked, and the load has moved forward
-_LONGEST = 0.55  # of the largest force of a wheel, in lengths of the chassis
 _TITLES = {
     "even": "load in the middle: forces cancel",
     "uneven": "configured load: forces do not cancel",
@@ -120,25 +118,27 @@ def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfigurat
     )
 
 
-def locked(configuration: VehicleConfiguration, speed: float) -> LockedWheels:
+def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.15) -> LockedWheels:
     """Return the forces of a vehicle that has begun to slide straight ahead.
 
     Args:
         configuration: the vehicle, on dry level ground.
         speed: before the brakes act on all wheels [m/s].
+        after: time after the pedal, when the wheels are locked and the load has moved forward [s].
     """
     vehicle = Vehicle(configuration, twist=np.array([speed, 0.0, 0.0]))
     everywhere = np.ones(len(configuration.wheels))
-    vehicle.advance(round(_SETTLED / vehicle.physics_step), 1.0, everywhere, np.zeros(3))
+    vehicle.advance(round(after / vehicle.physics_step), 1.0, everywhere, np.zeros(3))
     wheels = vehicle.wheels
     masses = MassProperties.of(configuration.body, configuration.load)
     return LockedWheels(configuration, wheels["force"].copy(), wheels["load"].copy(), masses.center)
 
 
-def _draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
+def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figure:
     """Draw the vehicle from above with the force of each locked wheel and their sum.
 
     Args:
+        arrow: length of the arrow of the largest force, in lengths of the chassis.
         cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
     title = "Locked wheels push along their rollers (the vehicle slides upwards)"
@@ -149,7 +149,7 @@ def _draw_forces(cases: Mapping[str, LockedWheels]) -> Figure:
     )
     largest = max(float(np.max(np.abs(one.force))) for one in cases.values())
     for axes, (case, one) in zip(panels, cases.items(), strict=True):
-        _draw_vehicle(axes, one, _LONGEST * one.vehicle.chassis_length / largest)
+        _draw_vehicle(axes, one, arrow * one.vehicle.chassis_length / largest)
         side = "left" if one.moment > 0.0 else "right"
         turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
         words = turn if abs(one.moment) > 1.0 else "nothing turns it"

@@ -15,25 +15,23 @@ from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 
 _DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
-_STOPPING_SPEED = 4.0  # [m/s]
-_STOPPING_TIME = 4.0  # [s]
-_SETTLING_TIME = 2.0  # of the tires of a vehicle that is parked [s]
-_MINUTE = 60.0  # [s]
-_RAMP = 0.5  # from this speed to the opposite one [m/s, rad/s], in as many seconds times 4
 _PERIOD = SimulationConfiguration.control_period  # of the drive's commands [s]
 
 
-def stopping_distance(vehicle: VehicleConfiguration, direction: float, step: float) -> float:
-    """Return the distance to rest with all brakes on, from 4 m/s [m].
+def stopping_distance(
+    vehicle: VehicleConfiguration, direction: float, step: float, speed: float = 4.0
+) -> float:
+    """Return the distance to rest with all brakes on, after 4 s [m].
 
     Args:
         vehicle: the vehicle.
         direction: direction of its motion in the body frame [rad].
         step: step of the physics [s].
+        speed: speed at the start [m/s].
     """
-    twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.0)
+    twist = (speed * math.cos(direction), speed * math.sin(direction), 0.0)
     moving = Vehicle(vehicle, physics_step=step, twist=twist)
-    return float(np.hypot(*_brake(moving, _STOPPING_TIME)[-1, :2]))
+    return float(np.hypot(*_brake(moving, 4.0)[-1, :2]))
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
@@ -48,12 +46,15 @@ def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
     return max(changes)
 
 
-def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, float]:
+def slope_creep(
+    vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
+) -> tuple[float, float]:
     """Park a vehicle with its brakes on across and along a slope.
 
     Args:
         vehicle: the vehicle.
         slope: rise over run [1].
+        settling: time in which its tires deflect [s].
 
     Returns:
         Initial deflection of its tires [m], and its displacement in the following minute [m].
@@ -63,44 +64,47 @@ def slope_creep(vehicle: VehicleConfiguration, slope: float) -> tuple[float, flo
         parked = Vehicle(vehicle)
         pull = parked.masses.mass * GRAVITY * math.sin(math.atan(slope))
         parked.push((pull * math.cos(direction), pull * math.sin(direction)))
-        settled = _brake(parked, _SETTLING_TIME)[-1, :2]
-        minute = _brake(parked, _MINUTE)[:, :2]
+        settled = _brake(parked, settling)[-1, :2]
+        minute = _brake(parked, 60.0)[:, :2]
         give.append(np.linalg.norm(settled))
         creep.append(np.max(np.linalg.norm(minute - settled, axis=1)))
     return float(max(give)), float(max(creep))
 
 
-def creep_after_stop(vehicle: VehicleConfiguration) -> float:
-    """Return the displacement of a stopped vehicle in the following minute [m]."""
+def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
+    """Return the displacement in the minute after a stop of 6 s from a speed [m/s], in [m]."""
     creep = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
-        twist = (_STOPPING_SPEED * math.cos(direction), _STOPPING_SPEED * math.sin(direction), 0.3)
+        twist = (speed * math.cos(direction), speed * math.sin(direction), 0.3)
         moving = Vehicle(vehicle, twist=twist)
-        stop = _brake(moving, _STOPPING_TIME + _SETTLING_TIME)[-1, :2]
-        creep.append(np.max(np.linalg.norm(_brake(moving, _MINUTE)[:, :2] - stop, axis=1)))
+        stop = _brake(moving, 6.0)[-1, :2]
+        creep.append(np.max(np.linalg.norm(_brake(moving, 60.0)[:, :2] - stop, axis=1)))
     return float(max(creep))
 
 
-def zero_crossing(vehicle: VehicleConfiguration, direction: FloatArray) -> FloatArray:
-    """Command a speed that decreases linearly from 0.5 to -0.5 m/s (or rad/s) in 2 s.
+def zero_crossing(
+    vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
+) -> FloatArray:
+    """Command a speed that decreases linearly to its negative in 2 s.
 
     Args:
         vehicle: the vehicle.
         direction: unit body twist, shape (3,).
+        speed: the first one [m/s or rad/s].
 
     Returns:
         Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
     """
-    moving = Vehicle(vehicle, twist=_RAMP * direction)
+    moving = Vehicle(vehicle, twist=speed * direction)
     enable = np.ones(len(vehicle.wheels))
-    periods = round(4.0 * _RAMP / _PERIOD)
+    periods = round(2.0 / _PERIOD)
     steps = round(_PERIOD / moving.physics_step)
-    speed = [_RAMP]
+    speeds = [speed]
     for k in range(periods):
-        command = _RAMP * direction * (1.0 - 2.0 * (k + 1) / periods)
+        command = speed * direction * (1.0 - 2.0 * (k + 1) / periods)
         moving.advance(steps, 0.0, enable, command)
-        speed.append(float(moving.twist @ direction))
-    return np.array(speed)
+        speeds.append(float(moving.twist @ direction))
+    return np.array(speeds)
 
 
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
@@ -114,7 +118,7 @@ def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
         speed = zero_crossing(vehicle, np.array([math.cos(angle), math.sin(angle), 0.0]))
         acceleration = np.diff(speed) / _PERIOD
         near = np.abs(np.arange(len(acceleration)) - len(acceleration) // 2) <= 25
-        worst.append(np.max(np.abs(np.diff(acceleration[near]))) / _RAMP)
+        worst.append(np.max(np.abs(np.diff(acceleration[near]))) / speed[0])
     return float(max(worst))
 
 

@@ -21,9 +21,7 @@ _CHOSEN: dict[str, Any] = {
     "color": style.VERMILLION, "marker": "o", "markerfacecolor": "none", "linestyle": "",
     "markeredgewidth": 2.0, "zorder": 6,
 }  # fmt: skip
-_FRONT_WIDTH = 7.0
-# Of a label of a point, as shares of the axes [1].
-_LABEL_WIDTH, _LABEL_HEIGHT = 0.13, 0.04
+_FRONT: dict[str, Any] = {"color": style.PALE, "linewidth": 7.0}
 
 
 def trade_off(
@@ -32,6 +30,7 @@ def trade_off(
     choice: Trial | None,
     limits: tuple[float | None, float | None],
     title: str,
+    label: tuple[float, float] = (0.13, 0.04),
 ) -> Figure:
     """Draw worst rotation against worst distance, one panel per lag of the brakes.
 
@@ -41,6 +40,7 @@ def trade_off(
         choice: the recommended trial, if any.
         limits: of the rotation [deg] and of the distance [m], if any.
         title: title of the figure.
+        label: width and height of the label of a point, as shares of the axes [1].
     """
     panels = len(unassisted)
     size = (1.2 + 4.4 * panels, 5.6)
@@ -56,7 +56,7 @@ def trade_off(
     def near(one: Trial, other: Trial) -> bool:
         across = abs(one.worst_distance - other.worst_distance)
         along = abs(one.worst_rotation - other.worst_rotation)
-        return bool(across < _LABEL_WIDTH * width and along < _LABEL_HEIGHT * height)
+        return bool(across < label[0] * width and along < label[1] * height)
 
     for axes, without in zip(all_axes, unassisted, strict=True):
         here = [trial for trial in trials if trial.lag == without.lag]
@@ -80,7 +80,7 @@ def _legend(dwells: Sequence[float], recommended: bool, limited: bool) -> list[L
         for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
     ]
     handles += [
-        Line2D([], [], color=style.PALE, linewidth=_FRONT_WIDTH, label="best settings"),
+        Line2D([], [], label="best settings", **_FRONT),
         Line2D([], [], color=style.BLACK, marker="X", ms=9, linestyle="", label="unassisted"),
     ]
     if recommended:
@@ -101,8 +101,7 @@ def _panel(
     `near` collects labels that would overlap.
     """
     best = front(trials)
-    wide: dict[str, Any] = {"linewidth": _FRONT_WIDTH, "solid_capstyle": "round", "zorder": 1}
-    axes.plot(*_places(best), color=style.PALE, **wide)
+    axes.plot(*_places(best), solid_capstyle="round", zorder=1, **_FRONT)
     thin: dict[str, Any] = {"ms": 4.5, "linewidth": 1.0, "zorder": 3}
     for dwell in dwells:
         line = [trial for trial in trials if trial.setting.dwell_time == dwell]

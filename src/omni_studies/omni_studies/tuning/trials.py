@@ -21,11 +21,6 @@ from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import to_mapping
 from omni_platform.quantities import FloatArray
 
-# How far a situation deviates at most: speed [1], direction [deg], yaw rate [1], friction [1].
-_SPEED, _DIRECTION_DEG, _YAW_RATE, _FRICTION = 0.03, 3.0, 0.05, 0.05
-# Settings this close to the best count as equally good [1]; fewer switchings decide.
-_EQUAL = 0.01
-
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
@@ -111,22 +106,25 @@ class Trial:
 
 
 def situations(
-    base: ExperimentConfiguration, count: int, seed: int
+    base: ExperimentConfiguration,
+    count: int,
+    seed: int,
+    largest: tuple[float, float, float, float] = (0.03, 3.0, 0.05, 0.05),
 ) -> tuple[ExperimentConfiguration, ...]:
     """Return a maneuver and slight deviations from it.
-
-    Speed deviates by up to 3 %, direction by 3 deg, yaw rate and friction by 5 %.
 
     Args:
         base: the maneuver itself, the first situation.
         count: number of situations.
         seed: seed of the deviations.
+        largest: deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
     """
     random = np.random.default_rng(seed)
     result = [base]
-    for speed, turn, yaw_rate, grip in random.uniform(-1.0, 1.0, (max(count - 1, 0), 4)):
+    drawn = random.uniform(-1.0, 1.0, (max(count - 1, 0), 4))
+    for speed, turn, yaw_rate, grip in (np.array(largest) * drawn).tolist():
         maneuver, ground = base.maneuver, base.ground
-        factor = float(1.0 + _FRICTION * grip)
+        factor = 1.0 + grip
         patches = {
             name: dataclasses.replace(patch, friction=min(patch.friction * factor, 2.0))
             for name, patch in ground.patches.items()
@@ -136,9 +134,9 @@ def situations(
                 base,
                 maneuver=dataclasses.replace(
                     maneuver,
-                    speed=float(maneuver.speed * (1.0 + _SPEED * speed)),
-                    direction_deg=float(maneuver.direction_deg + _DIRECTION_DEG * turn),
-                    yaw_rate_deg=float(maneuver.yaw_rate_deg * (1.0 + _YAW_RATE * yaw_rate)),
+                    speed=maneuver.speed * (1.0 + speed),
+                    direction_deg=maneuver.direction_deg + turn,
+                    yaw_rate_deg=maneuver.yaw_rate_deg * (1.0 + yaw_rate),
                 ),
                 ground=dataclasses.replace(
                     ground, friction=min(ground.friction * factor, 2.0), patches=patches
@@ -264,17 +262,21 @@ def distance_at(trials: Iterable[Trial], rotation: float) -> float:
 
 
 def recommended(
-    trials: Sequence[Trial], max_rotation: float | None, max_distance: float | None
+    trials: Sequence[Trial],
+    max_rotation: float | None,
+    max_distance: float | None,
+    equal: float = 0.01,
 ) -> tuple[Trial | None, str]:
     """Choose a setting that keeps within limits in every situation.
 
     With a limit of the rotation this is the setting with the shortest stop, otherwise the one with
-    the smallest rotation; of those within 1 % of it the one with the fewest switchings.
+    the smallest rotation; of those about equal to it the one with the fewest switchings.
 
     Args:
         trials: trials to choose from, at least one.
         max_rotation: largest change of orientation [deg].
         max_distance: longest stopping distance [m].
+        equal: relative difference up to which settings count as equally good [1].
 
     Returns:
         The choice, None if no setting meets the limits, and a sentence about it.
@@ -300,7 +302,7 @@ def recommended(
     def price(trial: Trial) -> float:
         return trial.worst_rotation if max_rotation is None else trial.worst_distance
 
-    bound = (1.0 + _EQUAL) * min(price(trial) for trial in allowed)
+    bound = (1.0 + equal) * min(price(trial) for trial in allowed)
     choice = min(
         (trial for trial in allowed if price(trial) <= bound),
         key=lambda trial: (float(np.mean(trial.switchings)), price(trial)),

@@ -107,7 +107,7 @@ def test_the_twist_is_as_accurate_as_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(covariance, "_GROUNDS", ("cork", "stone"))
-    monkeypatch.setattr(covariance, "_HARDER", ())
+    monkeypatch.setattr(covariance, "_HARDER", {})
     monkeypatch.setattr(covariance, "_CAMERAS", {"generic": covariance._CAMERAS["generic"]})
     motions = {name: covariance._MOTIONS[name] for name in ("at rest", "slow", "diagonal")}
     monkeypatch.setattr(covariance, "_MOTIONS", motions)
@@ -139,7 +139,7 @@ def test_a_covariance_of_nothing_is_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(covariance, "_GROUNDS", ("plastic",))
-    monkeypatch.setattr(covariance, "_HARDER", ())
+    monkeypatch.setattr(covariance, "_HARDER", {})
     monkeypatch.setattr(covariance, "_CAMERAS", {"s3901": covariance._CAMERAS["s3901"]})
     monkeypatch.setattr(covariance, "_MOTIONS", {"slow": covariance._MOTIONS["slow"]})
     result = study("covariance", tmp_path, "--starts", "2", "--noise", "50")

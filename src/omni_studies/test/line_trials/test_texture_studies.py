@@ -13,7 +13,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
-from omni_studies.line_trials.view_grid import ANGLE, GROUP
+from omni_studies.line_trials.view_grid import GROUP, MOTION
 from omni_studies.studies import grounds
 from omni_studies.study import StudyRun, load_study
 from omni_tools.line_trials.rig import View
@@ -28,7 +28,7 @@ def ground(kind: str) -> GroundTexture:
 
 
 def move(
-    kind: str, speed: float, angle: float = ANGLE, axis: float = 0.0, noise: float = 1.0
+    kind: str, speed: float, angle: float = MOTION.angle, axis: float = 0.0, noise: float = 1.0
 ) -> Matches:
     motions = [Motion(VIEW, speed, angle, axis)]
     return measure(motions, ground(kind), GROUP, noise, seed=1, runs=2)[0]

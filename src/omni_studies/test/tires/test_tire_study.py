@@ -13,7 +13,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.studies import tires
-from omni_studies.study import StudyRun
+from omni_studies.study import StudyRun, run_study
 from omni_studies.tires import trials as tire_trials
 
 
@@ -30,7 +30,7 @@ def robot(library: ExperimentLibrary) -> VehicleConfiguration:
 def test_study_draws_figures_4_to_6_and_keeps_every_limit(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
-    result = tires.run(tires.Options(), StudyRun(library, tmp_path))
+    result, _ = run_study("tires", tires.Options(), StudyRun(library, tmp_path))
     names = {path.name for path in result.files}
     for number in (4, 5, 6):
         assert {f"figure_{number}.png", f"figure_{number}.csv"} <= names

@@ -18,7 +18,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.studies import spin_translate
 from omni_studies.studies.spin_translate import SpinTranslate, track
-from omni_studies.study import StudyRun
+from omni_studies.study import StudyRun, run_study
 
 LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
 MANEUVER = SpinTranslate(speed=1.0, amplitude=0.8, period=5.0, yaw_rate=0.6)
@@ -98,7 +98,8 @@ def test_maneuver_beyond_the_grip_is_not_followed() -> None:
 
 
 def test_study_writes_figures_data_and_errors_within_limits(tmp_path: Path) -> None:
-    result = spin_translate.run(spin_translate.Options(duration=2.0), StudyRun(LIBRARY, tmp_path))
+    options = spin_translate.Options(duration=2.0)
+    result, _ = run_study("spin_translate", options, StudyRun(LIBRARY, tmp_path))
     assert sorted(path.name for path in result.files) == sorted(
         f"{what}{name}.{kind}"
         for name in ("mecanum", "three_wheel")

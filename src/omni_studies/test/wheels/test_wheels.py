@@ -14,7 +14,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_studies.studies import wheels
-from omni_studies.study import StudyRun
+from omni_studies.study import StudyRun, run_study
 from omni_studies.wheels.trials import (
     ROLLERS,
     SINGLE,
@@ -85,14 +85,15 @@ def test_study_shows_agreement_rest_and_cost(
     library: ExperimentLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(wheels, "_COUNTS", (12, 24))
-    monkeypatch.setattr(wheels, "_REPEATS", 1)
-    result = wheels.run(wheels.Options(starts=3), StudyRun(library, tmp_path))
+    options = wheels.Options(starts=3, repeats=1)
+    result, _ = run_study("wheels", options, StudyRun(library, tmp_path))
     limited = {key: metric for key, metric in result.metrics.items() if metric.status}
     assert len(limited) == 2 * 6 * 3 + 2 * 3 * 3
     for key, metric in limited.items():
         assert metric.status == "met", key
     assert result.metrics["cost_ratio.rollers_over_single"].reference == 100.0
-    assert {path.name for path in result.files} == {path.name for path in tmp_path.iterdir()}
+    written = {path.name for path in tmp_path.iterdir()} - {"summary.json"}
+    assert {path.name for path in result.files} == written
     assert len((tmp_path / "differences.csv").read_text().splitlines()) == 1 + 2 * 6 * 2
 
 

@@ -13,7 +13,6 @@ _JOINTS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE)
 _WHEELS, _PEDAL, _ENABLE = (topic.name for topic in _JOINTS)
 _TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
 TWIST_TOPICS = {topic.name: topic.type for topic in _TWISTS}
-_OPEN = 0.5  # enable from which an on-off valve is open
 
 
 class BrakeDataError(configuration.InputError):
@@ -80,7 +79,7 @@ def read_brake_data(
     if _ENABLE in streams:
         enable = by_wheel(streams[_ENABLE], "effort")
         if brake.kind == brakes.ON_OFF:
-            enable = (enable >= _OPEN).astype(np.float64)
+            enable = (enable >= 0.5).astype(np.float64)
         # An enable answers the pedal of its own stamp; before the first one all brakes are on.
         row = np.searchsorted(seconds(streams[_ENABLE]), command_time, side="right") - 1
         shares[row >= 0] = np.clip(enable[row[row >= 0]], 0.0, 1.0)

@@ -35,12 +35,7 @@ from omni_platform.quantities import FloatArray, IntArray
 from omni_sim.vehicle import configuration, loads
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
-_LARGEST_DEFLECTION = 0.2  # of a tire, as a share of the radius
 _SLOWEST = 0.5  # wheel speed below which a wheel counts as standing [rad/s]
-_LONGEST = 0.1  # between two samples that belong together [s]
-_FEWEST = 10  # intervals with a wheel that turns under its brake
-_LARGEST_RESIDUAL = 0.3  # of what the brakes did
-_LARGEST_ERROR = 0.5  # of the torque, as a share of it
 _DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # where the search starts [s]
 _TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # start values [s]
 _SHORTEST = 1e-4  # time that is distinguished from none [s]
@@ -91,12 +86,21 @@ class StopEquations:
     per_torque: FloatArray
 
 
-def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfiguration) -> BrakeFit:
+def fit_brakes(
+    stops: Sequence[BrakeData],
+    vehicle: configuration.VehicleConfiguration,
+    fewest: int = 10,
+    most_left: float = 0.3,
+    vaguest: float = 0.5,
+) -> BrakeFit:
     """Fit one torque, dead time and time constant to all wheels of all stops.
 
     Args:
         stops: recorded.
         vehicle: with masses, wheels and wheel inertia; its brake is not used.
+        fewest: number of intervals with a wheel that turns under its brake.
+        most_left: largest residual over the effect of the brakes [1].
+        vaguest: largest standard error of the torque over the torque [1].
 
     Raises:
         BrakeDataError: the stops do not determine the brakes; names what is missing.
@@ -104,10 +108,10 @@ def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfigu
     equations = tuple(_equations(stop, vehicle) for stop in stops)
     shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _asked(e) for e in equations]
     intervals = int(sum(np.count_nonzero(rows) for rows in shown))
-    if intervals < _FEWEST:
+    if intervals < fewest:
         raise BrakeDataError(
             f"a wheel turned under its brake in {intervals} intervals between two samples, and at "
-            f"least {_FEWEST} are needed: brake with less pedal, so that the wheels do not lock, "
+            f"least {fewest} are needed: brake with less pedal, so that the wheels do not lock, "
             "or longer"
         )
     found = _search(equations)
@@ -117,13 +121,13 @@ def fit_brakes(stops: Sequence[BrakeData], vehicle: configuration.VehicleConfigu
     dead_time = 0.0 if dead_time < 1.01 * _SHORTEST else dead_time
     residual = float(np.sqrt(np.mean(found.fun**2)))
     size = float(np.sqrt(np.mean(_differences(equations, np.array([0.0, 0.0, 1.0])) ** 2)))
-    if residual > _LARGEST_RESIDUAL * size:
+    if residual > most_left * size:
         raise BrakeDataError(
             f"the fitted brakes do not explain the stops: RMS error of {residual:.2g} m/s where "
             f"they changed the speed by {size:.2g} m/s (RMS); check that the recordings are of "
             "this vehicle, and brake with less pedal, so that the wheels do not lock"
         )
-    if not errors[0] < _LARGEST_ERROR * torque:
+    if not errors[0] < vaguest * torque:
         raise BrakeDataError(
             f"the torque of {torque:.3g} N m is uncertain by {errors[0]:.2g} N m: record more "
             "stops, with the pedal halfway so that the wheels turn on under their brakes"
@@ -172,7 +176,10 @@ def _asked(stop: StopEquations) -> NDArray[np.bool_]:
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
 
-def _equations(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> StopEquations:
+def _equations(
+    stop: BrakeData, vehicle: configuration.VehicleConfiguration, longest: float = 0.1
+) -> StopEquations:
+    """Return the equations of a stop, without gaps between samples of `longest` [s] and more."""
     masses = loads.MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center
@@ -203,7 +210,7 @@ def _equations(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> 
         basis, size, _ = np.linalg.svd(unknown, full_matrices=True)
         free = basis[:, np.count_nonzero(size > 1e-9 * size[0]) :]
         change[k], per_torque[k] = free @ (free.T @ change[k]), free @ (free.T @ per_torque[k])
-    use = pressed & (step < _LONGEST)
+    use = pressed & (step < longest)
     return StopEquations(
         data=stop,
         time=0.5 * (stop.time[1:] + stop.time[:-1])[use],
@@ -249,14 +256,19 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
     return np.concatenate(sums)
 
 
-def _rolling_share(stop: BrakeData, vehicle: configuration.VehicleConfiguration) -> FloatArray:
-    """Return rolling radius over nominal radius of each wheel, shape (N,); 1 if unobservable."""
+def _rolling_share(
+    stop: BrakeData, vehicle: configuration.VehicleConfiguration, deflection: float = 0.2
+) -> FloatArray:
+    """Return rolling over nominal radius of each wheel, shape (N,).
+
+    It is 1 if it is not observable, or differs from 1 by more than the `deflection` of a tire.
+    """
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
     found = np.sum(expected * stop.wheel_speed[rolling], axis=0)
     square = np.sum(stop.wheel_speed[rolling] ** 2, axis=0)
     share = np.divide(found, square, out=np.ones_like(found), where=square > _SLOWEST**2)
-    plausible = abs(share - 1.0) < _LARGEST_DEFLECTION
+    plausible = abs(share - 1.0) < deflection
     return np.asarray(np.where(plausible, share, 1.0))
 
 

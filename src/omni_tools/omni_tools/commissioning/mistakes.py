@@ -10,7 +10,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,18 +20,36 @@ from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
 from omni_tools.commissioning.signals import Motions, Signals
 
-_LARGEST_RADIUS = 10.0  # [m] of a WheelMount
-_FITS = 0.06  # largest error of a wheel's angles relative to the predicted ones
-# Smallest errors that are reported, of twist sensor and gyro.
-_HEADING = math.radians(2.0)  # mounting angle of a twist sensor [rad]
-_SCALE = 0.05  # scale of twist sensor and gyro [1]
-_OFFSET = 0.03  # mounting position of a twist sensor [m]
-_FORCE = 0.05  # [m/s^2] acceleration that identifies the axes of an IMU
-_LATEST = 0.3  # [s] after which a brake must have responded
-_RESPONDS = 0.03  # smallest rise of the slip of a braking wheel [1]
-_OFTEN = 0.3  # least share of the stop in which a wheel must have been braked for a test
-_CLEARLY = 0.25  # by which the sum of two correlations must be larger with exchanged brakes
-_DELAY = 0.03  # [s] by which a delay may differ from those of the file
+
+class Tolerances(NamedTuple):
+    """Errors up to which a description counts as right.
+
+    Attributes:
+        misfit: error of a wheel's angles relative to the predicted ones [1].
+        heading: mounting angle of a twist sensor [rad].
+        scale: scale of twist sensor and gyro [1].
+        offset: mounting position of a twist sensor [m].
+        force: acceleration that identifies the axes of an IMU [m/s^2].
+        latest: time after which a brake must have responded [s].
+        response: smallest rise of the slip of a braking wheel [1].
+        braked: share of the stop in which a wheel must have been braked for a test [1].
+        exchange: by how much the sum of two correlations must be larger with exchanged brakes [1].
+        delay: difference of a dead time to that of the file [s].
+    """
+
+    misfit: float = 0.06
+    heading: float = math.radians(2.0)
+    scale: float = 0.05
+    offset: float = 0.03
+    force: float = 0.05
+    latest: float = 0.3
+    response: float = 0.03
+    braked: float = 0.3
+    exchange: float = 0.25
+    delay: float = 0.03
+
+
+_ALLOWED = Tolerances()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +77,7 @@ def find_mistakes(
     distance: float,
     angle: float,
     brake: BrakeConfiguration,
+    allowed: Tolerances = _ALLOWED,
 ) -> list[Mistake]:
     """Return the mistakes found in a drive.
 
@@ -69,16 +88,17 @@ def find_mistakes(
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
         brake: brakes, as described.
+        allowed: tolerances of the tests.
     """
     known = np.diag([distance, distance, angle])
-    wheel = _wheel_mistake(wheels, motions.angle, known)
+    wheel = _wheel_mistake(wheels, motions.angle, known, allowed.misfit)
     found = [] if wheel is None else [wheel]
-    found += _twist_mistakes(motions.twist, known)
+    found += _twist_mistakes(motions.twist, known, allowed)
     # The slip of a wheel is known only where its speed and the twist are right.
     slips = not found and np.any(np.isfinite(signals.enable)) and np.any(motions.twist)
-    found += _imu_mistakes(motions, angle)
+    found += _imu_mistakes(motions, angle, allowed)
     if slips:
-        found += _brake_mistakes(wheels, signals, motions.stop, brake)
+        found += _brake_mistakes(wheels, signals, motions.stop, brake, allowed)
     return found
 
 
@@ -111,9 +131,9 @@ def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
 
 
 def _wheel_mistake(
-    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray, allowed: float
 ) -> Mistake | None:
-    if _misfit(angle, _predicted(wheels, known)) < _FITS:
+    if _misfit(angle, _predicted(wheels, known)) < allowed:
         return None
     candidates = []
     for mistake in _hypotheses(wheels, angle, known):
@@ -123,7 +143,7 @@ def _wheel_mistake(
             continue
         candidates.append((misfit, mistake))
     misfit, best = min(candidates, key=lambda candidate: candidate[0])
-    if misfit < _FITS:
+    if misfit < allowed:
         return best
     return Mistake(
         "wheels: no single mistake explains the wheel angles",
@@ -159,7 +179,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
         scale: measured over predicted angle [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    radius = min(mount.radius / max(scale, 0.1), _LARGEST_RADIUS)
+    radius = min(mount.radius / max(scale, 0.1), 10.0)  # the largest of a mount
     for part, remedy, field, value in (
         ("direction", "negate the speed, or turn heading_deg by 180", "heading_deg", turned),
         ("roller", "negate roller_angle_deg", "roller_angle_deg", -mount.roller_angle_deg),
@@ -175,7 +195,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
         yield part, remedy, dataclasses.replace(mount, **{field: value})
 
 
-def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
+def _twist_mistakes(twist: FloatArray, known: FloatArray, allowed: Tolerances) -> Iterator[Mistake]:
     if not np.any(twist):
         return
     forward, left, turn = twist
@@ -188,27 +208,27 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
         yield Mistake(f"twist sensor: {axis} has the wrong sign", f"negate v_{axis}")
         return
     mean = heading + 0.5 * difference
-    if abs(mean) > _HEADING:
+    if abs(mean) > allowed.heading:
         yield Mistake(
             f"twist sensor: mounted {_degrees(mean)} deg off",
             "subtract this angle from heading_deg of its sensors",
         )
     if turn[2] < 0.0:
         yield Mistake("twist sensor: yaw rate has the wrong sign", "negate the yaw rate")
-    elif abs(turn[2] / angle - 1.0) > _SCALE:
+    elif abs(turn[2] / angle - 1.0) > allowed.scale:
         yield Mistake(
             f"twist sensor: yaw rate is {turn[2] / angle:.3f} times the true one",
             "check unit and lever of its sensors",
         )
     scale = 0.5 * (math.hypot(*forward[:2]) + math.hypot(*left[:2])) / distance
-    if abs(scale - 1.0) > _SCALE:
+    if abs(scale - 1.0) > allowed.scale:
         yield Mistake(
             f"twist sensor: speed is {scale:.3f} times the true one",
             "check height, scale and unit of its sensors",
         )
     # A sensor at (x, y) moves by the turn with (-y, x) times the angle.
     x, y = turn[1] / angle, -turn[0] / angle
-    if math.hypot(x, y) > _OFFSET and abs(mean) <= _HEADING:
+    if math.hypot(x, y) > allowed.offset and abs(mean) <= allowed.heading:
         yield Mistake(
             f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center",
             "enter this position for its sensors",
@@ -220,18 +240,18 @@ def _degrees(angle: float) -> int:
     return 180 if degrees == -180 else degrees
 
 
-def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
+def _imu_mistakes(motions: Motions, angle: float, allowed: Tolerances) -> Iterator[Mistake]:
     turned = float(motions.gyro[2])
     if np.isfinite(turned) and abs(turned) > 0.0:
         if turned < 0.0:
             yield Mistake("gyro: yaw rate has the wrong sign", "negate it, or mount it upright")
-        elif abs(turned / angle - 1.0) > _SCALE:
+        elif abs(turned / angle - 1.0) > allowed.scale:
             yield Mistake(
                 f"gyro: yaw rate is {turned / angle:.3f} times the true one",
                 "check its unit (rad/s) and scale",
             )
     force = motions.force[:2]
-    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < _FORCE:
+    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < allowed.force:
         return
     along = np.array([force[0, 0], force[1, 1]])
     across = np.array([force[0, 1], force[1, 0]])
@@ -244,7 +264,11 @@ def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
 
 
 def _brake_mistakes(
-    wheels: Mapping[str, WheelMount], signals: Signals, stop: slice, brake: BrakeConfiguration
+    wheels: Mapping[str, WheelMount],
+    signals: Signals,
+    stop: slice,
+    brake: BrakeConfiguration,
+    allowed: Tolerances,
 ) -> Iterator[Mistake]:
     """Compare the slip of each wheel with each enable, both relative to the mean of all wheels.
 
@@ -260,17 +284,17 @@ def _brake_mistakes(
     for row, name in enumerate(names):
         braked = (demand[:, row] > 0.0) & moving[:, row]
         free = (pedal == 0.0) & moving[:, row]
-        if np.mean(braked[pedal > 0.0]) < _OFTEN or not np.any(free):
+        if np.mean(braked[pedal > 0.0]) < allowed.braked or not np.any(free):
             continue
         # A loaded wheel rolls on a smaller radius, which looks like a slip of some per cent.
         rise = np.percentile(slip[braked, row], 95) - np.mean(slip[free, row])
-        if rise < _RESPONDS:
+        if rise < allowed.response:
             yield Mistake(f"brake {name} does not act", "check its wiring, valve and power")
             return
     braking = np.flatnonzero((pedal > 0.0) & np.any(moving, axis=1))
     relative_slip, relative_demand = _without_mean(slip, moving), _without_mean(demand, moving)
     own, exchanged = [], []  # by delay: fit of the described order; best fit of an exchange, which
-    for delay in range(round(_LATEST / signals.period)):
+    for delay in range(round(allowed.latest / signals.period)):
         late = braking[braking >= delay]
         score = _correlation(relative_slip[late], relative_demand[late - delay])
         fit = np.diagonal(score)
@@ -284,7 +308,7 @@ def _brake_mistakes(
     # Each hypothesis with the delay that fits it best.
     delay = int(np.argmax(own))
     fit_exchanged, (one, other) = max(exchanged)
-    if fit_exchanged > max(own[delay], 0.0) + _CLEARLY:
+    if fit_exchanged > max(own[delay], 0.0) + allowed.exchange:
         yield Mistake(
             f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
         )
@@ -292,7 +316,8 @@ def _brake_mistakes(
     # One delay fits both applying and releasing.
     found = signals.period * delay
     longest = max(brake.dead_time, brake.release_time)
-    if own[delay] > 0.0 and not brake.dead_time - _DELAY <= found <= longest + _DELAY:
+    short, long = brake.dead_time - found, found - longest
+    if own[delay] > 0.0 and max(short, long) > allowed.delay:
         yield Mistake(
             f"brakes: dead time is about {1e3 * found:.0f} ms",
             f"set brake.dead_time to {found:.2f}, or fit it by ./omni fit-brakes",

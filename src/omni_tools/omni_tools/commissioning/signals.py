@@ -17,10 +17,6 @@ from omni_platform import configuration, quantities, signals, topics
 from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
-_MOVING = 0.01  # of the largest wheel speed of the drive, from which a wheel moves
-_LEAST = 0.03  # of the same, which a motion reaches
-_SHORTEST = 0.3  # [s] of a motion
-_PAUSE = 0.3  # [s] of rest between two motions
 TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
 """Topics of a drive; those of wheels and pedal must exist."""
 
@@ -189,14 +185,26 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
     return result
 
 
-def _runs(speed: quantities.FloatArray, period: float) -> list[slice]:
-    """Return the times of motion, joined over short rests, without short and small ones."""
+def _runs(
+    speed: quantities.FloatArray,
+    period: float,
+    moves: tuple[float, float] = (0.01, 0.03),
+    shortest: float = 0.3,
+) -> list[slice]:
+    """Return the times of motion, joined over short rests, without short and small ones.
+
+    Args:
+        speed: largest wheel speed [rad/s], shape (T,).
+        period: period of the rows [s].
+        moves: speed from which a wheel moves, and which a motion reaches, over the largest [1].
+        shortest: shortest motion, and shortest rest between two motions [s].
+    """
     fastest = float(np.max(speed, initial=1e-9))
-    moving = (speed > _MOVING * fastest).astype(int)
+    moving = (speed > moves[0] * fastest).astype(int)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], moving, [0]))))
     joined: list[list[int]] = []
     for first, last in edges.reshape(-1, 2):
-        if joined and (first - joined[-1][1]) * period < _PAUSE:
+        if joined and (first - joined[-1][1]) * period < shortest:
             joined[-1][1] = last
         else:
             joined.append([first, last])
@@ -205,5 +213,5 @@ def _runs(speed: quantities.FloatArray, period: float) -> list[slice]:
     return [
         slice(max(first - edge, 0), last + edge)
         for first, last in joined
-        if (last - first) * period >= _SHORTEST and np.max(speed[first:last]) > _LEAST * fastest
+        if (last - first) * period >= shortest and np.max(speed[first:last]) > moves[1] * fastest
     ]

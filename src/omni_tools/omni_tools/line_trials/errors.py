@@ -8,10 +8,29 @@ import math
 
 import numpy as np
 
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 
 ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 """Column names of `error_values`."""
+
+
+def within_95(ratio: FloatArray) -> BoolArray:
+    """Return whether errors over their stated deviations are in the interval of 95 %."""
+    return np.abs(ratio) <= 1.96
+
+
+def undetected(
+    ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
+) -> BoolArray:
+    """Return which errors of measured velocities their stated deviations do not explain.
+
+    Args:
+        ratio: error over its stated deviation [1], NaN where nothing was measured, shape (m,).
+        error: error [m/s], shape (m,).
+        least: smallest error that matters [m/s].
+        deviations: ratio up to which an error is explained [1].
+    """
+    return (np.abs(ratio) > deviations) & (np.abs(error) > least)
 
 
 def error_values(

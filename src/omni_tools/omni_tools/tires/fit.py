@@ -22,14 +22,8 @@ from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
 from omni_tools.tires.data import TireData, TireDataError
 
-_ROWS_PER_UNKNOWN = 2
-_LOAD_SPREAD = 0.2  # smallest, as a share of the largest load, where the model needs two loads
-_LARGEST_ERROR = 0.5  # of a standard error, as a share of the value's size
-_SMALLEST_SINGULAR = 1e-7  # of the scaled Jacobian, as a share of the largest
-_LARGEST_RESIDUAL = 0.5  # root mean square, as a share of that of the force
 # Where the peak is seen is the weakest guess: a search starts from each of these multiples.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
-_CURVES = 4  # loads at which the model is drawn
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -87,9 +81,9 @@ def fit_tire(data: TireData, model: str) -> TireFit:
     )
 
 
-def _require_excitation(data: TireData, model: str, recipe: FitRecipe) -> None:
-    """Refuse data that are too few or too similar."""
-    needed = _ROWS_PER_UNKNOWN * len(recipe.keys)
+def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
+    """Refuse data that are too few, or whose loads differ by less than a share of the largest."""
+    needed = 2 * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
             f"{data.slip.size} rows are too few: {model} has {len(recipe.keys)} parameters and "
@@ -100,10 +94,10 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe) -> None:
             "the force does not grow with the slip; it must have the sign of the slip"
         )
     low, high = float(np.min(data.load)), float(np.max(data.load))
-    if recipe.loads > 1 and high - low < _LOAD_SPREAD * high:
+    if recipe.loads > 1 and high - low < spread * high:
         raise TireDataError(
             f"the loads from {low:g} to {high:g} N are too alike: {model} depends on the load and "
-            f"needs loads that differ by at least {_LOAD_SPREAD:.0%} of the largest"
+            f"needs loads that differ by at least {spread:.0%} of the largest"
         )
 
 
@@ -187,13 +181,13 @@ def _tire(
         raise TireDataError(f"the fit is no tire of this model: {error}") from None
 
 
-def _require_description(data: TireData, model: str, residual: float) -> None:
-    """Refuse data that the best curve of the model does not fit."""
+def _require_description(data: TireData, model: str, residual: float, largest: float = 0.5) -> None:
+    """Refuse data that the best curve of the model does not fit to a share of the force."""
     size = float(np.sqrt(np.mean(data.force**2)))
-    if residual > _LARGEST_RESIDUAL * size:
+    if residual > largest * size:
         raise TireDataError(
             f"{model} does not describe the data: the differences of {residual:.3g} N are more "
-            f"than {_LARGEST_RESIDUAL:.0%} of the force of {size:.3g} N (root mean squares)"
+            f"than {largest:.0%} of the force of {size:.3g} N (root mean squares)"
         )
 
 
@@ -222,8 +216,9 @@ def _standard_errors(
     residual: float,
     recipe: FitRecipe,
     largest_load: float,
+    vaguest: float = 0.5,
 ) -> FloatArray:
-    """Return the standard errors of the values, shape (P,).
+    """Return the standard errors of the values, shape (P,), at most `vaguest` of their sizes.
 
     Raises:
         TireDataError: a value is not determined; names it.
@@ -231,7 +226,7 @@ def _standard_errors(
     free = np.flatnonzero(~at_bound)
     size = np.maximum(np.abs(recipe.scale(unknowns, largest_load))[free], 1e-300)
     _, singular, directions = np.linalg.svd(jacobian[:, free] * size, full_matrices=False)
-    weak = singular < _SMALLEST_SINGULAR * singular[0]
+    weak = singular < 1e-7 * singular[0]
     if np.any(weak):
         loose = np.max(np.abs(directions[weak]), axis=0) > 0.1
         _refuse_undetermined([recipe.keys[k] for k in free[loose]])
@@ -246,7 +241,7 @@ def _standard_errors(
         gradient[:, column] = (ahead - behind) / (2.0 * step)
     errors = np.sqrt(np.einsum("ij,jk,ik->i", gradient, covariance, gradient))
     sizes = recipe.scale(recipe.values(unknowns), largest_load)
-    vague = errors > _LARGEST_ERROR * np.abs(sizes)
+    vague = errors > vaguest * np.abs(sizes)
     if np.any(vague):
         _refuse_undetermined([recipe.keys[k] for k in np.flatnonzero(vague)])
     return np.asarray(errors, dtype=np.float64)
@@ -259,7 +254,7 @@ def _refuse_undetermined(keys: list[str]) -> None:
     )
 
 
-def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
+def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Figure:
     """Draw data and curves, and below them the residuals.
 
     Each point has the color of the curve at the nearest load.
@@ -268,6 +263,7 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
         data: measured forces.
         fit: fit of the data.
         title: title of the figure.
+        curves: number of loads at which the model is drawn at most.
     """
     y = ("Force F [kN]", "Data - model [N]")
     figure, ((upper,), (lower,)) = style.panels(
@@ -275,8 +271,8 @@ def fit_figure(data: TireData, fit: TireFit, title: str) -> Figure:
     )
     tire = Tire(fit.tire)
     loads = np.unique(data.load)
-    if len(loads) > _CURVES:
-        loads = np.quantile(data.load, (np.arange(_CURVES) + 0.5) / _CURVES)
+    if len(loads) > curves:
+        loads = np.quantile(data.load, (np.arange(curves) + 0.5) / curves)
     nearest = np.argmin(np.abs(data.load[:, np.newaxis] - loads), axis=1)
     slip = np.linspace(min(0.0, float(np.min(data.slip))), max(0.0, float(np.max(data.slip))), 800)
     left = data.force - tire.force(data.slip, data.load)

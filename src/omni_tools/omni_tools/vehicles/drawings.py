@@ -20,7 +20,6 @@ from omni_sim.vehicle.loads import MassProperties
 from omni_tools.vehicles.plausibility import camera_speed, plain, wheel_facts
 from omni_tools.vehicles.rollers import Rollers
 
-_PLATE = 0.2  # [m], edge of the piece of ground that is drawn
 _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of the middle [m]"}
 
 
@@ -141,10 +140,10 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
     }
 
 
-def draw_ground(ground: GroundConfiguration, name: str) -> Figure:
-    """Draw a square piece of the ground in the gray levels that a camera sees."""
+def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Figure:
+    """Draw a square of the ground, with an edge [m], in the gray levels that a camera sees."""
     texture = TextureCache.of_user().texture(ground.texture)
-    count = min(len(texture.gray), max(1, round(_PLATE / texture.texel)))
+    count = min(len(texture.gray), max(1, round(edge / texture.texel)))
     edge = 1e3 * count * texture.texel
     piece = texture.gray[:count, :count]
     words = f"gray levels {piece.min()} to {piece.max()}, mean {piece.mean():.0f}"

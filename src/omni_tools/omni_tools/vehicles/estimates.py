@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from omni_loop.commented_yaml import commented_yaml
 from omni_platform.brakes import ON_OFF, TORQUE, TYPICAL, VELOCITY, BrakeConfiguration
@@ -11,13 +11,6 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 
-_WHEEL_WIDTH = 0.4  # over the diameter
-_DENSITY = 2500.0  # of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub
-_HEIGHT = 1.5  # center of gravity above the ground, over the radius of a wheel
-_BRAKE = 2.0  # torque of a brake over what locks the wheel
-_CLUTCH = 15.0  # stiffness of the drive's clutch over torque and radius of the wheel [s/m]
-_REFERENCE_LOAD, _REFERENCE_RADIUS = 3000.0, 0.2  # [N], [m] of a wheel on the tire of Table 1
-_DECELERATION = 5.0  # [m/s^2], to choose a speed whose stop is a few lengths long
 _MECANUM, _OMNI = "mecanum", "omni"
 
 
@@ -60,6 +53,33 @@ class Measured(Configuration):
             )
 
 
+class Estimates(NamedTuple):
+    """Ratios by which unmeasured values are estimated.
+
+    Attributes:
+        wheel_width: width of a wheel over its diameter [1].
+        density: of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub.
+        height: center of gravity above the ground, over the radius of a wheel [1].
+        brake: torque of a brake over the torque that locks the wheel [1].
+        clutch: stiffness of the drive's clutch over torque and radius of the wheel [s/m].
+        load: load of a wheel on the tire of Table 1 [N].
+        radius: radius of a wheel on the tire of Table 1 [m].
+        deceleration: for a speed whose stop is a few lengths long [m/s^2].
+    """
+
+    wheel_width: float = 0.4
+    density: float = 2500.0
+    height: float = 1.5
+    brake: float = 2.0
+    clutch: float = 15.0
+    load: float = 3000.0
+    radius: float = 0.2
+    deceleration: float = 5.0
+
+
+_USUAL = Estimates()
+
+
 def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
     """Write a vehicle whose inertia, brakes and tires are estimated, its cameras and a stop.
 
@@ -82,8 +102,8 @@ def _vehicle(name: str, measured: Measured) -> str:
     mass, radius = measured.mass + measured.load, measured.wheel_radius
     wheels = _omni_wheels(measured) if measured.kind == _OMNI else _mecanum_wheels(measured)
     carried = mass * GRAVITY / len(wheels)
-    wheel_mass = math.pi * radius**2 * (_WHEEL_WIDTH * 2.0 * radius) * _DENSITY
-    torque = _BRAKE * carried * radius
+    wheel_mass = math.pi * radius**2 * (_USUAL.wheel_width * 2.0 * radius) * _USUAL.density
+    torque = _USUAL.brake * carried * radius
     drive = measured.drive_torque or torque
     size = measured.length**2 + measured.width**2
     values: dict[str, Any] = {
@@ -92,7 +112,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "chassis_width": measured.width,
         "body": {
             "mass": measured.mass,
-            "height": _round(_HEIGHT * radius),
+            "height": _round(_USUAL.height * radius),
             "yaw_inertia": _round(measured.mass * size / 12.0),
         },
     }
@@ -103,7 +123,7 @@ def _vehicle(name: str, measured: Measured) -> str:
             "y": _round(0.3 * measured.width),
             "height": _round(2.5 * radius),
         }
-    braking = f"locks a wheel with a factor of {_BRAKE:g}"
+    braking = f"locks a wheel with a factor of {_USUAL.brake:g}"
     by_drive = measured.brakes in (TORQUE, VELOCITY)
     if by_drive and measured.drive_torque:
         torque, braking = measured.drive_torque, "the torque of the drive"
@@ -114,17 +134,17 @@ def _vehicle(name: str, measured: Measured) -> str:
         brake["max_power"] = measured.drive_power
     values |= {
         "brake": brake,
-        "drive": {"max_torque": _round(drive), "stiffness": _round(_CLUTCH * drive * radius)},
+        "drive": {"max_torque": _round(drive), "stiffness": _round(_USUAL.clutch * drive * radius)},
         "wheel_inertia": _round(0.5 * wheel_mass * radius**2),
         "tire": _tire(carried, radius),
     }
     notes = {
         "wheels": "as far out as the chassis allows",
-        "body.height": f"{_HEIGHT:g} wheel radii",
+        "body.height": f"{_USUAL.height:g} wheel radii",
         "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
         "load": "a point to the front left",
         "brake": braking,
-        "drive.stiffness": f"slips by {100.0 / _CLUTCH:.2g} cm/s under its largest torque",
+        "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s under its largest torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
     }
@@ -143,7 +163,7 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     """Return wheels in pairs whose rollers form an X seen from above."""
     radius = measured.wheel_radius
     x = measured.length / 2.0 - radius
-    y = measured.width / 2.0 - _WHEEL_WIDTH * radius
+    y = measured.width / 2.0 - _USUAL.wheel_width * radius
     pairs = measured.wheels // 2
     names = {2: ("rear", "front"), 3: ("rear", "middle", "front")}.get(
         pairs, tuple(f"row_{row + 1}" for row in range(pairs))
@@ -164,7 +184,7 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     """Return wheels on a circle, their axes outward, rollers at 0 deg (Eq. (34))."""
-    out = min(measured.length, measured.width) / 2.0 - _WHEEL_WIDTH * measured.wheel_radius
+    out = min(measured.length, measured.width) / 2.0 - _USUAL.wheel_width * measured.wheel_radius
     wheels = {}
     # Left and right alike, and no wheel on the axis ahead.
     apart = math.pi / measured.wheels
@@ -183,7 +203,7 @@ def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 def _tire(carried: float, radius: float) -> dict[str, Any]:
     """Return the tire of Table 1, scaled to the load of a wheel [N] and its radius [m]."""
-    scale = carried / _REFERENCE_LOAD
+    scale = carried / _USUAL.load
 
     def scaled(key: str, value: Any) -> Any:
         if isinstance(value, dict):
@@ -198,7 +218,7 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
     }
 
 
-def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> dict[str, float]:
+def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
     """Return stiffness and damping by key, for the same deflection relative to the radius.
 
     Args:
@@ -206,7 +226,7 @@ def tire_stiffness(largest_load: float, radius: float = _REFERENCE_RADIUS) -> di
         radius: radius of the wheel [m].
     """
     table_1 = TireConfiguration()
-    stiffer = largest_load / table_1.largest_load * _REFERENCE_RADIUS / radius
+    stiffer = largest_load / table_1.largest_load * _USUAL.radius / radius
     return {
         "stiffness": max(_round(stiffer * table_1.stiffness), 1e3),
         "damping": _round(stiffer * table_1.damping),
@@ -229,7 +249,7 @@ def _sensors(name: str, measured: Measured) -> str:
 
 
 def _experiment(name: str, measured: Measured) -> str:
-    speed = min(_round(math.sqrt(2.0 * _DECELERATION * 3.0 * measured.length), 2), 10.0)
+    speed = min(_round(math.sqrt(2.0 * _USUAL.deceleration * 3.0 * measured.length), 2), 10.0)
     return commented_yaml(
         {
             "description": f"{name} stops from {speed:g} m/s",

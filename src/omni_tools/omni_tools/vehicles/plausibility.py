@@ -19,12 +19,16 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
-_OVERLOAD = 1.1  # of the largest load; beyond it the model holds the force
-_IDLE_TIRE = 0.05  # of the largest load, below which a tire is for much heavier vehicles
-_WEAK_BRAKE, _STRONG_BRAKE = 1.0, 6.0  # torque over what the ground can take
-_STRONG_DRIVE = 12.0  # the same; beyond it that of another vehicle
-_NARROW, _WIDE = 0.2, 4.0  # yaw inertia over that of a plate of the chassis' size
-_HEAVY_WHEEL = 0.5  # inertia over radius squared, in shares of the mass that a wheel carries
+# Plausible ranges: load over the largest of the tire; torque of brakes and of drives over what the
+# ground can take; yaw inertia over that of a plate of the chassis' size; inertia of a wheel over the
+# mass that it carries times its radius squared.
+_PLAUSIBLE = {
+    "load": (0.05, 1.1),
+    "brake": (1.0, 6.0),
+    "drive": (0.0, 12.0),
+    "yaw_inertia": (0.2, 4.0),
+    "wheel_inertia": (0.0, 0.5),
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,12 +142,13 @@ def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[st
     facts = wheel_facts(vehicle, friction)
     heaviest = max(facts, key=lambda name: facts[name].load)
     load = facts[heaviest].load
-    if load > _OVERLOAD * largest:
+    lightest, most = _PLAUSIBLE["load"]
+    if load > most * largest:
         yield (
             f"vehicle.tire: wheel {heaviest} stands with {plain(load)} N on a tire for at most "
             f"{plain(largest)} N; take a stronger tire, or more wheels"
         )
-    elif load < _IDLE_TIRE * largest:
+    elif load < lightest * largest:
         yield (
             f"vehicle.tire: the tire is for up to {plain(largest)} N and no wheel carries more "
             f"than {plain(load)} N, so that its stiffness is that of a far heavier vehicle; take "
@@ -156,13 +161,14 @@ def _brake_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[s
     grip = sum(fact.grip for fact in facts.values())
     ratio = sum(fact.brake_force for fact in facts.values()) / max(grip, 1e-9)
     needed = vehicle.brake.max_torque / max(ratio, 1e-9)
-    if ratio < _WEAK_BRAKE:
+    weakest, strongest = _PLAUSIBLE["brake"]
+    if ratio < weakest:
         yield (
             f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m reach "
             f"{100 * ratio:.0f} % of the grip, so that the wheels never lock and hardly swerve; "
             f"locking takes {plain(needed)} N m"
         )
-    elif ratio > _STRONG_BRAKE:
+    elif ratio > strongest:
         yield (
             f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m are {ratio:.0f} "
             f"times what the ground can take; about {plain(2 * needed)} N m would lock the wheels "
@@ -175,7 +181,7 @@ def _drive_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     grips = [facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()]
     needed = sum(grips) / len(grips)
     torque = vehicle.drive.max_torque
-    if torque > _STRONG_DRIVE * needed:
+    if torque > _PLAUSIBLE["drive"][1] * needed:
         yield (
             f"vehicle.drive.max_torque: {plain(torque)} N m are {torque / max(needed, 1e-9):.0f} "
             f"times what the ground can take; about {plain(2 * needed)} N m would spin the wheels "
@@ -187,7 +193,8 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     masses = MassProperties.of(vehicle.body, vehicle.load)
     plate = masses.mass * (vehicle.chassis_length**2 + vehicle.chassis_width**2) / 12.0
     ratio = masses.yaw_inertia / plate
-    if not _NARROW < ratio < _WIDE:
+    low, high = _PLAUSIBLE["yaw_inertia"]
+    if not low < ratio < high:
         yield (
             f"vehicle.body.yaw_inertia: {plain(masses.yaw_inertia)} kg m^2 with the load, where a "
             f"plate of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m and this mass has "
@@ -196,7 +203,7 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     carried = masses.mass / len(vehicle.wheels)
     for name, mount in vehicle.wheels.items():
         moved = vehicle.wheel_inertia / mount.radius**2
-        if moved > _HEAVY_WHEEL * carried:
+        if moved > _PLAUSIBLE["wheel_inertia"][1] * carried:
             yield (
                 f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 act at the rim of "
                 f"wheel {name} as {plain(moved)} kg, but it carries {plain(carried)} kg; a "

@@ -20,9 +20,6 @@ from omni_platform.kinematics import (
     smallest_singular_value,
 )
 
-_POSITION = 0.05  # difference of mirrored positions, in shares of the platform's radius
-_ANGLE = math.radians(10.0)  # difference of mirrored roller axes; a wrong sign makes 90 deg
-_POOR = 0.5  # of the smallest singular value that the opposite roller angles give
 _MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, the y axis
 
 
@@ -51,8 +48,13 @@ class Rollers:
         return cls(_shape(geometry), smallest_singular_value(kinematics.matrix, geometry), lever)
 
 
-def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
-    """Return one sentence for each implausible sign of a roller angle."""
+def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple[str, ...]:
+    """Return one sentence for each implausible sign of a roller angle.
+
+    Args:
+        wheels: wheels of a platform.
+        poor: implausible smallest singular value, over that of the opposite roller angles [1].
+    """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
     if suspects:
@@ -68,7 +70,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
         best = Rollers.of(opposite).smallest_singular_value
     except UnusablePlatformError:
         return ()
-    if rollers.smallest_singular_value < _POOR * best:
+    if rollers.smallest_singular_value < poor * best:
         return (
             f"wheels: the roller axes pass the center at {rollers.yaw_lever:.2g} m, so that the "
             f"wheels hardly turn the vehicle (seen from above the rollers form {rollers.shape}, "
@@ -101,10 +103,18 @@ def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
     return tuple(name for name in wheels if _mirrors_fit({**wheels, name: _flipped(wheels[name])}))
 
 
-def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
-    """Return whether rollers are mirrored wherever wheel positions are."""
+def _mirrors_fit(
+    wheels: Mapping[str, WheelMount], offset: float = 0.05, angle: float = math.radians(10.0)
+) -> bool:
+    """Return whether rollers are mirrored wherever wheel positions are.
+
+    Args:
+        wheels: wheels of a platform.
+        offset: allowed difference of positions over the radius of the platform [1].
+        angle: allowed difference of roller axes [rad]; a wrong sign makes 90 deg.
+    """
     geometry = PlatformGeometry.from_wheels(wheels)
-    near = _POSITION * float(np.max(np.linalg.norm(geometry.position, axis=1)))
+    near = offset * float(np.max(np.linalg.norm(geometry.position, axis=1)))
     for mirror in _MIRRORS:
         images = geometry.position * mirror
         distance = np.linalg.norm(images[:, np.newaxis] - geometry.position, axis=2)
@@ -114,7 +124,7 @@ def _mirrors_fit(wheels: Mapping[str, WheelMount]) -> bool:
             continue
         axes, others = geometry.active * mirror, geometry.active[partner]
         along = np.abs(np.sum(axes * others, axis=1))
-        if np.any((along < math.cos(_ANGLE)) & (partner != rows)):
+        if np.any((along < math.cos(angle)) & (partner != rows)):
             return False
     return True
 
