@@ -1,72 +1,34 @@
 """Worker processes of a campaign on this machine.
 
 They are forks of the process that made the first run, so that imports and loaded data are shared.
-Each receives its work through a pipe and ends with its parent.
+Each ends with its parent; if one dies, the work of all is given to others.
 """
 
-import contextlib
+import ctypes
 import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Sequence
-from multiprocessing.connection import Connection, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from omni_platform.background import ALONE
 
-_PATIENCE = 1.0  # [s] after which an idle worker checks that its parent still runs
-_MOST_DEATHS = 3  # of workers, one after the other, over the same work
-
 Run = Callable[[Sequence[int]], Any]
+_run: Run  # of a worker: as a fork it needs no pickling
 
 
 class WorkerDiedError(RuntimeError):
     """Several workers died one after the other on the same work."""
 
 
-class _Worker:
-    def __init__(self, run: Run) -> None:
-        self._run = run
-        self.seeds: Sequence[int] = ()
-        self._start()
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("fork")
-        self.connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(self._run, theirs), daemon=True)
-        self._process.start()
-        theirs.close()
-
-    def give(self, seeds: Sequence[int]) -> None:
-        self.seeds, self._deaths = seeds, 0
-        if seeds:
-            self._send()
-
-    def _send(self) -> None:
-        with contextlib.suppress(BrokenPipeError):  # it has died; the caller gets the error
-            self.connection.send(self.seeds)
-
-    def replace(self) -> None:
-        """Give the work of a dead worker to another one.
-
-        Raises:
-            WorkerDiedError: the work has ended a worker before.
-        """
-        self._deaths += 1
-        if self._deaths == _MOST_DEATHS:
-            raise WorkerDiedError(f"workers die of seeds {self.seeds[0]} to {self.seeds[-1]}")
-        self.end()
-        self._start()
-        self._send()
-
-    def end(self) -> None:
-        self._process.kill()
-        self._process.join()
-        self.connection.close()
-
-
 def share(
-    run: Run, next_seeds: Callable[[], Sequence[int]], workers: int, take: Callable[[Any], None]
+    run: Run,
+    next_seeds: Callable[[], Sequence[int]],
+    workers: int,
+    take: Callable[[Any], None],
+    most_deaths: int = 3,
 ) -> None:
     """Run seeds on several cores.
 
@@ -75,51 +37,52 @@ def share(
         next_seeds: returns the next seeds; empty at the end.
         workers: number of processes.
         take: called with each result of `run`, in any order.
+        most_deaths: number of workers, one after the other, that may die without a result.
 
     Raises:
         WorkerDiedError: the same seeds ended several workers in turn.
     """
-    team: list[_Worker] = []
-    try:
-        for _ in range(workers):
-            team.append(_Worker(run))
-            team[-1].give(next_seeds())
-        while busy := [worker for worker in team if worker.seeds]:
-            ready = wait([worker.connection for worker in busy])
-            for worker in busy:
-                if worker.connection not in ready:
-                    continue
-                try:
-                    answer = worker.connection.recv()
-                except (EOFError, ConnectionResetError):
-                    worker.replace()
-                    continue
-                if isinstance(answer, Exception):
-                    raise answer
-                worker.give(next_seeds())
-                take(answer)
-    finally:
-        for worker in team:
-            worker.end()
+    left: list[Sequence[int]] = []  # what the workers that died should have done
+    deaths = 0
+    while True:
+        flying: dict[Future[Any], Sequence[int]] = {}
+        context = multiprocessing.get_context("fork")
+        pool = ProcessPoolExecutor(workers, context, _prepare, (run, os.getpid()))
+        try:
+            while True:
+                while len(flying) < workers and (left or (seeds := next_seeds())):
+                    left = left or [seeds]  # until the pool has accepted them
+                    flying[pool.submit(_work, left[-1])] = left[-1]
+                    left.pop()
+                if not flying:
+                    return
+                for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                    take(future.result())
+                    del flying[future]
+                    deaths = 0
+        except BrokenProcessPool:
+            left += flying.values()
+            deaths += 1
+            if deaths == most_deaths:
+                ends = min(map(min, left)), max(map(max, left))
+                raise WorkerDiedError("workers die of seeds {} to {}".format(*ends)) from None
+        finally:
+            for process in multiprocessing.active_children():
+                process.kill()
+            pool.shutdown()
 
 
-def _serve(run: Run, connection: Connection) -> None:
-    # Ctrl-C reaches it too, and is not its to answer; nor does it need a second thread.
+def _prepare(run: Run, parent: int) -> None:
+    global _run  # noqa: PLW0603
+    _run = run
+    # Ctrl-C is answered by the parent; a killed parent (PR_SET_PDEATHSIG) ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
     os.environ[ALONE] = "1"
-    parent = os.getppid()
-    while True:
-        try:
-            # Its pipe does not end with that process: the other workers hold it, too.
-            while not connection.poll(_PATIENCE):
-                if os.getppid() != parent:
-                    return
-            seeds = connection.recv()
-        except EOFError:
-            return
-        try:
-            answer = run(seeds)
-        except Exception as error:
-            answer = error
-        connection.send(answer)
+
+
+def _work(seeds: Sequence[int]) -> Any:
+    return _run(seeds)

@@ -20,8 +20,8 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
 # Plausible ranges: load over the largest of the tire; torque of brakes and of drives over what the
-# ground can take; yaw inertia over that of a plate of the chassis' size; inertia of a wheel over the
-# mass that it carries times its radius squared.
+# ground can take; yaw inertia over that of a plate of the chassis' size; inertia of a wheel over
+# the mass that it carries times its radius squared.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),

@@ -109,12 +109,19 @@ def test_work_that_kills_or_fails_ends_the_campaign(
             os.kill(os.getpid(), signal.SIGKILL)
         return work(seed)
 
+    def dying(seed: int) -> Row:
+        if os.getpid() != parent and seed == 20 and not (tmp_path / "died").exists():
+            (tmp_path / "died").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return work(seed)
+
     def failing(seed: int) -> Row:
         if seed == 20:
             raise ValueError("twenty")
         return work(seed)
 
     path = tmp_path / "runs.csv"
+    assert len(run_campaign(dying, range(40), Row, options, path, "abc")) == 40
     with pytest.raises(CampaignError, match="workers die of seeds"):
         run_campaign(deadly, range(40), Row, options, path, "abc")
     with pytest.raises(ValueError, match="twenty"):
