@@ -131,7 +131,7 @@ def test_output_and_faults_of_a_law_reach_the_screen(tmp_path: Path) -> None:
         check=False,
     )
     assert "a step is taken" in finished.stderr
-    assert finished.stderr.count("all brakes are on (shown once)") == 2  # once a variant
+    assert finished.stderr.count("all brakes are on (shown once)") == 1
     assert "RuntimeError: lost count" in finished.stderr
     assert f'{tmp_path / "noisy.py"}", line 6' in finished.stderr
     document = json.loads(finished.stdout)  # which stands there alone

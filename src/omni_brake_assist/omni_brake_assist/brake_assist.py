@@ -198,7 +198,9 @@ class BrakeAssist:
         if self._law is None:
             return assist_step(constants, memory, inputs, error, enable), enable, error
         ready, motion = listen(constants, memory, inputs)
-        answer, problem = ask(self._law, motion, error, enable) if ready else (NO_HELP, "")
+        answer, problem = NO_HELP, ""
+        if ready:
+            answer, problem = ask(self._law, motion, error, enable, enabled=inputs.enabled)
         if problem:
             self._said[INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
         outcome = act(constants, memory, inputs, Asked(ready, motion, answer), error, enable)

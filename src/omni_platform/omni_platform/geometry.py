@@ -34,7 +34,7 @@ class WheelMount(Configuration):
     roller_angle_deg: float = parameter(unit="deg", minimum=-180.0, maximum=180.0)
     """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0 for
     a kiwi drive, +/-45 for Mecanum)"""
-    radius: float = parameter(0.2, unit="m", above=0.0, maximum=10.0)
+    radius: float = parameter(0.2, unit="m", minimum=1e-3, maximum=10.0)
     """Radius of the unloaded wheel over its rollers"""
 
 

@@ -54,9 +54,9 @@ class LineSensor(Mount):
 
     pixels: int = parameter(1024, unit="px", minimum=16, maximum=16384)
     """Pixels of a line"""
-    length: float = parameter(0.05, unit="m", above=0.0, maximum=1.0)
+    length: float = parameter(0.05, unit="m", minimum=1e-6, maximum=1.0)
     """Field of view along the axis"""
-    width: float = parameter(0.02, unit="m", above=0.0, maximum=1.0)
+    width: float = parameter(0.02, unit="m", minimum=1e-6, maximum=1.0)
     """Field of view across the axis"""
     line_rate: float = parameter(2500.0, unit="1/s", above=0.0, maximum=1e6)
     """Lines per second"""
@@ -76,7 +76,7 @@ class LineSensor(Mount):
 class FlowSensor(Mount):
     """An optical-flow sensor, which measures the velocity along and to the left of its axis."""
 
-    rate: float = parameter(100.0, unit="1/s", above=0.0, maximum=1e5)
+    rate: float = parameter(100.0, unit="1/s", minimum=0.1, maximum=1e5)
     """Measurements per second"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
     """Standard deviation of each velocity if a measurement states none"""

@@ -74,10 +74,13 @@ class Law(Protocol):
 _reported: set[type] = set()  # laws whose first fault has been shown
 
 
-def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tuple[int, str]:
-    """Call a user's law; return its enables, or the error if it failed.
+def ask(
+    law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
+) -> tuple[int, str]:
+    """Call a user's law; return its answer, or the error if it failed.
 
-    The first fault of a law is printed to standard error, with the lines of the law's own file.
+    If the law may release brakes (`enabled`), its first fault is printed to standard error, with
+    the lines of the law's own file.
     """
     if not is_new(motion):
         return HELD, ""
@@ -87,11 +90,15 @@ def ask(law: Law, motion: Motion, error: FloatArray, enable: FloatArray) -> tupl
             raise ValueError(f"the law returned an enable outside [0, 1]: {enable.tolist()}")
         if answer is None:
             return ASSIST, ""
-        if isinstance(answer, bool) or answer not in (ASSIST, NO_HELP):
-            raise ValueError(f"the law answered {answer!r}, must be ASSIST or NO_HELP")
-        return int(answer), ""
+        if type(answer) is not int or answer not in (ASSIST, NO_HELP):
+            raise ValueError(
+                f"step returned {answer!r}, must be nothing, ASSIST or NO_HELP; shares of the "
+                "brake pressure are written into enable"
+            )
+        return answer, ""
     except Exception as problem:  # a fault of the law must not cost a brake
-        _report(law, problem)
+        if enabled:
+            _report(law, problem)
         return FAILED, f"{type(problem).__name__}: {problem}"
 
 

@@ -87,8 +87,9 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     configurations = _checked_configurations(options, workspace)
     folder = _result_folder(options, workspace)
     results = _run_variants(configurations, folder, options, workspace)
-    pictures = _draw(configurations, results, folder)
-    return _report(options.experiment, results, pictures, folder)
+    titles = _titles(configurations)
+    pictures = _draw(configurations, results, titles, folder)
+    return _report(options.experiment, results, titles, pictures, folder)
 
 
 def _checked_configurations(
@@ -203,20 +204,34 @@ def _left_behind(folder: Path) -> Iterator[str]:
         )
 
 
+def _titles(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, str]:
+    """Return the title of each variant, which names a law of the user's own."""
+    laws = {variant: one.brake_assist for variant, one in configurations.items()}
+    return {
+        variant: f"{variant} ({one.law})" if one.enabled and ":" in one.law else variant
+        for variant, one in laws.items()
+    }
+
+
 def _draw(
     configurations: Mapping[str, ExperimentConfiguration],
     results: Sequence[VariantResult],
+    titles: Mapping[str, str],
     folder: Path,
 ) -> list[Path]:
     # Not before the run, which would begin a second later.
     from omni_figures.run_figures import draw_run_figures
 
-    histories = {result.variant: result.history for result in results}
+    histories = {titles[result.variant]: result.history for result in results}
     return draw_run_figures(configurations, histories, folder)
 
 
 def _report(
-    experiment: str, results: Sequence[VariantResult], pictures: Sequence[Path], folder: Path
+    experiment: str,
+    results: Sequence[VariantResult],
+    titles: Mapping[str, str],
+    pictures: Sequence[Path],
+    folder: Path,
 ) -> command_report.Report:
     from omni_figures.comparison_table import ComparisonTable
 
@@ -228,7 +243,7 @@ def _report(
             "figures": [str(picture) for picture in pictures],
         },
         text=(
-            ComparisonTable({result.variant: result.metrics for result in results}),
+            ComparisonTable({titles[result.variant]: result.metrics for result in results}),
             *(f"figure     {picture}" for picture in pictures),
             f"recordings {folder}",
         ),

@@ -63,9 +63,9 @@ class VehicleConfiguration(Configuration):
 
     wheels: Mapping[str, geometry.WheelMount] = parameter()
     """Wheels by name; their order is the order of all wheel arrays"""
-    chassis_length: float = parameter(1.6, unit="m", above=0.0)
+    chassis_length: float = parameter(1.6, unit="m", minimum=1e-3, maximum=100.0)
     """Length of the chassis; only figures and placements of sensors depend on it"""
-    chassis_width: float = parameter(1.2, unit="m", above=0.0)
+    chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
     """Width of the chassis; only figures and placements of sensors depend on it"""
     body: loads.MassConfiguration = parameter()
     """Chassis with its wheels and drives"""

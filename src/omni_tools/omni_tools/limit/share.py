@@ -6,11 +6,7 @@ import numpy as np
 
 from omni_loop import experiment, metrics
 from omni_loop.history import RunHistory
-from omni_tools.limit.bounds import Maneuver, any_heading_bound, straight_bound
-
-_STRAIGHT = 1e-3  # yaw rate that is none [rad/s]
-_SHORTER = "turns, which pays: it is shorter than any stop that keeps its heading"
-_ANY = "limit_share is that of stops with any heading:"
+from omni_tools.limit.bounds import Maneuver, straight_bound
 
 
 def limit_share(
@@ -18,8 +14,8 @@ def limit_share(
 ) -> metrics.Metric:
     """Return the bound of the stopping distance divided by the distance of a run [1].
 
-    The bound is that of stops that keep heading and line. If no such stop exists, it is that of
-    any heading, and the note says so. The pedal is assumed at its largest position throughout.
+    The bound is that of stops that keep heading and line, from the same velocity without the yaw
+    rate. The pedal is assumed at its largest position throughout.
 
     Args:
         history: history of the run.
@@ -29,17 +25,13 @@ def limit_share(
     start = history.brake_start
     if start is None or not distance > 0.0:
         return metrics.Metric(math.nan, "1", note="limit_share: there is no stopping distance")
-    twist = history.twist[start].copy()
-    if abs(twist[2]) < _STRAIGHT:
-        twist[2] = 0.0
+    twist = history.twist[start] * np.array([1.0, 1.0, 0.0])
     maneuver = Maneuver(history.pose[start], twist, float(np.max(history.pedal)))
-    bound, note = straight_bound(configuration.vehicle, configuration.ground, maneuver), ""
-    if math.isnan(bound.distance):
-        note = f"{_ANY} {bound.reason}"
-        bound = any_heading_bound(configuration.vehicle, configuration.ground, maneuver)
+    bound = straight_bound(configuration.vehicle, configuration.ground, maneuver)
     share = bound.distance / distance
+    note = ""
     if math.isnan(share):
-        return metrics.Metric(share, "1", note=f"limit_share: {bound.reason}")
-    if not note and distance < bound.distance - bound.tolerance:
-        note = _SHORTER
+        note = f"limit_share: {bound.reason}"
+    elif distance < bound.distance - bound.tolerance:
+        note = "a stop that turns, which pays: it is shorter than any that keeps its heading"
     return metrics.Metric(share, "1", note=note)

@@ -217,9 +217,14 @@ def test_a_run_says_how_near_it_comes_to_the_limit(library: ExperimentLibrary) -
     assert 0.97 < shares["allocation"].value < 1.02
 
 
-def test_a_turn_is_held_against_stops_with_any_heading(library: ExperimentLibrary) -> None:
-    experiment = library.load("turn_while_translate", "k7")
-    run = run_fast_loop(experiment)
-    share = limit_share(run.history(), experiment, run.stopping_distance)
-    assert "any heading" in share.note
-    assert 0.3 < share.value < 1.0
+def test_the_share_is_continuous_in_the_yaw_rate(library: ExperimentLibrary) -> None:
+    experiment = library.load("turn_while_translate", "k7", ["feedback=velocity_sensor"])
+    history = run_fast_loop(experiment).history()
+    shares = []
+    for yaw_rate in (0.0, 1e-4, 2e-3, 0.5):
+        twist = history.twist.copy()
+        twist[history.brake_start, 2] = yaw_rate
+        turning = dataclasses.replace(history, twist=twist)
+        shares.append(limit_share(turning, experiment, 20.0).value)
+    assert shares == pytest.approx([shares[0]] * 4, rel=1e-6)
+    assert 0.3 < shares[0] < 1.0
