@@ -22,10 +22,10 @@ takes speed from the vehicle, within the limits of the tires. The probabilities 
 follow by Bayes' rule with one probability of transition (Blom and Bar-Shalom 1988), and so does
 that of a faulty encoder; isolation, recovery and hysteresis follow from these.
 
-The estimate is that of the most probable hypothesis. There is none if too many sources are at
-fault, if its variance is too large, or without the twist unless there are an IMU and a wheel that
-rolls; all brakes then act until the pedal is released. Without an IMU, only wheels contradict the
-twist.
+The estimate is that of the most probable hypothesis; components of a fused twist that are less
+uncertain replace it. There is none if too many sources are at fault, if its variance is too large,
+or without the twist unless there are an IMU and a wheel that rolls; all brakes then act until the
+pedal is released. Without an IMU, only wheels contradict the twist.
 
 The filters are at the time of validity of the newest twist (delayed fusion horizon); the estimate
 is predicted to the present by gyro and accelerometer.

@@ -110,7 +110,10 @@ def estimate(
     record.scale = memory.state[best, SCALE]
     if not record.inertial:
         return ALL
-    return int(_answer(constants, memory, best, answer))
+    best = int(_answer(constants, memory, best, answer))
+    if fresh and valid_ns == now_ns:
+        _keep_precise(memory, best, twist, answer)
+    return best
 
 
 @lean
@@ -216,6 +219,18 @@ def _mix(memory: BankMemory, best: int) -> None:
                 p_here[i, j] += _MIXING * (p_there[i, j] - p_here[i, j] + apart)
         for i in range(STATES):
             here[i] += _MIXING * (there[i] - here[i])
+
+
+@lean
+def _keep_precise(memory: BankMemory, best: int, twist: Twist, answer: FloatArray) -> None:
+    """Answer with the components of a fused, current twist that are less uncertain than the filter.
+
+    The model errors of the filter would only add to those of a precise twist.
+    """
+    if best not in (NO_TWIST, NO_ESTIMATE) and memory.ratio[0] + memory.ratio[1] < 1.0:
+        for j in range(answer.size):
+            if twist.variance[j] < memory.covariance[best, j, j]:
+                answer[j] = twist.value[j]
 
 
 @lean
