@@ -34,13 +34,13 @@ class BatchCollector:
         Args:
             sensors: names; a group lists its batches in this order.
             maximum_skew: largest difference of stamps within a group [s].
-            followers: measurements per second of sensors that follow the others, by name.
+            followers: measurements per second of each sensor with a rate of its own, by name.
         """
         self._skew_ns = round(1e9 * maximum_skew)
         self._pending: dict[str, deque[LineBatch | Flow]] = {name: deque() for name in sensors}
         self._periods = {name: round(1e9 / rate) for name, rate in (followers or {}).items()}
         self._following: dict[str, deque[Flow]] = {name: deque() for name in self._periods}
-        self._last_ns: dict[str, int] = {}  # of each camera
+        self._last_ns: dict[str, int] = {}  # newest stamp of each sensor
         self._silent: set[str] = set()
         self._handed_on_ns: int | None = None  # newest stamp of the groups so far
 
@@ -59,11 +59,11 @@ class BatchCollector:
         """Add a batch and return the complete groups, oldest first.
 
         Args:
-            sensor: name of a camera.
-            batch: its lines.
+            sensor: name of a camera or flow sensor.
+            batch: lines of the camera, or measurement of the flow sensor.
 
         Raises:
-            KeyError: the camera is unknown.
+            KeyError: the sensor is unknown.
         """
         following = self._following.get(sensor)
         if following is not None and isinstance(batch, Flow):
@@ -110,7 +110,7 @@ class BatchCollector:
         awaited |= {
             name
             for name, period_ns in self._periods.items()
-            # The next one is due.
+            # The next measurement is due.
             if self._last_ns.get(name, from_ns - period_ns) + period_ns
             <= (until_ns if choices[name] is None else newest_ns)
         } - self._silent
@@ -132,7 +132,7 @@ class BatchCollector:
         return group
 
     def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
-        """Return the last measurement before the end of a group, or else the first after it."""
+        """Return a follower's last measurement before the end of a group, else the first after."""
         near = [flow for flow in self._following[name] if from_ns <= flow.stamp_ns <= until_ns]
         before = [flow for flow in near if flow.stamp_ns <= newest_ns]
         return before[-1] if before else (near[0] if near else None)

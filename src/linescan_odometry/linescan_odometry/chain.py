@@ -15,8 +15,8 @@ import numpy as np
 from linescan_odometry.measurements import LineBatch, Lines, Unmeasured
 from omni_platform.sensors import LineSensor
 
-_ANEW = 10.0  # batches back in time: a recording that is played again
-_WHOLE = 0.75  # of a batch that is missing
+_ANEW = 10.0  # batches; stamps this much older mean that a recording is played again
+_WHOLE = 0.75  # share of a batch; a longer gap is a missing batch
 
 
 class LineChain:
@@ -40,7 +40,7 @@ class LineChain:
         self.stretch = 0.0
         self.remark = ""
         self.joined = False
-        self._late = 0.0  # lines, by which the batches before were late in all
+        self._late = 0.0  # decaying sum of the delays of earlier batches [lines]
 
     def reset(self) -> None:
         """Forget the last line."""
@@ -49,11 +49,11 @@ class LineChain:
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Return two lines or more that follow each other, oldest first; see `join`.
+        """Return two or more consecutive lines, oldest first; see `join`.
 
         Args:
             batch: as a camera delivered it.
-            restart: called where the lines do not follow those of the batch before.
+            restart: called if the lines do not follow those of the batch before.
 
         Raises:
             Unmeasured: the batch is faulty, or there are fewer than two lines.
@@ -78,8 +78,8 @@ class LineChain:
     def join(self, batch: LineBatch) -> Lines:
         """Return the last line of the batch before, followed by the lines of a batch.
 
-        The former is omitted if the batches are not consecutive: at the start and after a missing
-        batch.
+        That last line is omitted if the batches are not consecutive: at the start and after a
+        missing batch.
 
         Args:
             batch: at least one line of the configured number of pixels.
@@ -88,8 +88,8 @@ class LineChain:
             m or m + 1 lines, oldest first; the next call overwrites the array.
 
         Raises:
-            Unmeasured: the stamp is older than the one before, or the last line is that of the
-                batch before.
+            Unmeasured: the stamp is older than that of the batch before, or the lines repeat that
+                batch.
         """
         lines = batch.lines
         count = len(lines)
@@ -126,19 +126,19 @@ class LineChain:
         return self._buffer[0 if joined else 1 : count + 1]
 
     def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
-        """Return whether the time does not match the lines; a missing batch is no fault."""
+        """Return whether the time does not fit the number of lines; a missing batch is no fault."""
         if joined:
             self._late += late
             drifted = abs(self._late) >= 1.0
-            # Jitter of the stamps stays where it is, a wrong rate adds up.
+            # Jitter of the stamps averages out, a wrong rate accumulates.
             self._late *= 0.9
             return drifted
         self._late = 0.0
-        again = elapsed == 0.0  # the same batch, as good as it was
+        again = elapsed == 0.0  # the batch came twice, which is no fault
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Copy the lines after the stored one."""
+        """Store a batch from row 1 on; if `joined`, row 0 keeps the last line before it."""
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:

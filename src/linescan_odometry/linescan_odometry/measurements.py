@@ -33,10 +33,10 @@ class Displacement(NamedTuple):
     """Displacement of the lines of a batch.
 
     Attributes:
-        value: mean per line, along the camera's +axis [px].
-        variance: of it [px^2].
+        value: mean displacement per line, along the camera's +axis [px].
+        variance: of the mean displacement [px^2].
         correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
-        share: of the pairs of lines that entered, 0..1.
+        share: share of the line pairs that were used, 0..1.
         rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
         structures: number of independent structures of the ground in the view.
     """
@@ -56,17 +56,17 @@ class SensorReading:
     Attributes:
         velocity: of the sensor's position along its axis [m/s], 0 if not measured.
         variance: of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
-        correlation: mean similarity at the peak of the pairs that entered, 1 is perfect.
-        inlier_share: share of the line pairs that entered, 0..1.
+        correlation: mean similarity of the used line pairs at their peak, 1 is perfect.
+        inlier_share: share of the line pairs that were used, 0..1.
         measured: whether velocity and variance can be used.
-        reason: why they cannot; empty if they can.
-        still_time: for how long the view has not changed at all [s]; 0 if it has.
-        remark: what is wrong with the lines although they can be used; empty if nothing is.
+        reason: why they cannot be used; empty if they can.
+        still_time: time for which the view has not changed [s]; 0 if it has changed.
+        remark: defect of lines that can still be used; empty if there is none.
         lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
-        lasting: how alike they are, shifted, over how alike neighboring lines are [1].
-        direction_variance: part of the variance from the direction of the ground [m^2/s^2].
+        lasting: correlation of these two lines, shifted, over that of neighboring lines [1].
+        direction_variance: part of the variance caused by oblique texture [m^2/s^2].
         structures: number of independent structures of the ground in the view.
-        unlike: whether the camera sees something whose lines do not match, or not as a ground does.
+        unlike: whether the lines have contrast but do not match, or contradict the motion.
     """
 
     velocity: float
@@ -104,8 +104,8 @@ class FlowReading:
         velocity: along its axis and to the left of it [m/s], shape (2,), 0 if not measured.
         covariance: of the velocity [m^2/s^2], shape (2, 2), `UNMEASURED_VARIANCE` times the
             identity if not measured.
-        measured: whether they can be used.
-        reason: why they cannot; empty if they can.
+        measured: whether velocity and covariance can be used.
+        reason: why they cannot be used; empty if they can.
     """
 
     velocity: FloatArray
@@ -132,8 +132,8 @@ class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
 
         Args:
             reason: why there is no velocity.
-            inlier_share: of pairs that could be used.
-            unlike: whether the lines of a ground are unlike each other.
+            inlier_share: share of the line pairs that could be used, 0..1.
+            unlike: whether the lines have contrast but do not match.
         """
         super().__init__(reason)
         reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
@@ -145,17 +145,17 @@ class TwistEstimate:
     """Velocity of the platform.
 
     Attributes:
-        stamp_ns: exposure of the newest line that entered [ns].
+        stamp_ns: exposure of the newest line that was used [ns].
         twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in base_link, shape (3,),
             mean over the lines of the batches; zero if not measured.
         covariance: of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity if not
             measured.
         measured: whether enough sensors measured the motion.
         readings: measurement of each camera by name, in the order of the configuration.
-        assumed: whether the kinematic constraint was used: if the vehicle skids, the twist is wrong
-            by the skid, which the covariance does not contain.
-        skid: how the sensors contradict the kinematic constraint, which is then not used; empty if
-            they do not, or cannot.
+        assumed: whether the kinematic constraint was used. If the vehicle then skids, the twist has
+            the error of the skid, which the covariance does not contain.
+        skid: how the sensors contradict the kinematic constraint; empty if they agree with it, or
+            if the constraint was used.
         inflation: factor on the covariance that explains the residuals of the readings [1]; 1 if
             the readings are consistent.
         flows: measurement of each flow sensor by name, in the order of the configuration.

@@ -11,7 +11,7 @@ from omni_platform.sensors import LineSensor
 from omni_platform.signals import Flow
 from omni_ros.messages import LineImage, lines_of, to_nanoseconds
 
-_SAME_SCALE = 0.005  # of a camera's own scale and the configured one
+_SAME_SCALE = 0.005  # largest relative difference of a camera's scale from the configured one
 
 
 def line_batch_of(message: Image | LineImage) -> LineBatch:
@@ -37,7 +37,7 @@ def flow_of(message: TwistWithCovarianceStamped) -> Flow:
 def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
     """Return how a camera's ``camera_info`` differs from its configuration; empty if it agrees.
 
-    A scale is compared only where one is given for a line, ``k[0]`` [px/m on the ground].
+    The scale ``k[0]`` [px/m on the ground] is compared only if the message contains one.
     """
     if message.width not in (0, sensor.pixels):
         return (

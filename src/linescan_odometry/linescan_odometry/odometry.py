@@ -60,9 +60,10 @@ class _Solution:
         measured: whether each camera, each flow sensor and, last, the axle was used.
         count: number of velocities used.
         assumed: whether the axle was used.
-        scores: normalized residual of each against the others [1], shape (S,) or (S + 1,).
-        leverage: largest normalized error squared by a wrong velocity over its score squared [1].
-        last_variance: of the last sensor, or of the axle [m^2/s^2].
+        scores: normalized residual of each sensor (and the axle) [1], shape (S,) or (S + 1,).
+        leverage: largest normalized error squared of the twist that one wrong velocity can cause,
+            divided by the square of its score [1].
+        last_variance: variance of the last velocity, that of the axle if there is one [m^2/s^2].
     """
 
     twist: FloatArray
@@ -109,8 +110,8 @@ class LineScanOdometry:
         `update` uses the result.
 
         Args:
-            name: of the camera.
-            batch: its lines, each batch once and in order.
+            name: name of the camera.
+            batch: lines of the camera; each batch is given once and in order.
         """
         if name in self._sensors:
             self._early.append((batch, self._sensors[name].begin(batch)))
@@ -185,7 +186,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Return a description of how much older a batch is than the others, empty if it is not."""
+        """Return how much too old a batch is compared with the others, as text; empty if not."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.maximum_skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
@@ -274,7 +275,7 @@ class LineScanOdometry:
         if not score > limit > 0.0 or too_few:
             return None
         if self._flows:
-            # Two errors of a flow sensor can look like those of another one.
+            # The two errors of one flow sensor can look like those of another one.
             rivals = np.delete(solution.scores, worst) ** 2 >= score**2 - limit**2
             if rivals.any():
                 return None
@@ -308,8 +309,8 @@ class LineScanOdometry:
         """Return the twist with its checks and remarks."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
-        # The faulty sensor cannot be isolated: the covariance grows until it contains the error
-        # that any one of them causes with these residuals.
+        # The faulty sensor cannot be isolated. The covariance is increased until it contains the
+        # error that any single faulty sensor with these residuals could cause.
         inflation = solution.leverage * score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
         skid = ""

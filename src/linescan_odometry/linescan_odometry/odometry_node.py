@@ -1,4 +1,4 @@
-"""The odometry as a ROS node: line batches in, body twist out.
+"""ROS node that turns batches of lines into the body twist.
 
 The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
 """
@@ -164,7 +164,7 @@ class OdometryNode(Node):
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Update the status of the sensors."""
         each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
-        # Which cameras measured, what is assumed, whether it is wrong, which wheels are measured.
+        # The state to report: cameras that measured, constraint, skid, wheels that are measured.
         key = (
             *(reading.measured for reading in each.values()),
             estimate.assumed,
@@ -204,7 +204,7 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # Some of the present subscribers may be those of pose and angles.
+        # Some of the subscribers found at the start may be those of pose and angles.
         for publisher in node.further_outputs:
             listeners = node.count_subscribers(publisher.topic_name)
             await_subscribers((publisher,), listeners, spinner, node.startup.match_timeout)

@@ -1,4 +1,4 @@
-"""The method of section 4.4: pairs of lines, each by a full search, and the median of n.
+"""The method of section 4.4: full search for the shift of each line pair, and median of n.
 
 Every line is compared with the one before it at all shifts up to the limit, by one of six metrics;
 the peak is refined to a fraction of a pixel. A displacement that the platform cannot have made, or

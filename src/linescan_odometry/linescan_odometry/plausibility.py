@@ -1,8 +1,8 @@
 """Plausibility of displacements by the largest acceleration (section 4.6, a priori information).
 
 The velocity along an axis cannot have changed by more than ``a dt`` since the last measurement;
-other displacements are rejected. The range grows with time, so that a wrong reference or a shock
-excludes the sensor for a limited time only.
+other displacements are rejected. The range grows with time, so that a wrong last measurement or a
+shock excludes the sensor for a limited time only.
 """
 
 from __future__ import annotations

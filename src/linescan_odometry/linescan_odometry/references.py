@@ -2,8 +2,8 @@
 
 Lines of a covered camera give the dark signal, lines of an even white surface the gains. Lines are
 corrected by both before they are measured; pixels that receive hardly any light are interpolated.
-Dirt, shadows and mud, which no reference contains, are estimated with the displacement. Of these
-the file may hold the estimate from an earlier drive, with which the estimator starts.
+Dirt, shadows and mud, which no reference contains, are estimated with the displacement. The file
+may also contain this estimate from an earlier drive; the estimator then starts with it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class References:
         dark: dark signal [gray levels], shape (n,).
         gain: of each pixel [1], shape (n,).
         dead: whether each pixel is interpolated, shape (n,).
-        pattern: fixed pattern of an earlier drive; None without.
+        pattern: fixed pattern of an earlier drive; None if there is none.
     """
 
     def __init__(self, pixels: int) -> None:
@@ -93,7 +93,7 @@ class References:
         self.pattern = pattern if len(pattern.precision) else None
 
     def correct(self, lines: Lines) -> Lines:
-        """Return lines less the dark signal times the gains, 16 bit; the same without references.
+        """Return lines corrected by dark signal and gains, 16 bit; unchanged without references.
 
         A gain of 1 uses a quarter of the range, so that no gain saturates a pixel.
 

@@ -1,7 +1,7 @@
 """One line camera measured by one method: `pairs` of section 4.4, or `joint`.
 
-`SensorOdometry.update` joins a batch to the one before, hands the lines to the configured method
-and states velocity and variance. A stage that cannot measure raises `Unmeasured` with the reason.
+`SensorOdometry.update` joins a batch to the one before, passes the lines to the configured method
+and returns velocity and variance. A stage that cannot measure raises `Unmeasured` with the reason.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from omni_platform.background import in_background
 from omni_platform.sensors import LineSensor
 
 _FROZEN_PAIRS = 3  # identical neighbors that the noise of a live camera rules out
-_LONGEST_STRETCH = 0.25  # of the time of a batch that does not fit its number of lines
-_STATIC_PAIRS = 4  # fewest that show that a view is static
+_LONGEST_STRETCH = 0.25  # largest `LineChain.stretch` of a batch that is measured
+_STATIC_PAIRS = 4  # fewest line pairs that show that a view is static
 _STATIC_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
 _STATIC_TOLERANCE = 0.002  # of correlations, in addition to twice the loss between neighbors
 _BACKGROUND = 16384  # pixels of a batch, from which a background thread is worth its hand-over
@@ -42,8 +42,8 @@ class Method(Protocol):
         """Measure a batch.
 
         Args:
-            lines: that follow each other, oldest first, shape (m + 1, n).
-            plausibility: which displacements the platform can have made.
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            plausibility: range of the displacements that the platform can have made.
             stamp_ns: exposure of the newest line [ns].
 
         Raises:
@@ -55,7 +55,7 @@ class Method(Protocol):
 
 
 class _Joined(NamedTuple):
-    """Lines that follow each other, and their newest stamp [ns]."""
+    """Consecutive lines, and the stamp of the newest one [ns]."""
 
     stamp_ns: int
     lines: Lines
@@ -172,7 +172,7 @@ class SensorOdometry:
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = correlation(lines[-2], lines[-1], 0)
-        # At least half of the correlation of neighbors: less is chance.
+        # Less than half of the correlation of neighbors may be chance.
         least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(correlation(line, lines[-1], 0) <= least for line in older):
@@ -184,7 +184,7 @@ def _check(lines: Lines) -> None:
     """Refuse lines without contrast, and lines that a camera repeats.
 
     Raises:
-        Unmeasured: see the text.
+        Unmeasured: the lines have no contrast, or are repeated.
     """
     low = int(lines.min())
     if low == int(lines.max()):

@@ -44,7 +44,7 @@ class LineAssembler:
             number: frame number of the driver, None if it has none.
 
         Raises:
-            FrameError: it lacks the rows, or its lines differ in size from those before.
+            FrameError: the picture lacks the rows, or its lines differ in size from earlier ones.
         """
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))

@@ -1,4 +1,4 @@
-"""A real camera as a ROS node: frames in, batches of lines out.
+"""ROS node that reads frames of a real camera and publishes batches of lines.
 
 The contract (topics, types, QoS, parameters) is in the README of this package.
 """
@@ -29,8 +29,8 @@ from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, Status
 
 _MOST_WAITING = 64  # frames that wait to be published; beyond, they are lost
 _OFF_RATE = 0.01  # largest deviation of the rate from the configured one [1]
-_OLDEST_NS = 2_000_000_000  # age of a driver's stamp that can be one of its clock
-_LONGEST_END = 2.0  # [s] for the device to be let go of
+_OLDEST_NS = 2_000_000_000  # largest age of a driver's stamp that is accepted as monotonic time
+_LONGEST_END = 2.0  # [s] to wait for the release of the device
 
 
 class CameraNode(Node):
@@ -53,7 +53,7 @@ class CameraNode(Node):
         self.outputs = (self._lines,)
         self._frames: deque[tuple[Frame, int]] = deque()
         self._overrun = 0
-        self._lost = 0  # as said last
+        self._lost = 0  # frames, as reported last
         self._failure = ""
         self._ended = False
         self._stop = threading.Event()
@@ -68,7 +68,7 @@ class CameraNode(Node):
         self._reader.start()
         try:
             while not spinner.stop:
-                ended = self._ended  # before what it left is taken
+                ended = self._ended  # read first: frames stored before the end are published
                 self._publish_all()
                 if ended:
                     break

@@ -34,7 +34,7 @@ class Cut:
         """Return the lines of a picture, 8 or 16 bit, shape (m, n).
 
         Raises:
-            FrameError: it has no such rows, or its values are no gray levels.
+            FrameError: the picture has no such rows, or its values are no gray levels.
         """
         if picture.ndim != 2:
             raise FrameError(f"has {picture.ndim} dimensions, a stack of lines has two")
@@ -50,14 +50,14 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the first row and the last one plus one of ``240``, ``236:244`` or an empty text.
+    """Return the first row and the last one plus one; None, for all rows, if the text is empty.
 
     Args:
-        text: value of the parameter.
-        key: of the parameter, for messages.
+        text: value of the parameter, such as ``240`` or ``236:244``.
+        key: name of the parameter, for messages.
 
     Raises:
-        ConfigurationError: it is neither.
+        ConfigurationError: the text has another form.
     """
     if not text:
         return None

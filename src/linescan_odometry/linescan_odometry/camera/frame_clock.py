@@ -9,8 +9,8 @@ clock is reset, and the lines before and after it are not joined.
 
 from __future__ import annotations
 
-_FOLLOWED = 0.05  # share of the difference to the expected arrival that is followed
-_DRIFT = 0.002  # share of the change of the period that is followed
+_FOLLOWED = 0.05  # share of an arrival's deviation by which the stamp is corrected
+_DRIFT = 0.002  # share of the deviation per frame by which the period is corrected
 _FURTHEST = 50.0  # periods by which numbered frames may be late or early
 _WIDEST = 0.1  # largest deviation of the rate from the configured one [1]
 
@@ -20,7 +20,7 @@ class FrameClock:
 
     Attributes:
         lost: number of lost frames so far.
-        anew: number of resets of the clock.
+        anew: number of resets of the clock so far.
     """
 
     def __init__(self, rate: float) -> None:
@@ -61,7 +61,8 @@ class FrameClock:
         lost = steps - 1
         self.lost += lost
         if abs(error) > furthest * self._period_ns:
-            # Behind what the stamps say: the gap before was none. Stamps must not go back.
+            # Arrivals and stamps disagree, for example because a late frame was counted as lost:
+            # reset the clock to the arrival. Stamps must not go back.
             self.anew += 1
             self._last_ns = max(float(arrival_ns), self._last_ns + 1.0)
             return round(self._last_ns), max(lost, 1)

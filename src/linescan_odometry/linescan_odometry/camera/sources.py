@@ -1,6 +1,6 @@
 """Sources of frames: V4L2 and video files by OpenCV, GenICam by Harvester, arrays.
 
-The libraries are imported when a source that needs them is opened: the odometry runs without.
+A library is imported when a source that needs it is opened. The odometry runs without them.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
 """Command that installs an optional library."""
 
-_RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # of V4L2, which OpenCV must not turn into colors
+_RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that stay gray, not made color
 _FETCH_TIMEOUT = 0.5  # [s] after which a silent GenICam camera is asked again
 _DEFAULT_FORMAT = "Mono8"
-_MANUAL = 1.0  # exposure of V4L2, which is given in units of 100 us
+_MANUAL = 1.0  # V4L2: exposure by hand, whose time has the unit 100 us
 
 
 class CameraError(Exception):
@@ -50,8 +50,8 @@ class FrameSource(Protocol):
     """A camera or a file.
 
     Attributes:
-        played: whether it is a file, whose frames are available before their time.
-        ended: whether it is at its end.
+        played: whether the source is a file, whose frames are available before their time.
+        ended: whether the source has no more frames.
     """
 
     played: bool
@@ -72,7 +72,7 @@ def open_source(configuration: CameraConfiguration) -> FrameSource:
     """Open a camera or a file.
 
     Raises:
-        ConfigurationError: it does not exist, or its library is missing.
+        ConfigurationError: the source does not exist, or its library is missing.
     """
     name = configuration.source
     path = Path(name.partition("#")[0]).expanduser()
@@ -88,7 +88,7 @@ def open_source(configuration: CameraConfiguration) -> FrameSource:
 
 
 class ArraySource:
-    """Pictures of an array of three dimensions in a file of NumPy."""
+    """Pictures in a file of NumPy: an array of three dimensions."""
 
     played = True
 
@@ -172,7 +172,7 @@ class VideoSource:
         self._count += 1
         if self.played:
             return Frame(gray, self._count)
-        # V4L2 stamps buffers on the monotonic clock; a backend that does not says 0.
+        # V4L2 stamps buffers on the monotonic clock; backends without stamps return 0.
         stamp_ms = float(self._capture.get(self._cv2.CAP_PROP_POS_MSEC))
         return Frame(gray, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
 
@@ -230,7 +230,7 @@ class GenicamSource:
                 raise ConfigurationError("source", f"the camera has no {name}")
             try:
                 nodes.get_node(name).value = value
-            except Exception as error:  # of the producer, of any kind
+            except Exception as error:  # producers raise exceptions of any type
                 words = " ".join(str(error).split())
                 raise ConfigurationError(
                     "source", f"the camera refuses {name} = {value}: {words}"
