@@ -1,6 +1,6 @@
 """Candidates for the displacement: peaks of a slant stack, the wideband velocity spectrum.
 
-Whitened correlations of lines some way apart are added along straight lines of constant
+Whitened correlations at several line spacings are added along straight lines of constant
 displacement, as an array of sensors adds its channels along a direction of arrival.
 """
 
@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum, bands, smoothed
 from omni_platform.kernels import kernel
 
-REACH = 0.5  # share of a line, by which lines that are compared may have moved apart
-_PEAKS = 2  # of each stack that are tried
-_APART = 8  # px between two peaks
-_SAME = 0.15  # px per line, within which two candidates are one
-_DETAIL = 6.0, 100.0  # px, smallest and largest structures that the stack is made of
+REACH = 0.5  # largest shift between two compared lines, as a share of a line
+_PEAKS = 2  # candidates from each stack
+_APART = 8  # px per line; smallest distance of two peaks of a stack
+_SAME = 0.15  # px per line; candidates closer than this count as one
+_DETAIL = 6.0, 100.0  # px; smallest and largest structures that pass the filter of the stack
 COMPARED = 0.15  # cycles per pixel, up to which candidates are compared
 _OVERSAMPLED = 0.5  # independent frequencies per bin, of lines padded to twice their length
-_LAGS = 4  # distances between lines that are correlated
-_STACKED = 3  # of them make the stack, the last one the fraction of a pixel
+_LAGS = 4  # number of line spacings that are correlated
+_STACKED = 3  # line spacings that are stacked; the largest one only refines a peak
 
 
 @kernel
 def lags(lines: int) -> NDArray[np.int64]:
-    """Return distances between lines that are correlated, from 1 to a third of m, shape (4,)."""
+    """Return the line spacings that are correlated, from 1 to a third of m, shape (4,)."""
     distance = np.empty(_LAGS, np.int64)
     for which in range(_LAGS):
         distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
@@ -56,10 +56,10 @@ class Products(NamedTuple):
     """Correlations along the lines of a batch, for all frequencies.
 
     Attributes:
-        lagged: mean products of lines as far apart as `lags`, shape (4, F).
-        newer: mean of the newer lines in each, shape (4, F).
-        older: mean of the older ones, shape (4, F).
-        mean: of all lines, shape (F,).
+        lagged: mean products of the spectra of two lines, for each of `lags`, shape (4, F).
+        newer: mean spectrum of the newer lines of these pairs, shape (4, F).
+        older: mean spectrum of the older lines of these pairs, shape (4, F).
+        mean: mean spectrum of all lines, shape (F,).
         power: mean power of the lines, shape (F,).
     """
 
@@ -79,7 +79,11 @@ def band_pass(size: int, count: int) -> Floats:
 
 @kernel
 def correlate(spectra: Spectrum) -> Products:
-    """Return the correlations along the lines of a batch, shape (m, F)."""
+    """Return the correlations along the lines of a batch.
+
+    Args:
+        spectra: of the lines, shape (m, F).
+    """
     m, count = spectra.shape
     distances = lags(m)
     lagged, newer, older = (
@@ -123,8 +127,8 @@ def find(
     Args:
         products: see `correlate`.
         layout: sizes of the batch.
-        pattern: spectrum of the fixed pattern as known, shape (F,).
-        weight: of the frequencies, see `band_pass`.
+        pattern: spectrum of the fixed pattern as estimated so far, shape (F,).
+        weight: weight of each frequency, see `band_pass`, shape (F,).
         last: displacement of the batch before, NaN for none [px].
     """
     lines, pixels, size, limit = layout
@@ -134,7 +138,7 @@ def find(
     number = 0
     if np.isfinite(last):
         found[0], number = last, 1
-    # What is left without the mean of all lines has no fixed pattern at all.
+    # Lines less the mean of all lines contain no fixed pattern at all.
     for removed in (pattern, products.mean):
         rest = smoothed(
             products.power
@@ -182,7 +186,7 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return which of `lags` is the largest one at which lines still overlap and many are left."""
+    """Return the index of the largest of `lags` at which enough lines overlap sufficiently."""
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]
@@ -193,7 +197,7 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Return a peak to a fraction of a pixel, by the lines farthest apart that still overlap."""
+    """Return a peak to a fraction of a pixel, by the largest line spacing with enough overlap."""
     size = layout.size
     which = farthest(peak, layout)
     lag = lags(layout.lines)[which]
@@ -226,8 +230,8 @@ def coherent(
         layout: sizes of the batch.
         removed: spectrum that is fixed in the view, shape (F,).
         displacement: per line [px].
-        spread: within which the best one counts [px].
-        which: of `lags`, how far the lines are apart.
+        spread: width of the range of displacements of which the best one counts [px].
+        which: index of the line spacing in `lags`.
     """
     size = layout.size
     edges = bands(size)
@@ -271,7 +275,7 @@ def coherent(
 
 @kernel
 def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
-    """Return how well each candidate explains the lines, at its best lag [nats].
+    """Return the log-likelihood of each candidate at its best line spacing [nats], shape (c,).
 
     Args:
         products: see `correlate`.

@@ -16,10 +16,10 @@ from omni_platform.kernels import njit
 Floats = NDArray[np.float32]
 
 _FEWEST_LINES = 8
-_SIDE = 2  # px to either side, with whose median a pixel is compared
-_OUTSTANDING = 9.0  # times the median of all differences from it: 6 standard deviations
-_IN_EACH = 0.5  # of that, in every line
-_MOST_DEFECTIVE = 0.03  # share of a line
+_SIDE = 2  # px to either side; a pixel is compared with their median
+_OUTSTANDING = 9.0  # times the median difference of all pixels: 6 standard deviations
+_IN_EACH = 0.5  # share of this limit that the pixel must exceed in every line
+_MOST_DEFECTIVE = 0.03  # share of a line; if more pixels stand out, none counts as defective
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,7 +48,7 @@ def _stand_out(mean: Floats, out: Floats) -> bool:
     """
     count = len(mean)
     highest = np.float32(0.0)
-    for i in range(count):  # the ends count more often
+    for i in range(count):  # beyond an end its pixel is repeated
         a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
         c, d = mean[min(i + 1, count - 1)], mean[min(i + 2, count - 1)]
         low = max(min(a, b), min(c, d))
@@ -95,7 +95,7 @@ def without_defects(lines: Lines) -> Lines:
     """Return lines whose defective pixels are interpolated, the same lines if there are none.
 
     Args:
-        lines: that follow each other, shape (m, n).
+        lines: consecutive lines, shape (m, n).
     """
     if len(lines) < _FEWEST_LINES:
         return lines

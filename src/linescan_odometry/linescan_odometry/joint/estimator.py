@@ -34,15 +34,15 @@ from linescan_odometry.joint.spectra import (
 from linescan_odometry.matching.transforms import load_transforms
 from linescan_odometry.measurements import Lines
 
-_MEMORY = 50.0  # batches, over which what is known of the pattern fades
-_NOISE = 12.0  # nats, that noise alone seldom shows
-_LIKELY = 25.0  # nats, of them for the displacement
-_RATIO = 0.5  # runner-up's log-likelihood over the best one's
-_FEWEST = 7.5  # independent features of what moves: the edge of a shadow has up to seven
-_LEAST_CONTRAST = 0.03  # of gradients to noise: fainter ones over wood may have another motion
-_STATIC = 2.0  # px within a batch
+_MEMORY = 50.0  # batches; memory of the estimate of the pattern
+_NOISE = 12.0  # nats; log-likelihood that noise alone seldom reaches
+_LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
+_RATIO = 0.5  # second-best log-likelihood over the best one; above it the peak is ambiguous
+_FEWEST = 7.5  # independent moving features: the edge of a shadow has up to seven
+_LEAST_CONTRAST = 0.03  # gradients over noise: fainter ones over wood may have another motion
+_STATIC = 2.0  # px within a batch; a candidate below counts as at rest
 _SHIFTED = 8.0  # px within a batch, from which ground and pattern differ
-_RESOLVED = 4.0  # px per line, from which two candidates are two peaks
+_RESOLVED = 4.0  # px per line; candidates this far apart are separate peaks
 _FEWEST_LINES = 8
 _KNOWN = 1e12  # precision of a pattern that is taken as known
 
@@ -52,8 +52,8 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: mean displacement per line [px].
-        variance: of it [px^2].
-        reason: why it is not valid, empty if it is.
+        variance: of the displacement [px^2].
+        reason: why the displacement is not valid, empty if it is.
         coherence: of neighboring lines [1].
         details: effective number of independent values of the texture in a line.
     """
@@ -67,12 +67,12 @@ class Estimate(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """A candidate.
+    """The candidate that explains the lines best.
 
     Attributes:
         displacement: per line [px].
-        moves: whether anything changes in the view.
-        reason: why it is not valid, empty if it is.
+        moves: whether the view changes.
+        reason: why the displacement is not valid, empty if it is.
     """
 
     displacement: float
@@ -84,7 +84,7 @@ class JointEstimator:
     """Estimates displacements and the fixed pattern of a camera.
 
     Attributes:
-        pattern: of the camera, as estimated so far.
+        pattern: fixed pattern of the camera as estimated so far.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class JointEstimator:
         Args:
             pixels: n of a line.
             limit: largest displacement per line [px].
-            acceleration: its usual change from line to line (standard deviation) [px].
+            acceleration: standard deviation of the displacement's change from line to line [px].
         """
         load_transforms()
         self._limit, self._spread = limit, acceleration
@@ -129,8 +129,8 @@ class JointEstimator:
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
         choice = self._choose(products, layout, known, found)
         d, a, moves, reason = choice.displacement, 0.0, choice.moves, choice.reason
-        # Where nothing moves, the ground is as fixed as the pattern, and few lines do not separate
-        # the two: the pattern is taken as known.
+        # At rest, and with few lines, ground and pattern cannot be separated: the pattern is taken
+        # as known.
         parted = moves and m >= _FEWEST_LINES
         pattern, before, batch = known, np.full(self._bins, _KNOWN), np.zeros(self._bins)
         information, removed = known, products.mean
@@ -149,7 +149,7 @@ class JointEstimator:
             d, a, removed = best.displacement, best.change, pattern
         if not reason and moves and best.features < _FEWEST:
             reason = f"dominated by {best.features:.1f} features"
-        # With a smaller shift the pattern contains the ground, and the rest lacks it.
+        # After a smaller shift the pattern still contains the ground, and `rest` lacks it.
         if not reason and abs(d) * (m - 1) > _SHIFTED and best.contrast < _LEAST_CONTRAST:
             reason = "low texture"
         if not reason and moves:
@@ -165,8 +165,8 @@ class JointEstimator:
     ) -> _Choice:
         """Return the candidate that explains the lines best.
 
-        What is fixed in the view is in the mean of the batch; what is left of a static scene is
-        noise. So any motion that shows in it rules out rest.
+        The mean of the batch contains everything that is fixed in the view. Without this mean, the
+        lines of a static scene are noise, so a motion that explains them rules out rest.
         """
         removed = products.mean if layout.lines >= _FEWEST_LINES else known
         evidence = rate(products, layout, removed, found)
@@ -178,7 +178,7 @@ class JointEstimator:
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
-        # Neighboring lines do not part slow displacements, lines farther apart do.
+        # Neighboring lines do not separate slow displacements, lines farther apart do.
         near = (abs(found - found[best]) < _RESOLVED) & (evidence > _RATIO * evidence[best])
         far = min(farthest(c, layout) for c in found[near])
         spread = 0.5 / lags(layout.lines)[far]
@@ -199,8 +199,8 @@ class JointEstimator:
         Args:
             products: of the batch.
             layout: sizes of the batch.
-            value: the displacement [px].
-            c: the candidate that it was refined from [px].
+            value: displacement per line [px].
+            c: candidate from which the displacement was refined [px].
         """
         if layout.lines < _FEWEST_LINES:
             return ""
@@ -212,7 +212,7 @@ class JointEstimator:
     def _static_variance(self, products: Products, layout: Layout, value: float) -> float:
         """Return the variance of a slow displacement by the probability that nothing moves [px^2].
 
-        Over a smooth ground the likelihoods of both are nearly equal.
+        Over a smooth ground motion and rest are nearly equally likely.
         """
         if layout.lines < _FEWEST_LINES or abs(value) >= _RESOLVED:
             return 0.0

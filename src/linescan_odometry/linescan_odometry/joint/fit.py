@@ -1,7 +1,7 @@
 """Displacement and its change by Newton steps on the log-likelihood, with a robust variance.
 
-The lines are cut where they show the same piece of ground, so that no texture enters or leaves, and
-transformed anew. The variance is the sandwich ``J^-1 (sum U U') J^-1`` over places of the ground:
+The lines are cut to the piece of ground that they share, so that no texture enters or leaves, and
+transformed again. The variance is the sandwich ``J^-1 (sum U U') J^-1`` over places of the ground:
 U are the slopes of the log-likelihood of each place, J its curvature. It holds without the noise
 being white or the model exact, as long as places err independently.
 """
@@ -32,8 +32,8 @@ from linescan_odometry.joint.spectra import (
 )
 from omni_platform.kernels import kernel
 
-PLACES = 24  # of the ground in a line, that err independently
-_SHORTEST = 8  # a part of a line that all lines of a block show, the 8th at least
+PLACES = 24  # pieces of ground in a line whose errors are independent
+_SHORTEST = 8  # the lines of a block share at least the 8th part of a line
 _STEPS = 2
 _LARGEST_STEP = 1.0, 0.1  # px per line, px per line^2
 
@@ -44,7 +44,7 @@ class Fit(NamedTuple):
     Attributes:
         found: whether there is one.
         displacement: per line, in the middle of the batch [px].
-        change: of it from line to line [px].
+        change: of the displacement from line to line [px].
         variance: of the displacement [px^2].
         features: effective number of independent features that move with the displacement.
         coherence: of neighboring lines, weighted by power [1].
@@ -63,11 +63,11 @@ class Fit(NamedTuple):
 
 
 class Precision(NamedTuple):
-    """How well the fixed pattern is known, as the logarithm of gains, by spectra of whole lines.
+    """Precision of the fixed pattern (logarithm of gains) at the frequencies of whole lines.
 
     Attributes:
-        before: inverse variance by earlier batches, shape (F,).
-        batch: inverse variance by this one, shape (F,).
+        before: inverse variance from earlier batches, shape (F,).
+        batch: inverse variance from this batch, shape (F,).
     """
 
     before: Doubles
@@ -78,7 +78,7 @@ class _Block(NamedTuple):
     """One block of lines.
 
     Attributes:
-        spectra: z, which lose the pattern, shape (m, F).
+        spectra: z; `_marginalize` subtracts the pattern, shape (m, F).
         turn: ``u_k = exp(-2 pi i f X_k)``, shape (m, F).
         kappa: derivatives of the paths of the lines by d, shape (m,).
         half: derivatives of the paths of the lines by a, shape (m,).
@@ -97,7 +97,7 @@ class _Model(NamedTuple):
         edges: of the bands [bins], shape (B + 1,).
         bands: S, rho, N of each band, shape (3, B).
         precision: inverse variance of the pattern, shape (F,).
-        rate: angle of each frequency [rad per px], shape (F,).
+        rate: angular frequency of each bin [rad per px], shape (F,).
     """
 
     edges: NDArray[np.int64]
@@ -112,10 +112,10 @@ class _Cut(NamedTuple):
     Attributes:
         spectra: in the ground frame, shape (t, F).
         line: number of the line in each row, shape (t,).
-        first: row of the first line of each block, and t, shape (blocks + 1,).
-        ground: where each block begins on the ground [px], shape (blocks,).
-        length: of the part [px].
-        size: of the transform [px].
+        first: row of the first line of each block and, last, t, shape (blocks + 1,).
+        ground: position on the ground at which each block begins [px], shape (blocks,).
+        length: length of the cut lines [px].
+        size: size of the transform [px].
     """
 
     spectra: Spectrum
@@ -188,14 +188,15 @@ def _marginalize(block: _Block, model: _Model, white: Spectrum, slopes: Doubles)
     """Marginalize the fixed pattern out of the log-likelihood of one block.
 
     A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
-    frame. With ``c = 1 / V + u' T^-1 u``, the likelihood loses ``log c / 2``, and the lines their
-    part ``u (u' T^-1 z) / c``.
+    frame. With ``c = 1 / V + u' T^-1 u``, the log-likelihood decreases by ``log c / 2``, and
+    ``u (u' T^-1 z) / c`` is subtracted from the lines.
 
     Args:
         block: the lines.
-        model: of their covariance.
+        model: their covariance.
         white: receives ``T^-1 z`` without the pattern, shape (m, F).
-        slopes: of the log-likelihood by d and a, are added to, shape (2,).
+        slopes: slopes of the log-likelihood by d and a, to which those of the term with c are
+            added, shape (2,).
     """
     spectra, turn, kappa, half = block
     edges, bands_of, precision, rate = model
@@ -223,7 +224,7 @@ def _slopes(
 ) -> tuple[Spectrum, Doubles]:
     """Return T^-1 of the lines, shape (t, F), and slopes of the log-likelihood by d and a.
 
-    The lines lose the part of the pattern that is not known yet, see `_marginalize`.
+    The part of the pattern that is not known yet is subtracted from the lines, see `_marginalize`.
     """
     rows, count = cut.spectra.shape
     white = np.zeros((rows, count), np.complex64)
@@ -319,12 +320,12 @@ def _information(
 
 @kernel
 def _on_grid(precision: Precision, cut: _Cut, pixels: int) -> Doubles:
-    """Return the pattern as estimated without one block, on the frequencies of the cut.
+    """Return the precision of the pattern without one block, at the frequencies of the cut.
 
     Args:
-        precision: of the pattern; of this batch each block has an equal part.
-        cut: lines of less than n pixels.
-        pixels: n.
+        precision: of the pattern; each block contributes an equal part to that of this batch.
+        cut: the cut lines, which have less than n pixels.
+        pixels: n of a line.
     """
     before, batch = precision
     known = np.zeros(cut.spectra.shape[1])
@@ -398,9 +399,9 @@ def fit(
         lines: logarithm of lines less the pattern, shape (m, n).
         precision: of the pattern.
         displacement: per line [px].
-        change: of it from line to line [px].
-        spread: its prior standard deviation [px].
-        last: whether variance and features are wanted.
+        change: of the displacement from line to line [px].
+        spread: prior standard deviation of the change [px].
+        last: whether to compute variance and features too.
     """
     m, n = lines.shape
     nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0)
@@ -445,7 +446,7 @@ def fit(
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(cut, white, weight, kappa, half, n)
     variance, effective = _sandwich(parts, j_aa / determinant, -j_da / determinant)
-    # By amplitude and coherence: one bright edge counts like a faint one.
+    # Weighted by amplitude and coherence, so that a bright edge counts like a faint one.
     energy = np.maximum(parts[:, 2], 0.0)
     amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
@@ -462,8 +463,8 @@ def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
 
     Args:
         parts: of each place, see `_places`, shape (p, 4).
-        g_d: first row of J^-1, by d.
-        g_a: the same by a.
+        g_d: element of J^-1 in the row and the column of d.
+        g_a: element of J^-1 in the row of d and the column of a.
     """
     energy = np.maximum(parts[:, 2], 0.0)
     total = energy.sum()
@@ -473,7 +474,7 @@ def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
     slope = g_d * parts[:, 0] + g_a * parts[:, 1]
     own = slope - share * slope.sum()
     effective = 1.0 / (share * share).sum()
-    # Student's factor: the scatter is estimated from as many places.
+    # Student's factor, because the scatter is estimated from `effective` places only.
     student = effective / (effective - 2.0) if effective > 2.0 else math.inf
     return student * (own * own).sum(), effective
 
@@ -487,11 +488,11 @@ def _places(
     half: Doubles,
     pixels: int,
 ) -> Doubles:
-    """Return slopes by d and a, coherent and whole energy of each place, shape (p, 4).
+    """Return slopes by d and a, coherent and total energy of each place, shape (p, 4).
 
     The products of lines are summed in space, on a grid as coarse as the highest frequency allows.
-    The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma, by products
-    of neighboring lines, in which what does not move with the ground has no part.
+    The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma. Its coherent
+    part is computed from products of neighboring lines, to which only the ground contributes.
     """
     rows, count = cut.spectra.shape
     size = transform_size(2 * count)
@@ -505,7 +506,7 @@ def _places(
     in_space = scipy.fft.irfft(parted[0], size, 1)
     slopes = scipy.fft.irfft(parted[1], size, 1)
     energy = scipy.fft.irfft(parted[2], size, 1)
-    scale = size / cut.size  # of a px
+    scale = size / cut.size  # grid points per px
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
@@ -525,6 +526,6 @@ def _places(
                     parts[place[i], 3] += 0.5 * (
                         energy[r, i] * energy[r, i] + energy[r - 1, i] * energy[r - 1, i]
                     )
-    # A real transform counts every frequency twice over its size.
+    # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size
     return parts

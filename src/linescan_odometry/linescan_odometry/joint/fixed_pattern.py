@@ -1,10 +1,10 @@
 """The fixed pattern of a camera, estimated along with the displacement.
 
-The pattern is what dirt, unequal pixels, shading and mud do to every line. For a given displacement
-its posterior is Gaussian at every frequency: the batches so far and this one are weighted by their
-information. The prior variance is the power of what looks fixed (empirical Bayes), so that a camera
-without dirt loses little information. Candidates for the displacement are compared with a mean that
-is shrunk by the variance beyond its own error.
+Dirt, unequal pixels, shading and mud change every line in the same way: this is the fixed pattern.
+For a given displacement its posterior is Gaussian at every frequency; earlier batches and this one
+are weighted by their information. The prior variance is the power of the estimated pattern
+(empirical Bayes), so that a camera without dirt loses little information. Before candidates for the
+displacement are compared, a shrunk mean is subtracted, which is small where it is mostly error.
 """
 
 from __future__ import annotations
@@ -102,12 +102,12 @@ def observe(
 
     Args:
         spectra: of whole lines, shape (m, F).
-        removed: what is taken for fixed where the covariance is estimated, shape (F,).
-        paths: of the lines [px], shape (m,).
+        removed: pattern to subtract before the covariance is estimated, shape (F,).
+        paths: displacement of every line [px], shape (m,).
         size: of the transform [px].
 
     Returns:
-        Information (precision times mean) and precision, each of shape (F,).
+        Information (precision times mean) and precision, each with shape (F,).
     """
     m, count = spectra.shape
     turn = phases(paths, size, count)

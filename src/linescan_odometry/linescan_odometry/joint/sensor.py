@@ -1,4 +1,4 @@
-"""The method `joint` for one camera: the estimator and the plausibility of its displacements."""
+"""The method `joint` for one camera: estimator of displacements and check of their plausibility."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from linescan_odometry.measurements import Displacement, Lines, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_platform.sensors import LineSensor
 
-_ACCELERATION = 15.0  # m/s^2, usual deviation: a hard stop on a dry road is 10
+_ACCELERATION = 15.0  # m/s^2, standard deviation: a hard stop on a dry road has 10
 
 
 class JointMethod:
@@ -31,7 +31,7 @@ class JointMethod:
         Args:
             sensor: the camera.
             configuration: of the odometry.
-            pattern: of an earlier drive; None without.
+            pattern: fixed pattern of an earlier drive; None if there is none.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)

@@ -18,9 +18,9 @@ Spectrum = NDArray[np.complex64]
 HIGHEST = 0.3  # cycles per pixel: beyond, the optics pass little and what they pass is aliased
 _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio: bands of equal relative width
 _TAPER = 16  # a raised cosine over the 16th part of a line at either end limits leakage
-_LEAST_TAPER = 0.2  # of a tapered line, by which its pattern is scaled back at its ends
+_LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided at the ends of a line
 _SMOOTHED = 4  # bins to either side, over which a power spectrum is averaged
-_COHERENCE_LAG = 6  # lines, over which the loss of coherence is observed
+_COHERENCE_LAG = 6  # line spacing over which the loss of coherence is observed
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -55,7 +55,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def transform_size(length: int) -> int:
-    """Return the next length of which 2, 3 and 5 are the only prime factors, and even."""
+    """Return the next even length that has no prime factors except 2, 3 and 5."""
     size = length + length % 2
     while True:
         rest = size
@@ -82,19 +82,19 @@ def smoothed(values: Doubles) -> Doubles:
 
 
 def log_table(depth: int) -> Floats:
-    """Return the logarithm of every gray level of a depth [bit]; of black as of the next one."""
+    """Return the logarithm of every gray level of a depth [bit]; level 0 counts as level 1."""
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
 @kernel
 def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectrum:
-    """Return the spectra of the logarithm of lines, to which gains add like offsets.
+    """Return the spectra of the logarithm of lines, in which gains are offsets.
 
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
-        taper: of a line, shape (n,).
-        size: to which the tapered lines are padded with zeros [px].
+        taper: factor of each pixel, shape (n,).
+        size: length to which the tapered lines are padded with zeros [px].
 
     Returns:
         Spectra up to `HIGHEST`, shape (m, F).
@@ -120,8 +120,8 @@ def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size:
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
-        pattern: spectrum of its logarithm, of a tapered line, shape (F,).
-        taper: of a line, shape (n,).
+        pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
+        taper: factor of each pixel, shape (n,).
         size: of the transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
@@ -138,7 +138,7 @@ def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size:
 
 @_fast
 def rotate(spectrum: Spectrum, step: float, start: float, turned: Spectrum) -> None:
-    """Multiply one spectrum by ``exp(-2 pi i (start + f step))``: a shift; f in bins."""
+    """Write one spectrum times ``exp(-2 pi i (start + f step))`` to `turned`; f in bins."""
     angle = -2.0 * math.pi * step
     factor = complex(math.cos(angle), math.sin(angle))
     angle = -2.0 * math.pi * start
@@ -172,9 +172,9 @@ def covariance(
 
     Args:
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
-        first: row of the first line of each block, and t, shape (blocks + 1,).
+        first: row of the first line of each block and, last, t, shape (blocks + 1,).
         edges: of the bands [bins], shape (B + 1,).
-        least_noise: smallest noise power of each band; negative: as a share of its power.
+        least_noise: smallest noise power of each band; if negative, a share of the band's power.
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
@@ -221,10 +221,10 @@ def _pivots(band: Doubles, inverse: Floats) -> tuple[float, float]:
 
     Args:
         band: S, rho, N.
-        inverse: receives them, shape (m,).
+        inverse: receives the inverse pivots, shape (m,).
 
     Returns:
-        Its off-diagonal element, and the logarithm of the determinant of T.
+        Off-diagonal element of ``1 + N A^-1``, and the logarithm of the determinant of T.
     """
     texture, rho, noise = band[0], band[1], band[2]
     m = len(inverse)
@@ -247,7 +247,7 @@ def _pivots(band: Doubles, inverse: Floats) -> tuple[float, float]:
 def whiten(
     spectra: Spectrum, weight: Doubles, edges: NDArray[np.int64], model: Doubles, white: Spectrum
 ) -> float:
-    """Apply T^-1 along the lines of one block, in a time that grows with their number.
+    """Apply T^-1 along the lines of one block, in a time proportional to their number.
 
     The inverse of the autoregressive part A is tridiagonal, and
     ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.

@@ -1,7 +1,7 @@
 """Search by any of the distances (79)-(83), pair by pair, with an optional window and prior.
 
-Every shift is evaluated in whole numbers over the true overlap, and each sum is divided by the
-number of pixels in it, so that a sum over fewer pixels does not win because it is shorter:
+Every shift is evaluated in integers over the true overlap. Each sum is divided by its number of
+pixels, so that a sum over fewer pixels does not win because it is shorter:
 
 | metric | distance at a shift with N common pixels |
 |---|---|
@@ -16,9 +16,9 @@ Divided by N, (79) is the root mean square over ``sqrt(N)``, which prefers longe
 its square. The first three are *not* invariant to a change of brightness, contrary to section
 4.3.2; neither is the cosine at low contrast.
 
-Two methods of section 4.6 use the last displacement: only a **window** around it is searched as
-long as its peak is plausible, and a **prior** multiplies the distance at shift s by ``1 + weight |s
-- before| / limit``, which prefers small changes of velocity.
+Two methods of section 4.6 use the last displacement. With a **window**, only shifts near it are
+searched as long as the best one of them is credible. A **prior** multiplies the distance at shift s
+by ``1 + weight |s - before| / limit`` and so prefers small changes of velocity.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ _KINDS = {
     "spearman": _SPEARMAN,
 }
 
-# A window around a wrong shift is never right: its best shift is at the border or matches
-# badly. This finds 99 % of them; the median finds the rest.
+# Smallest correlation of a credible shift. A window around a wrong shift does not contain the right
+# one: its best shift is at the border or matches badly. This check detects 99 % of such windows;
+# the median filter rejects the others.
 _CREDIBLE = 0.5
 _UNDEFINED = math.inf
 
@@ -83,7 +84,7 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search by a metric of any name; stores the displacement of the last pair."""
+    """Search by any of the metrics; stores the displacement of the last pair."""
 
     def __init__(
         self, metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
@@ -94,9 +95,10 @@ class DirectSearch:
             metric: name of the distance.
             pixels: n of a line.
             limit: largest shift [px].
-            window: half width of the search around the last displacement [px]; 0 for the full
-                search always.
-            prior_weight: relative increase of the distance at `limit` from the last one [1].
+            window: half width of the search around the last displacement [px]; 0 to search all
+                shifts always.
+            prior_weight: relative increase of the distance at a shift that differs from the last
+                one by `limit` [1].
         """
         self._kind = _KINDS[metric]
         self._limit = limit

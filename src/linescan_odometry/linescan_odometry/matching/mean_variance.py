@@ -1,11 +1,11 @@
 """Variance of the mean of many consecutive displacements, from the residuals of their matches.
 
 The errors of consecutive displacements are strongly correlated. The noise of a line enters the
-displacement before it and, with the opposite sign, the one after it: nearly all of it cancels in
-    the
-mean of a straight motion. In sideways motion a strip of ground disturbs the match when it enters
-the view and when it leaves; neighboring strips of the same stone have similar errors. So the
-variance of a mean of m displacements can be 30 times smaller than V / m or 10 times larger.
+displacement before it and, with the opposite sign, the one after it, so that nearly all of it
+cancels in the mean of a straight motion. In sideways motion a strip of ground disturbs the match
+when it enters the view and when it leaves; neighboring strips of the same stone have similar
+errors. So the variance of a mean of m displacements, each with the variance V, can be 30 times
+smaller than V / m or 10 times larger.
 
 These errors belong to positions *along the axis*, and distant positions are independent. So the
 errors are first summed over time and then squared, position by position (the cluster-robust
@@ -15,12 +15,12 @@ weight of pair i in the mean,
 
     S_b = sum_i w_i (r_ib - P_ib / P_i sum_b r_ib) / P_i,    var = sum_b S_b^2
 
-Three corrections make it valid for few blocks. Errors may extend into neighboring blocks: products
-of neighbors enter with the weights of Bartlett (Newey and West 1987), over a fifth of the effective
-number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages ``h_b = sum_i w_i P_ib / P_i``. The fit
-of each pair reduces the residuals by the leverage of its blocks, which is corrected. And as the
-variance is itself an estimate with nu degrees of freedom, errors normalized by it have the variance
-of Student's t, ``nu / (nu - 2)``.
+Three corrections make the variance valid for few blocks. Errors may extend into neighboring blocks;
+therefore products of neighbors enter with the weights of Bartlett (Newey and West 1987), over a
+fifth of the effective number of blocks, ``N = 1 / sum_b h_b^2`` with the leverages
+``h_b = sum_i w_i P_ib / P_i``. The fit of each pair reduces the residuals by the leverage of its
+blocks; the variance is increased accordingly. The variance is itself an estimate with nu degrees of
+freedom; therefore it is multiplied by the variance of Student's t, ``nu / (nu - 2)``.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ class Overlaps(NamedTuple):
 
 
 class _Blocks(NamedTuple):
-    """Sums over the pairs.
+    """Sums over the pairs, see the formulas of the module.
 
     Attributes:
         error: S_b of each block of ground.
-        leverage: h_b of each block.
+        leverage: h_b of each block of ground.
         shares: P_ib / P_i, shape (m, most parts).
     """
 
@@ -68,10 +68,10 @@ class _Blocks(NamedTuple):
     shares: FloatArray
 
 
-_WINDOWS = 5.0  # that the effective number of blocks is divided into
+_WINDOWS = 5.0  # effective number of blocks over the width of Bartlett's window
 _FEWEST_FREEDOMS = 3.0
 _LARGEST_LEVERAGE = 0.75
-_LEAST_SHARE = 0.5  # of the variance without neighbors that negative products leave
+_LEAST_SHARE = 0.5  # smallest variance, over that without products of neighbors
 
 
 @njit(cache=True, error_model="numpy")

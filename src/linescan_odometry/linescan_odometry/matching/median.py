@@ -1,10 +1,10 @@
 """Median filter over groups of consecutive displacements (section 4.6, Enhancements).
 
-Point errors, single pairs that match at a wrong peak, are rejected by their distance from the
-median of n consecutive displacements; the rest is averaged. The mean of the inliers is more
-accurate than the median: the error of a line enters two consecutive displacements with opposite
-signs, so in a mean over m of them all but the first and the last cancel, and the error falls with m
-where white noise would fall with sqrt(m).
+A point error is a single pair that matches at a wrong peak. Point errors are rejected by their
+distance from the median of n consecutive displacements; the other displacements are averaged. Their
+mean is more accurate than the median. The error of a line enters two consecutive displacements with
+opposite signs, so in a mean over m of them all errors but the first and the last cancel. The error
+of the mean decreases with m, whereas that of white noise would decrease with sqrt(m).
 """
 
 from __future__ import annotations

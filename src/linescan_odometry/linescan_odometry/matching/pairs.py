@@ -1,4 +1,4 @@
-"""The displacement of every line against the one before it: search, then refinement."""
+"""Displacement of every line against the one before it, by a search and its refinement."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        variance: of each, from its match [px^2], shape (m,).
-        similarity: at the peak, shape (m,).
+        variance: of each displacement, from its match [px^2], shape (m,).
+        similarity: correlation at the peak [1], shape (m,).
         usable: whether the pair has a sufficiently high peak, shape (m,).
     """
 
@@ -70,8 +70,8 @@ class PairMatcher:
         """Return the variance of a weighted mean of the pairs matched last [px^2].
 
         Args:
-            displacement: as matched [px], shape (m,).
-            weight: of each in the mean, zero for excluded ones, sum 1, shape (m,).
+            displacement: of each pair as matched [px], shape (m,).
+            weight: of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         return self._refiner.mean_variance(displacement, weight)
 

@@ -1,11 +1,11 @@
 """Full search by Pearson's correlation (81) over the true overlap at each shift.
 
-All shifts at once come from one cross-correlation by FFT, and the means and standard deviations
-of the overlapping parts from running sums that each line shares between its two pairs. This step
-in single precision only proposes candidates: every shift whose correlation could be the largest
-within a bound of the rounding error is then evaluated in integers. So the result equals that of a
-direct evaluation, for 8-bit and 16-bit lines, and does not depend on the rounding of the FFT or on
-the grouping of lines into batches.
+One cross-correlation by FFT gives the products of all shifts at once. The means and standard
+deviations of the overlapping parts come from running sums, which each line shares between its two
+pairs. This step in single precision only proposes candidates: every shift whose correlation could
+be the largest, within a bound of the rounding error, is then evaluated in integers. So the result
+equals that of a direct evaluation, for 8-bit and 16-bit lines, and does not depend on the rounding
+of the FFT or on the grouping of lines into batches.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from omni_platform.kernels import kernel, njit
 # Bound of the error of a single-precision FFT correlation, relative to |x| |y|. Measured errors
 # stay below 4e-7 up to 16384 px; what matters is only that the bound is never exceeded.
 _ROUNDING = 4e-6
-# Pixels and pairs per FFT batch: a call costs as much as some short lines, while the working set
-# shall stay in the second-level cache.
+# Pixels and pairs per FFT batch: enough that the cost of a call does not matter, few enough that
+# the working set stays in the second-level cache.
 _CHUNK_PIXELS = 1 << 16
 _CHUNK = 256
 _MAGNITUDE = np.int32(0x7FFFFFFF)
-_BLOCK = 64  # shifts looked through at once for one in reach
+_BLOCK = 64  # shifts whose bounds are checked together
 _NARROW = 1 << 15  # pixels of 8 bits whose sums of squares fit 32 bits
 
-# Sums in any order. Such a kernel must not be in the cache itself if another one calls it (see
-# `subpixel`): all but the one that Python calls are compiled with it alone.
+# These flags permit sums in any order. A kernel with them must not be cached if another kernel
+# calls it (see `subpixel`), so only the kernel that Python calls is cached.
 _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 
 
 class _Ends(NamedTuple):
     """The first and the last n - s pixels of each line, for every shift s.
 
-    Index 0 of the second axis is of the first pixels, 1 of the last ones.
+    Index 0 of the second axis stands for the first pixels, 1 for the last ones.
 
     Attributes:
-        sums: of the pixels, centered, shape (lines, 2, shifts).
+        sums: sums of the centered pixels, shape (lines, 2, shifts).
         scales: ``1 / sqrt(N sum x^2 - (sum x)^2)``, 0 if all pixels are equal, shape as `sums`.
         norm: root of the sum of squares of the whole line, shape (lines,).
     """
@@ -182,8 +182,8 @@ def _bound(
         penalty = np.float32(0.0) if scale > np.float32(0.0) else np.float32(8.0)
         upper[s] = r + bound - penalty
         lower[s] = r - bound - penalty
-    # Compilers take the largest of whole numbers in vectors, but not that of floating-point ones.
-    # The bits of these have their order, except that negative ones run the other way.
+    # Compilers vectorize the maximum of integers, but not that of floating-point numbers. Read as
+    # integers, the bits of these have the same order, reversed for negative numbers.
     bits = lower.view(np.int32)
     best = np.int32(-0x7FFFFFFF)
     for s in range(bits.shape[0]):
@@ -196,7 +196,7 @@ def _bound(
 
 @njit(nogil=True, inline="always")
 def _narrow_sums(x: Lines, y: Lines) -> tuple[np.int64, np.int64, np.int64, np.int64, np.int64]:
-    """Return sum x, sum y, sum x^2, sum y^2 and sum x y, in numbers of half the width."""
+    """Return sum x, sum y, sum x^2, sum y^2 and sum x y, computed with 32 bits."""
     s_x = np.int32(0)
     s_y = np.int32(0)
     s_xx = np.int32(0)

@@ -59,9 +59,10 @@ def make_search(
         metric: one of `METRICS`.
         pixels: n of a line.
         limit: largest shift [px].
-        window: half width of the search around the last displacement [px]; 0 for the full
-            search always.
-        prior_weight: relative increase of the distance at `limit` from the last one [1].
+        window: half width of the search around the last displacement [px]; 0 to search all shifts
+            always.
+        prior_weight: relative increase of the distance at a shift that differs from the last one
+            by `limit` [1].
     """
     if window > 0 or prior_weight > 0.0:
         return DirectSearch(metric, pixels, limit, window, prior_weight)

@@ -29,7 +29,7 @@ def smoothed_peak(old: Lines, new: Lines, shift: int, reach: int) -> int:
         old: a line, shape (n,).
         new: the line after it, shape (n,).
         shift: best shift without smoothing [px].
-        reach: distance of the search from there [px].
+        reach: largest distance from this shift that is searched [px].
     """
     smooth_old, smooth_new = _smooth(old), _smooth(new)
     best, best_shift = -math.inf, shift

@@ -4,16 +4,17 @@ Around the integer shift s the two lines are resampled by one FIR filter each th
 Gaussian, shifts by half of the fraction f (the older line forwards, the newer one backwards) and,
 in its second form, differentiates. Both lines thus pass through the same filter, which avoids a
 bias towards whole pixels. Means and contrasts are equalized, so that a change of brightness has no
-effect. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the
-filtered derivatives p of the new and q of the old line and ``g = (p + q) / 2 = de/df`` a step is
+effect. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the filtered derivatives p of the new and q
+of the old line and ``g = (p + q) / 2 = de/df``, a step is
 
     f <- f - sum(e g) / sum(p q).
 
 The noise of the two lines is independent, so ``sum(p q)`` is the gradient energy of the texture
-alone, where ``sum(g^2)`` would count noise as texture. The variance is that of the last step.
-For white noise e it would be the Cramer-Rao bound times the loss by smoothing; but e is correlated
+alone, whereas ``sum(g^2)`` would count noise as texture. The variance is that of the last step.
+For white noise e it would be the Cramer-Rao bound times the loss by smoothing. But e is correlated
 along the line, by the filter and, in sideways motion, by texture that enters and leaves.
-Hence e g is summed over blocks longer than that, ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
+Hence e g is summed over blocks longer than this correlation:
+``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
 
 The width of the Gaussian is a compromise. A wide one loses the information of fine texture; a
 narrow one is undersampled, which biases displacements towards whole pixels: by 0.006 px at a sigma
@@ -39,15 +40,15 @@ FEWEST_PIXELS = 32
 _RADIUS = 4  # [px] of the FIR filter: 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
 _STEPS = 2
-_FEWEST_TERMS = 16  # of an overlap [px]
-_FEWEST_BLOCKS = 16  # of a long overlap; rounding their length down makes no more than 32
-_GROUND_BLOCKS = 32  # of ground in a line
-_FARTHEST = 1.0  # [px] from the integer peak; beyond, it was no peak
+_FEWEST_TERMS = 16  # smallest overlap [px]
+_FEWEST_BLOCKS = 16  # in a long overlap; rounding their length down makes no more than 32
+_GROUND_BLOCKS = 32  # blocks of ground in a line
+_FARTHEST = 1.0  # largest distance from the integer shift [px]; beyond, that was no peak
 
-# The sums below may be reordered for speed. A kernel that allows this must not be in the cache if
-# another one calls it: what is inlined into the caller may be rounded differently before and after
-# the compiled code has gone through the cache, and runs would not repeat to the last bit. So it is
-# compiled with its callers alone.
+# The sums below may be reordered for speed. A kernel that permits this must not be cached if
+# another kernel calls it: the code inlined into the caller may be rounded differently before and
+# after the compiled code has been read from the cache, and runs would not repeat to the last bit.
+# So only its callers are cached.
 _REORDER = {"reassoc", "contract", "nsz"}
 
 
@@ -55,11 +56,11 @@ class _Layout(NamedTuple):
     """Division of the overlaps of m pairs at the blocks of the ground, each of shape (m,).
 
     Attributes:
-        length: of each overlap [px].
+        length: length of each overlap [px].
         block: length of its blocks [px].
-        number: of its first block.
+        number: number of its first block of ground.
         lead: visible length of the first block [px].
-        parts: number of its blocks.
+        parts: how many blocks the overlap has.
     """
 
     length: NDArray[np.int64]
@@ -136,8 +137,8 @@ class SubpixelRefiner:
         """Return the variance of a weighted mean of the displacements refined last [px^2].
 
         Args:
-            displacement: as refined [px], shape (m,).
-            weight: of each in the mean, zero for excluded ones, sum 1, shape (m,).
+            displacement: of each pair as refined [px], shape (m,).
+            weight: of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         square: float = _weigh(
             self._centered, self._shift, self._filters, self._sums, self._ground_block,
@@ -176,16 +177,16 @@ def _refine(
     displacement: NDArray[np.float64],
     variance: NDArray[np.float64],
 ) -> int:
-    """Do the steps of consecutive pairs; return how many left their peak.
+    """Do all steps for every pair; return how many pairs left their peak.
 
     Args:
         centered: lines, shape (m + 1, n) or more.
         shift: integer shifts [px], shape (m,).
-        sigma: of the smoothing [px].
-        filters: receives those of the last step, shape (m, 4, taps) or more.
+        sigma: standard deviation of the smoothing [px].
+        filters: receives the filters of the last step, shape (m, 4, taps) or more.
         sums: working memory, see `Overlaps`.
         displacement: receives the shifts with their fractions [px], shape (m,).
-        variance: receives theirs [px^2], shape (m,).
+        variance: receives the variances of the displacements [px^2], shape (m,).
     """
     pixels, pairs = centered.shape[1], len(shift)
     length, block = np.empty(pairs, np.int64), np.empty(pairs, np.int64)
@@ -252,11 +253,11 @@ def _lay_out(
     """Divide each overlap at the blocks of the ground, relative to the first line.
 
     Args:
-        pixels: of a line.
-        shift: integer shifts of m pairs [px].
-        displacement: refined [px].
-        weight: in the mean; pairs with zero weight move by the mean.
-        cut: receives all but the length of the blocks.
+        pixels: n of a line.
+        shift: integer shifts of m pairs [px], shape (m,).
+        displacement: refined displacements [px], shape (m,).
+        weight: of each pair in the mean, shape (m,); pairs with zero weight move by the mean.
+        cut: receives everything except the length of the blocks.
     """
     length, block, number, lead, parts = cut
     mean = 0.0

@@ -33,8 +33,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_SKEWEST = 30.0  # [deg] between camera and axis of rotation
-_ROUNDING = 1e-6  # [deg] that sine and arcsine may add to it
+_SKEWEST = 30.0  # [deg] largest angle between camera and axis of rotation
+_ROUNDING = 1e-6  # [deg] by which sine and arcsine may increase this angle
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -58,11 +58,11 @@ class SideslipEstimate:
     """Estimate of a wheel's sideslip.
 
     Attributes:
-        angle: of sideslip, positive where the wheel slides to the right [rad], 0 if not measured.
+        angle: sideslip, positive where the wheel slides to the right [rad], 0 if not measured.
         deviation: standard deviation of the angle [rad], infinite if not measured.
         sideways: velocity of the wheel to its left [m/s], 0 if not measured.
-        measured: whether these can be used.
-        reason: why they cannot; empty if they can.
+        measured: whether these values can be used.
+        reason: why they cannot be used; empty if they can.
     """
 
     angle: float
@@ -132,7 +132,7 @@ class WheelSideslip:
             )
         seen = reading.velocity - yaw_rate * self._lever
         sideways = (seen - forward * self._along) / self._across
-        # Of v_s / |v_f| by (u, v_f, Omega), and of the angle by v_s / |v_f|.
+        # Gradient of v_s / |v_f| by (u, v_f, Omega), and slope of the angle by v_s / |v_f|.
         gradient = np.array(
             [
                 1.0 / (self._across * speed),
@@ -154,8 +154,9 @@ class WheelSideslip:
         reading = estimate.readings[self._wheel.sensor]
         if not estimate.measured:
             return SideslipEstimate.unmeasured("the twist is not measured")
-        # An error of the camera is in the twist as well: least squares give both C a in common.
-        # C is inflated where the sensors contradict each other, and so must be the camera's part.
+        # An error of the camera is in the twist as well: by least squares, both have the covariance
+        # C a. If the sensors contradict each other, C is inflated, and so must be the variance of
+        # the camera.
         joint = np.empty((4, 4))
         joint[0, 0] = estimate.inflation * reading.variance
         joint[1:, 1:] = estimate.covariance

@@ -1,4 +1,4 @@
-"""Sideslip angles of wheels, from a camera and the wheel's speed or the platform's twist."""
+"""Sideslip angles of wheels, from a camera and either the wheel's speed or the platform's twist."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SideslipConfiguration(OdometryConfiguration):
         """Refuse a configuration without a wheel.
 
         Raises:
-            ConfigurationError: there is none.
+            ConfigurationError: the configuration has no wheel.
         """
         if not self.sideslip:
             raise ConfigurationError("sideslip", "names no wheel to measure")
@@ -33,9 +33,9 @@ class SideslipConfiguration(OdometryConfiguration):
 class SideslipMeter:
     """Measures the sideslip of one wheel by one camera and the wheel's forward velocity.
 
-    A camera on the carrier of a steered wheel turns with it: set the position of camera and wheel
-    for any one steering angle, and use the rate of the carrier, yaw plus steering, as the yaw
-    rate.
+    A camera on the carrier of a steered wheel turns with the wheel. Then set the positions of
+    camera and wheel for any one steering angle, and use the rate of the carrier, yaw plus steering,
+    as the yaw rate.
     """
 
     def __init__(self, configuration: OdometryConfiguration, wheel: str) -> None:

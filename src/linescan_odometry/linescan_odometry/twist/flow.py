@@ -18,7 +18,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import FlowSensor
 from omni_platform.signals import Flow
 
-_DEVIATIONS = 6.0  # of both measurements, by which a velocity may jump without any acceleration
+_DEVIATIONS = 6.0  # standard deviations by which a velocity may jump without acceleration
 
 
 class FlowMonitor:
@@ -63,13 +63,14 @@ class FlowMonitor:
 
     def _jump(self, stamp_ns: int, velocity: FloatArray, covariance: FloatArray) -> str:
         last = self._last
-        # In a recording that is played again time runs back.
+        # If a recording is played again, time runs back.
         if last is None or self._acceleration == 0.0 or stamp_ns <= last.stamp_ns:
             return ""
         elapsed = 1e-9 * (stamp_ns - last.stamp_ns)
         change = math.hypot(*(velocity - last.velocity))
         noise = math.sqrt(float(np.trace(covariance + last.covariance)))
-        # It widens with time, so that a last one that was itself wrong holds up for a while only.
+        # The range widens with time, so that a wrong last measurement blocks the sensor for a
+        # limited time only.
         if change <= self._acceleration * elapsed + _DEVIATIONS * noise:
             return ""
         return f"it changes by {change:.3g} m/s within {1e3 * elapsed:.3g} ms"

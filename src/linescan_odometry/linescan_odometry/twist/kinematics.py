@@ -1,16 +1,15 @@
 """Kinematic constraint of a vehicle in place of a missing sensor (section 4.6, Figure 70).
 
 A wheel that is not steered rolls along the body's x and, as long as it grips, does not move
-sideways; nor does any other point of the line through its axle. For an axle at x = a this is ``v_y
-+ a Omega = 0``: one row in addition to those of the sensors, like a line camera at (a, 0) with its
-axis to the left that measures zero. It holds for the driven axle of a differential drive and the
-rear axle of an Ackermann drive, but not for omni-wheels.
+sideways; nor does any other point of the line through its axle. For an axle at x = a this is
+``v_y + a Omega = 0``. This equation adds one row to those of the sensors, like a line camera at
+(a, 0) with its axis to the left that measures zero. It holds for the driven axle of a differential
+drive and the rear axle of an Ackermann drive, but not for omni-wheels.
 
-When the vehicle skids the constraint is wrong, and two sensors cannot detect it: their v_y is then
-    wrong by the velocity of the skid, and the covariance only contains `deviation`. So the
-    constraint is
-used only while the sensors alone do not determine the twist; if they do, it is only compared with
-them to detect a skid.
+When the vehicle skids, the constraint is wrong, and two sensors cannot detect the skid: their v_y
+then has the error of the skid's velocity, while the covariance only contains `deviation`. So the
+constraint is used only while the sensors alone do not determine the twist. If they do, it is only
+compared with them to detect a skid.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
 """Velocities along sensor axes to the body twist, by weighted least squares.
 
 Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23): one row of `sensor_matrix`. Three rows
-determine the twist unless the axes are all parallel or all pass through one point (a rotation about
-that point is not measured by any of them). The observability of the yaw rate does not depend on the
-position of base_link: it follows from the part of the levers that no translation can explain.
+determine the twist unless the axes are all parallel or all pass through one point: no sensor then
+measures a rotation about that point. The observability of the yaw rate does not depend on the
+position of base_link. It follows from the part of the levers that no translation can explain.
 
-A flow sensor measures the velocities of one position in two directions: two rows, whose errors may
-be correlated.
+A flow sensor measures the velocity of one position in two directions. It gives two rows, whose
+errors may be correlated.
 
 If the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may add one
 row, (0, 1, axle x), with the velocity 0.
@@ -16,10 +16,9 @@ error of its velocity. To first order, with the twist (v_x, v_y, Omega), it is
 
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
 
-whose variance is added to that of the match: a pitch error scales the speed, an axis error adds
-    cross-axis motion, and a position error adds yaw rate. A flow sensor has one scale and one axis
-    for both of its
-velocities.
+whose variance is added to that of the match. A pitch error scales the speed, an axis error adds
+motion across the axis, and a position error adds yaw rate. A flow sensor has one error of scale and
+one of its axis for both velocities.
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
-_CHECKED = 1e-6  # of its variance must be left for the others to check a sensor
-_WEAKEST_LEVER = 0.05  # effective lever over the spread of the sensors
+_CHECKED = 1e-6  # smallest share of a sensor's variance in its residual if others can check it
+_WEAKEST_LEVER = 0.05  # smallest effective lever over the spread of the sensors
 
 
 def check_placement(
@@ -80,7 +79,7 @@ class TwistSolver:
         self._minimum_lever = minimum_lever
         self._axle = axle
         matrix = _rows(sensors, axle)
-        # In units of this length the columns are alike, so that the inverse is well scaled.
+        # With the yaw rate in this unit the columns are equally large: the inverse is well scaled.
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
         self._problems: dict[tuple[bool, ...], str] = {}
@@ -88,14 +87,14 @@ class TwistSolver:
         self._sizes = np.array(sizes if axle is None else [*sizes, 1], np.intp)
         ends = np.cumsum(sizes)
         self._places = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
-        # Rows of the motion across each axis, and what calibration leaves; none of an axle.
+        # Rows of the motion across each axis, and remaining calibration errors; 0 for an axle.
         self._across = np.zeros_like(matrix)
         self._left = np.zeros_like(matrix)  # shares, [rad], [m]
         for place, sensor in zip(self._places, sensors.values(), strict=True):
             if len(sensor.directions) == 1:
                 self._across[place, 0] = -matrix[place, 1]
                 self._across[place, 1] = matrix[place, 0]
-            else:  # the place is known: what one axis measures is across the other
+            else:  # of a flow sensor, each axis measures the motion across the other one
                 self._across[place] = matrix[place][::-1] * ((1.0,), (-1.0,))
             errors = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
             self._left[place] = errors
@@ -225,8 +224,9 @@ class TwistSolver:
         Returns:
             Standard deviations of the residuals [1], of each sensor (and the axle), shape (S,) or
             (S + 1,); 0 for a sensor that the others cannot check and for one that has not
-            measured. With four line cameras all four are equal: they detect a fault but cannot
-            isolate it. Of a flow sensor the root of the sum of squares of its two.
+            measured. With four line cameras all four values are equal: they detect a fault but
+            cannot isolate it. A flow sensor has one value, the root of the sum of squares of its
+            two residuals.
         """
         rows = self._matrix / self._unit
         if self._calibrated:

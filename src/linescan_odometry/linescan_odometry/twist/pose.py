@@ -16,7 +16,7 @@ class Pose:
     """A pose in the plane, in the frame of the vehicle at the first twist.
 
     Attributes:
-        stamp_ns: stamp of the newest twist in it [ns].
+        stamp_ns: stamp of the newest twist that was integrated [ns].
         value: x, y [m] and yaw [rad], shape (3,).
         covariance: in the squares of these units, shape (3, 3); grows with the distance.
     """
@@ -29,9 +29,9 @@ class Pose:
 class PoseIntegrator:
     """Integrates twists to a pose.
 
-    Between two stamps the platform moves on an arc: its twist is that of the newer one, which is
-    the mean over the batch that ends there. An unmeasured twist is integrated as zero. Over a gap
-    of a time t the vehicle may have moved by ``v_max t``, so the variance grows by
+    Between two stamps the platform moves on an arc with the twist of the newer stamp, which is the
+    mean over the batch that ends there. An unmeasured twist is integrated as zero. Over a gap of a
+    time t the vehicle may have moved by ``v_max t``, so the variance grows by
     ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
     """
 
@@ -68,7 +68,7 @@ class PoseIntegrator:
             self._gap = 0.0
         step = np.where(np.isfinite(twist), twist, 0.0) * dt
         x, y, yaw = before.value
-        # The chord of the arc points half of the turn further, and is that much shorter.
+        # The chord of the arc is turned by half of the rotation, and shorter than the arc.
         chord = np.sinc(step[2] / (2.0 * math.pi))
         middle = yaw + step[2] / 2.0
         c, s = chord * math.cos(middle), chord * math.sin(middle)

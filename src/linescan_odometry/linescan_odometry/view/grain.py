@@ -1,10 +1,10 @@
 """Detection of oblique textures, on which motion across the axis looks like motion along it.
 
 A line camera measures the mean over the width of its view. In motion across the axis new ground
-enters, and lines of an ordinary ground lose their correlation within a width. On a texture oblique
-to the axis the same stripes remain in the view and shift along the line, which a single camera
-cannot distinguish from a motion along its axis. But the twist gives the motion across the axis: a
-view that stays correlated for longer is an oblique texture.
+enters, and lines of an ordinary ground lose their correlation after one width of the view. On a
+texture oblique to the axis (grain) the same stripes remain in the view and shift along the line,
+which a single camera cannot distinguish from a motion along its axis. But the twist gives the
+motion across the axis: if a view stays correlated for longer, the texture is oblique.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ from omni_platform.sensors import LineSensor, velocity_row
 Floats = NDArray[np.float32]
 
 _REACH = 0.5  # share of a line by which a view may have shifted and is still compared
-_REMEMBERED = 128  # twists
-_GAP_NS = 50_000_000  # between two twists, over which nothing is known of the way
-_CONFIRMED_NS = 50_000_000  # after a twist, over which a ground is the same
-_LONGEST = 1.0  # s, that a view is remembered
+_REMEMBERED = 128  # number of stored twists
+_GAP_NS = 50_000_000  # longest gap between two twists over which the motion is integrated
+_CONFIRMED_NS = 50_000_000  # time after a twist for which the ground counts as the same
+_LONGEST = 1.0  # s, for which a line is stored
 _LOST = 0.35  # correlation below which nothing of a view is left
 _LEAST_SHIFT = 8.0  # px, below which a fixed pattern looks like an oblique texture
-_SEARCHED = 3  # px around the shift that the displacements add up to, and a share of it
+_SEARCHED = 3  # px that are searched around the expected shift, in addition to a share of it
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # px that are compared
-_STONE = 0.008  # m, that the pieces of a ground without grain outlive the width of a view
-_FAR_ENOUGH = 0.5  # share of both from which the test is possible
-_EXCESS = 0.35  # of correlation over that of a ground without grain
-_CLEAR_EXCESS = 0.65  # the same, seen only once
+_STONE = 0.008  # m; pieces of a ground without grain leave a view after its width plus this
+_FAR_ENOUGH = 0.5  # share of this sum from which the test is possible
+_EXCESS = 0.35  # of correlation over that of a ground without grain, in two comparisons
+_CLEAR_EXCESS = 0.65  # of correlation over that of a ground without grain, in one comparison
 _USUAL_EXCESS = 0.2
-_PULL = 0.5  # of the velocity across the axis, along it, by an excess of 1
-_SLOWEST = 0.03  # m/s across, below which grain does no harm
-_MANY = 38.0  # structures of the ground, from which their pulls cancel
-_PULL_OF_ONE = 0.06  # of the velocity across the axis, along it, by a single structure
+_PULL = 0.5  # error of the velocity along the axis, per velocity across it, at an excess of 1
+_SLOWEST = 0.03  # m/s across the axis, below which grain does no harm
+_MANY = 38.0  # number of structures of the ground from which their errors cancel
+_PULL_OF_ONE = 0.06  # error along the axis, per velocity across it, by a single structure
 
 
 class Keyframe:
     """Stores an earlier line of one camera, and compares newer ones with it."""
 
     def __init__(self, pixels: int) -> None:
-        """Start with nothing to compare with.
+        """Start without a stored line.
 
         Args:
             pixels: n of a line.
@@ -60,23 +60,23 @@ class Keyframe:
         self._shift = 0.0
 
     def reset(self) -> None:
-        """Forget the line."""
+        """Discard the stored line."""
         self._gradient = None
 
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
     ) -> tuple[float, float]:
-        """Compare the newest line with the remembered one.
+        """Compare the newest line with the stored one.
 
         Args:
-            stamp_ns: of the newest line [ns].
-            period_ns: of a line [ns].
-            lines: that follow each other, oldest first, shape (m + 1, n).
-            displacement: per line, mean over them [px].
+            stamp_ns: stamp of the newest line [ns].
+            period_ns: time from line to line [ns].
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s], and the correlation of the gradients at the shift in
-            between, over that of neighboring lines; 0 if they have hardly shifted.
+            Age of the stored line [s], and the correlation of its shifted gradients with those of
+            the newest line, over that of neighboring lines; both 0 if the view has hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -92,13 +92,14 @@ class Keyframe:
             self._remember(lines[first])
             self._stamp_ns = stamp_ns - round((span - first) * period_ns)
             self._shift = (span - first) * displacement
-        # A ground that repeats itself comes again, grain never goes: lines in between must show it.
+        # A periodic ground leaves the view and returns, grain never leaves it. To distinguish them,
+        # lines in between are compared too.
         near, far = _compare(
             lines, self._step, self._shift, displacement, _LOST * _EXCESS, self._gradient
         )
         likeness = max(0.0, far) / max(near, _EXCESS)
         if likeness < _LOST:
-            self._gradient = None  # a ground that repeats itself would come again
+            self._gradient = None  # a periodic ground would match again later
         if abs(self._shift) < _LEAST_SHIFT:
             return 0.0, 0.0
         return 1e-9 * (stamp_ns - self._stamp_ns), likeness
@@ -136,8 +137,8 @@ def _compare(
     """Compare gradients of the newest lines with each other and with an earlier one.
 
     Args:
-        lines: that follow each other, oldest first, shape (m + 1, n).
-        step: number of pixels of the means.
+        lines: consecutive lines, oldest first, shape (m + 1, n).
+        step: number of pixels in each sum of `_differentiate`.
         shift: of the newest line against the earlier one [px].
         displacement: per line [px].
         hopeless: correlation below which the comparison ends.
@@ -193,7 +194,7 @@ class Grain:
             sensors: the cameras by name.
         """
         self._sensors = sensors
-        # Across (to the left of) each camera's axis.
+        # Rows of the motion across (to the left of) each camera's axis.
         self._rows = {
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
             for name, s in sensors.items()
@@ -202,13 +203,13 @@ class Grain:
         self._ways: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
         self._twist: FloatArray = np.zeros(3)
         self._found: dict[str, str] = {}
-        self._before: dict[str, tuple[float, float]] = {}  # likeness and its excess
-        self._excess: dict[str, float] = {}  # the least of the last two
+        self._before: dict[str, tuple[float, float]] = {}  # last correlation and its excess
+        self._excess: dict[str, float] = {}  # the smaller one of the last two
 
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return readings as unmeasured that cannot be confirmed, if other cameras do not match.
+        """Return as unmeasured all readings if some cameras do not match and none can be confirmed.
 
         Without a twist the motion across the axis is unknown: the texture may be oblique. A twist
         measured shortly before gives that motion.
@@ -234,7 +235,7 @@ class Grain:
 
         Args:
             stamp_ns: of the twist [ns].
-            twist: as measured.
+            twist: measured twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         """
         if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
             self._stamps.clear()
@@ -246,7 +247,10 @@ class Grain:
         self._stamps.append(stamp_ns)
 
     def _way(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return the motion of a camera across its axis since a line, as far as known [m]."""
+        """Return the motion of a camera across its axis over the last `age` seconds [m].
+
+        Before the first stored twist the motion is taken as zero.
+        """
         since = stamp_ns - round(1e9 * age)
         if not self._stamps or since >= self._stamps[-1]:
             return abs(across) * age
@@ -277,9 +281,9 @@ class Grain:
             share = _pull(reading.structures)
             if way > _FAR_ENOUGH * lasting:
                 excess = reading.lasting - max(0.0, 1.0 - way / lasting)
-                # Once it may be chance, of the few pieces of ground in a line.
+                # A single excess may be chance, because a line shows only few pieces of ground.
                 lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.lasting != lasting_before:  # a reading is repeated with its variance
+                if reading.lasting != lasting_before:  # not the same reading, solved again
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.lasting, excess
                 least = self._excess.get(name, 0.0)

@@ -16,8 +16,8 @@ from linescan_odometry.measurements import SensorReading
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_STILL_SHARE = 0.25  # of the width of a view that moves on and can still look the same
-_STILL_PIXELS = 2.0  # along the axis [px]
+_STILL_SHARE = 0.25  # of the width: motion across the axis after which a view must change
+_STILL_PIXELS = 2.0  # px of motion along the axis after which a view must change
 _HARDEST_STOP = 50.0  # m/s^2
 
 
@@ -27,7 +27,7 @@ class Covers:
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Start at rest without occluded cameras."""
         self._sensors = sensors
-        # Along and across (to the left of) each camera's axis.
+        # Rows of the motion along and across (to the left of) each camera's axis.
         self._rows = {
             name: np.array(
                 [velocity_row(s.x, s.y, s.heading + turn) for turn in (0.0, math.pi / 2)]
@@ -49,7 +49,7 @@ class Covers:
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return readings as unmeasured whose velocity stopped faster than a vehicle can.
+        """Return as unmeasured the readings that came to rest faster than a vehicle can.
 
         A camera stays occluded until its view changes.
 
@@ -81,7 +81,7 @@ class Covers:
     def contradicted(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the reading with the most clearly constant view as unmeasured.
+        """Return as unmeasured the reading whose constant view contradicts the twist most.
 
         Args:
             readings: of all cameras by name.
