@@ -1,7 +1,5 @@
 """Which twist answers which demand, in any order of arrival."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -15,7 +13,7 @@ def twist(stamp_ms: int) -> TwistSample:
     return TwistSample(stamp_ms * MS, np.zeros(3), np.eye(3))
 
 
-@pytest.mark.parametrize("order", itertools.permutations(("pedal", "twist")))
+@pytest.mark.parametrize("order", [("pedal", "twist"), ("twist", "pedal")])
 def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) -> None:
     """A sensor of 40 ms says the same at four steps of 10 ms, and stamps it with its sample."""
     pairing = StepPairing(twist_period_ns=40 * MS)

@@ -169,7 +169,9 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
         return delayed
     if kind == _SWAP:
         return other
-    return a * y + (1.0 - a) * held
+    if kind == _ECHO:
+        return a * y + (1.0 - a) * held
+    return math.nan  # a kind that has no line here
 
 
 @kernel
