@@ -1,8 +1,8 @@
 """One step of the brake assistant as a compiled kernel: fail-safe, line, law, valves.
 
-`BrakeAssist` calls it with what it has received, and the simulation of many runs calls it with
-what its sensors read: there is one fail-safe, and both brake with the same bits. A law from
-outside stands between the two halves, `listen` and `act`.
+`BrakeAssist` calls it with the messages that it has received, and the simulation of many runs calls
+it with the readings of its sensors. So there is only one fail-safe, and both give the same bits. A
+user's law is called between the two halves, `listen` and `act`.
 """
 
 from __future__ import annotations
@@ -79,25 +79,25 @@ from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import VALID, ImuSample, TwistSample, WheelSample
 
-# Without the twist the end of a stop is all brakes on: the error of dead reckoning must not keep a
-# vehicle rolling, and in the last of its speed there is next to no energy [1].
+# Share of the speed at the start below which all brakes act in a stop without the twist [1]: an
+# error of dead reckoning must not keep the vehicle rolling, and little energy is left by then.
 _RECKONED_SHARE = 0.15
 
 _STEP = np.dtype(
     [
         ("followed_ns", "i8"),  # stamp of the last good feedback [ns]
-        ("switched_ns", "i8"),  # stamp up to which the valves have been carried on [ns]
+        ("switched_ns", "i8"),  # stamp of the last update of the valves [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
-        ("reckoned", "?"),  # whether the motion is known without the twist
+        ("reckoned", "?"),  # whether the motion is estimated without the twist
         ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
         ("fault", "i8"),  # first fault that is present, a row of `conditions.CONDITIONS`
         ("faulty", "?"),  # whether a fault had all brakes on in the last step
-        ("start_speed", "f8"),  # when the line was stored [m/s]
+        ("start_speed", "f8"),  # speed when the line was stored [m/s]
         ("observed_ns", "i8"),  # stamp of the last step [ns]
-        ("assisting", "?"),  # whether the law has been asked since the pedal went down
-        ("answer", "i8"),  # of the law when it was asked last
-        ("dead", "i8"),  # number of the wheel whose brake has been found dead, from 1; 0: none
+        ("assisting", "?"),  # whether the law has been called since the pedal went down
+        ("answer", "i8"),  # last answer of the law
+        ("dead", "i8"),  # number of the wheel whose brake has failed, from 1; 0 for none
     ]
 )
 
@@ -106,19 +106,19 @@ class Constants(NamedTuple):
     """Constants of a step.
 
     Attributes:
-        limits: of a feedback that can be trusted.
+        limits: limits of a valid feedback.
         laws: constants of the control laws.
         fault_detection: whether the filter bank and the monitors are used.
         bank: constants of the filter bank.
         effect: constants of the effect monitor.
-        brakes: of the monitor of the brakes.
+        brakes: constants of the brake monitor.
         r_x: wheel positions [m], shape (N,).
         r_y: wheel positions in y [m], shape (N,).
-        pedal_threshold: from which the driver brakes [1].
-        minimum_reference_speed: below which there is no line to keep [m/s].
-        maximum_time_step: over which the heading is carried on [s].
-        speed_threshold: of the fastest wheel center, below which all brakes are on [m/s].
-        speed_hysteresis: above it, to resume assisting [m/s].
+        pedal_threshold: pedal position from which the driver brakes [1].
+        minimum_reference_speed: speed below which there is no line to keep [m/s].
+        maximum_time_step: longest time over which the heading is integrated [s].
+        speed_threshold: speed of the fastest wheel center below which all brakes act [m/s].
+        speed_hysteresis: excess over this threshold at which assisting resumes [m/s].
         dwell: shortest time between two switchings of a valve [ns].
     """
 
@@ -142,20 +142,20 @@ class Memory(NamedTuple):
     """State of the assistant between steps; see `new_memory`.
 
     Attributes:
-        trust: of `fail_safe.TRUST`, shape (1,).
+        trust: state of the gate, a record of `fail_safe.TRUST`, shape (1,).
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
-        valves: see `valve_dwell`, shape (N,).
-        laws: of the control laws.
-        bank: see `filter_bank`.
-        effect: ledger of `effect_monitor`, shape (1,).
-        brakes: of `brake_monitor`, shape (N + 1,).
-        law_speeds: of the wheels that a law may use [rad/s], NaN where it may not, shape (N,).
+        valves: state of the valves, see `valve_dwell`, shape (N,).
+        laws: state of the control laws.
+        bank: state of the filter bank, see `filter_bank`.
+        effect: state of the effect monitor, see `effect_monitor`, shape (1,).
+        brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
+        law_speeds: wheel speeds for the law [rad/s], NaN where faulty or unknown, shape (N,).
         commanded: enables of the last step [1], shape (N,).
-        answer: the estimated twist now [m/s, m/s, rad/s], shape (3,).
-        speeds: of the wheels, NaN where not received [rad/s], shape (N,).
+        answer: current estimate of the twist [m/s, m/s, rad/s], shape (3,).
+        speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
         workspace: reading of the IMU and variance of the twist, shape (2, 3).
-        held: error and enable that the law wrote last, shape (2, N).
+        held: errors and enables that the law wrote last, shape (2, N).
     """
 
     trust: NDArray[np.void]
@@ -182,7 +182,7 @@ class Inputs(NamedTuple):
 
     Attributes:
         now_ns: stamp of the demand [ns].
-        pedal: the driver's brake demand, 0 to 1; 1 where it cannot be read.
+        pedal: the driver's brake demand, 0 to 1; 1 if it cannot be read.
         enabled: whether brakes may be released.
         outside: condition found outside the kernel, INVALID_DEMAND or UNKNOWN_WHEEL, else GOOD.
         feedback: latest twist.
@@ -264,14 +264,14 @@ def assist_step(
     """Decide which brakes act, section 3.3.
 
     Args:
-        constants: of `make_constants`.
-        memory: of `new_memory`, changed in place.
-        inputs: of this step.
-        error: receives ``s_i`` [m/s], shape (N,); zeros without braking or trust.
+        constants: from `make_constants`.
+        memory: from `new_memory`, changed in place.
+        inputs: inputs of this step.
+        error: receives ``s_i`` [m/s], shape (N,); zeros while not braking or without valid motion.
         enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
 
     Returns:
-        The number of the condition that holds, a row of `conditions.CONDITIONS`.
+        Number of the condition that holds, a row of `conditions.CONDITIONS`.
     """
     error[:] = 0.0
     ready, course = _listen(constants, memory, inputs)
@@ -288,12 +288,12 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     """Check the inputs and update the line of motion.
 
     Args:
-        constants: of `make_constants`.
+        constants: from `make_constants`.
         memory: changed in place.
-        inputs: of this step.
+        inputs: inputs of this step.
 
     Returns:
-        Whether to ask a law, and what to ask it with.
+        Whether to call the law, and its input.
     """
     ready, course = _listen(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
@@ -302,7 +302,7 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
 
 @inlined
 def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
-    """Return whether a law may act in this step, and its `Motion` but for pedal and wheels."""
+    """Return whether a law may act in this step, and its `Motion` without pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = constants.fault_detection and _is_felt(constants, inputs)
@@ -356,7 +356,7 @@ def _watch(
     elapsed: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the monitors of brakes and wheels, unless the time since the last step is negative."""
+    """Update wheel speeds for the law and, unless `elapsed` is negative, the brake monitor."""
     step, law_speeds = memory.step[0], memory.law_speeds
     for i in range(law_speeds.size):
         law_speeds[i] = inputs.wheels.speed[i]
@@ -431,18 +431,18 @@ def act(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Apply all brakes where a law may not act, else its enables; then apply the dwell times.
+    """Command the enables of the law, or all brakes if it may not act; then apply dwell times.
 
     Args:
-        constants: of `make_constants`.
+        constants: from `make_constants`.
         memory: changed in place.
-        inputs: of this step.
-        asked: what a law has been asked, and its answer.
+        inputs: inputs of this step.
+        asked: input of the law and its answer.
         error: errors written by the law [m/s], shape (N,).
         enable: enables written by the law; receives those of the valves [1], shape (N,).
 
     Returns:
-        As `assist_step`.
+        Number of the condition that holds, as `assist_step`.
     """
     outcome = _outcome(constants, memory, inputs, asked, error, enable)
     step = memory.step[0]
@@ -487,7 +487,8 @@ def _outcome(
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return INACTIVE
-    # The filter bank replaces a twist that the gate refuses; nothing replaces what comes before.
+    # The filter bank replaces a twist that the gate rejects. For faults that precede those of the
+    # twist in the table there is no replacement.
     if step.fault < DEMAND_BACK or not ready:
         return int(min(step.fault, CONTRADICTED))
     if slow:

@@ -1,8 +1,8 @@
 """The brake assistant: which brakes may act, at every control step. Eqs. (44)-(46), section 3.3.
 
-From the moment the pedal goes down the brake of wheel i acts while its error ``s_i`` is negative.
-A valve that has just switched stays as it is for the minimum dwell time (`valve_dwell`). All
-brakes act at once
+With the law `sliding_mode` and the pedal down, the brake of wheel i acts while its error ``s_i`` is
+negative. A valve that has just switched stays as it is for the minimum dwell time (`valve_dwell`).
+All brakes act at once
 
 - while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
@@ -10,9 +10,9 @@ brakes act at once
   the speed rises clearly above it (a slope that the brakes cannot hold),
 - whenever demand, wheels, time or feedback is invalid: see `fail_safe`.
 
-The line of motion to keep is that of the first trusted feedback with the pedal down. Until there
-is one all brakes act. A gap in the feedback that is too long to know the heading across starts it
-anew. A vehicle that only spins at that moment has no line to keep, so ``s_perp = 0``.
+The line of motion to keep is that of the first valid feedback with the pedal down. Until there is
+one, all brakes act. After a gap in the feedback over which the heading is unknown, a new line is
+stored. A vehicle that only spins at that moment has no line to keep, so ``s_perp = 0``.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class BrakeAssist:
     """Brake assistant of one vehicle.
 
     Attributes:
-        geometry: the wheels; the rows of `Decision.enable` and `Decision.error` are in its order.
+        geometry: the wheels, in the order of `Decision.enable` and `Decision.error`.
         manifold: the error functions of the sliding-mode law.
     """
 
@@ -95,7 +95,7 @@ class BrakeAssist:
         self._constants = make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None for one of the built-in laws
         self._memory = new_memory(self._wheels)
-        self._said: dict[int, Fault] = {}  # words of the conditions that have none in the table
+        self._said: dict[int, Fault] = {}  # words of conditions that have none in the table
         self._stamp_ns = 0
         # Loads the kernel: the first real step is as fast as the others.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
@@ -103,7 +103,8 @@ class BrakeAssist:
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
 
-        Raises no exception: for any demand the decision is finite and its enables are 0 or 1.
+        Raises no exception: for any demand the decision is finite and its enables are shares from 0
+        to 1.
 
         Args:
             demand: pedal and latest feedback, in order of their stamps.
@@ -146,7 +147,7 @@ class BrakeAssist:
             names: reported wheels, in any order.
 
         Returns:
-            The fault of the input; None without one.
+            The fault of the input; None if there is none.
         """
         fault = self._compare_wheels(names)
         self._said.pop(UNKNOWN_WHEEL, None)

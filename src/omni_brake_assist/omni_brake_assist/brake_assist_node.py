@@ -1,4 +1,4 @@
-"""The brake assistant as a ROS node: pedal and body twist in, per-wheel brake enables out.
+"""ROS node of the brake assistant: receives pedal and body twist, publishes brake enables.
 
 The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
 """
@@ -124,7 +124,7 @@ class BrakeAssistNode(Node):
             Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET),
         )
         self.outputs = (self._enable, self._error)
-        # In lockstep no step may be missed; in real time only the newest counts.
+        # In lockstep no message may be lost; in real time only the newest one counts.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
             subscribe(self, JointState, "brake/pedal", self._on_pedal, qos),
@@ -299,7 +299,7 @@ def main() -> None:
         await_subscribers(
             node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
         )
-        # Objects that exist at this point stay; spare the garbage collector their visit in a stop.
+        # Objects that exist at this point stay: exclude them from garbage collection in a stop.
         gc.collect()
         gc.freeze()
         spin_until_stopped(node, spinner)

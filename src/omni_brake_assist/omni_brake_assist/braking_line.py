@@ -1,8 +1,8 @@
 """The line of motion that the vehicle should keep, fixed in the world: ``p`` of Eq. (51).
 
-The velocity at the start of braking is stored as a direction in the world frame. Only rotation
-since then matters, so the body axes of that moment serve as world axes; the heading since then is
-the yaw rate of the feedback, integrated by the trapezoidal rule over its stamps.
+The velocity at the start of braking is stored as a direction in the world frame. Only the rotation
+since then matters, so the body axes of that moment serve as world axes. The rotation is the yaw
+rate of the feedback, integrated by the trapezoidal rule over its stamps.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ Record = Any
 
 _LINE = np.dtype(
     [
-        ("stored", "?"),  # whether the start of braking has been seen
-        ("across_x", "f8"),  # unit vector across it in the body axes of that moment, 0 without [1]
+        ("stored", "?"),  # whether a line has been stored
+        ("across_x", "f8"),  # unit vector across it in the body axes of that moment; 0 if none [1]
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since [rad]
         ("yaw_rate", "f8"),  # of the last sample [rad/s]
@@ -72,7 +72,7 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
     Args:
         line: changed in place.
         dt: time since the last sample [s].
-        yaw_rate: yaw rate of the new one [rad/s].
+        yaw_rate: yaw rate of the new sample [rad/s].
     """
     line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
     line.yaw_rate = yaw_rate

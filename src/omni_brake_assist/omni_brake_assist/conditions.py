@@ -1,8 +1,8 @@
 """The ordered table of the conditions that apply all brakes.
 
-The first condition that holds is the state. The kernels return its number, `/diagnostics` its level
-and words, and the table of states in the README of this package is printed from it by
-``python -m omni_brake_assist.conditions``.
+The first condition that holds is the state. The kernels return its number, and `/diagnostics` shows
+its level and words. ``python -m omni_brake_assist.conditions`` prints the table of states in the
+README of this package.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class AssistState(enum.Enum):
     def level(self) -> int:
         """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
 
-        An invalid feedback may pass by itself, so it is a warning; silence and the rest need
-        somebody to act.
+        Invalid feedback may recover by itself, so it is a warning. All other faults need somebody
+        to act.
         """
         return next(row.level for row in CONDITIONS if row.state is self)
 
@@ -61,10 +61,10 @@ class Condition(NamedTuple):
     """A row of the table.
 
     Attributes:
-        state: that the condition puts the assistant in.
+        state: state of the assistant while the condition holds.
         level: level for `/diagnostics`: OK, WARNING or ERROR.
-        words: reason for people; value, limit, within and wheel are filled in. Where it is empty,
-            the part that finds the condition has the words.
+        words: reason for people, in which value, limit, within and wheel are filled in; empty if
+            the code that detects the condition gives the reason.
     """
 
     state: AssistState

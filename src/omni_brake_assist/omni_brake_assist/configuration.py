@@ -21,7 +21,7 @@ LAW_GROUP = "omni_brake_assist.laws"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AllocationConfiguration(Configuration):
-    """Parameters of the law `allocation`; docs/allocation.md says where each of them acts."""
+    """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
     """Set-point of slip control: slip at which a tire transmits its largest force"""

@@ -15,7 +15,7 @@ class Fault:
 
     Attributes:
         state: one for which `AssistState.is_fault` holds.
-        reason: one line for people, with the value and the limit.
+        reason: one line for people, with the value and its limit.
     """
 
     state: AssistState
@@ -49,12 +49,12 @@ class Decision:
     Attributes:
         stamp_ns: stamp of the demand that it answers [ns].
         enable: share of the brake pressure that passes, 0 lets the wheel roll free [1], shape (N,).
-        error: ``s_i`` of Eq. (44), or the law's own [m/s], shape (N,); zeros while the pedal is
-            up and where the feedback cannot be trusted.
-        state: what the assistant is doing.
-        reason: one line for people; in a fault it names the value and the limit.
-        fault: fault of the input, also while `state` is INACTIVE or DISABLED and it has no effect
-            yet; None if nothing is.
+        error: ``s_i`` of Eq. (44), or the error of another law [m/s], shape (N,); zeros while the
+            pedal is up or the feedback is invalid.
+        state: state of the assistant.
+        reason: one line for people; in a fault it names the value and its limit.
+        fault: fault of the input, also while `state` is INACTIVE or DISABLED and the fault has no
+            effect yet; None if there is none.
     """
 
     stamp_ns: int

@@ -1,14 +1,14 @@
 """Gate of the twist: without a valid one all brakes are on.
 
 A twist is valid if it is present, finite, fresh, confident and physically plausible after the last
-valid one. A single invalid one closes the gate; a number of valid ones in a row opens it, at the
-start and after every fault. An invalid twist is never compared with; as the permitted change grows
-with time, valid data are not rejected for long. With an IMU the filter bank weighs the twist by its
-variance and compares it with all other sources: neither the limits of the standard deviation nor
-those of the change apply.
+valid one. A single invalid twist closes the gate. A number of valid twists in a row opens it, at
+the start and after every fault. The reference is always the last valid twist, and the permitted
+change grows with time, so that valid data are not rejected for long. With an IMU the filter bank
+weighs the twist by its variance and compares it with all other sources; then the limits of the
+standard deviation and of the change do not apply.
 
-The gate is one compiled kernel, `judge`, for node, simulation and campaign; it stores the number of
-the condition in `conditions.CONDITIONS`.
+The gate is one compiled kernel, `judge`, for node, simulation and campaign. It stores the number of
+the violated condition, a row of `conditions.CONDITIONS`.
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 
 
 TRUST = np.dtype(
     [
-        ("cause", "i8"),  # why there is no trust, GOOD where there is
-        ("value", "f8"),  # what was measured then
-        ("limit", "f8"),  # and what it must not exceed
-        ("within", "f8"),  # and in which time [s]
-        ("good", "i8"),  # good feedbacks in a row since
-        ("clocked", "?"),  # whether there has been a demand, and its stamp [ns]
+        ("cause", "i8"),  # condition that closed the gate, GOOD while it is open
+        ("value", "f8"),  # value that violated the condition
+        ("limit", "f8"),  # limit of this value
+        ("within", "f8"),  # time for which the limit holds [s]
+        ("good", "i8"),  # number of valid feedbacks in a row since
+        ("clocked", "?"),  # whether there has been a demand; then its stamp [ns] follows
         ("now_ns", "i8"),
-        ("known", "?"),  # whether there is a last good feedback: stamp [ns] and twist
+        ("known", "?"),  # whether there is a last valid feedback; then its stamp and twist follow
         ("last_ns", "i8"),
         ("v_x", "f8"),
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
-        ("unchanged_ns", "i8"),  # since when it has been the same [ns]
-        ("unsure", "?"),  # whether the last one was too unsure to be used by itself
+        ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
+        ("unsure", "?"),  # whether the variance of the last twist was too large without an IMU
     ]
 )
 """State between feedbacks, see `new_trust`."""
@@ -74,20 +74,20 @@ class Limits(NamedTuple):
     """Limits of a valid feedback; see `BrakeAssistConfiguration`.
 
     Attributes:
-        maximum_step_ns: between two demands [ns].
-        timeout_ns: age of a feedback [ns].
-        maximum_speed_deviation: [m/s].
-        maximum_yaw_rate_deviation: [rad/s].
-        maximum_speed: [m/s].
-        maximum_yaw_rate: [rad/s].
-        maximum_acceleration: [m/s^2].
-        maximum_yaw_acceleration: [rad/s^2].
-        speed_noise: [m/s].
-        yaw_rate_noise: [rad/s].
-        frozen_time: [s], 0 for never.
-        speed_threshold: [m/s].
+        maximum_step_ns: longest time between two demands [ns].
+        timeout_ns: largest age of a feedback [ns].
+        maximum_speed_deviation: largest standard deviation of the velocity [m/s].
+        maximum_yaw_rate_deviation: largest standard deviation of the yaw rate [rad/s].
+        maximum_speed: largest speed [m/s].
+        maximum_yaw_rate: largest yaw rate [rad/s].
+        maximum_acceleration: largest acceleration [m/s^2].
+        maximum_yaw_acceleration: largest yaw acceleration [rad/s^2].
+        speed_noise: change of the velocity that noise may add [m/s].
+        yaw_rate_noise: change of the yaw rate that noise may add [rad/s].
+        frozen_time: time after which an unchanged twist is invalid [s], 0 for never.
+        speed_threshold: speed below which an unchanged twist is valid [m/s].
         reach: distance of the farthest wheel from the center [m].
-        recovery_count: good feedbacks until there is trust.
+        recovery_count: number of valid feedbacks in a row that opens the gate.
     """
 
     maximum_step_ns: int
@@ -107,7 +107,7 @@ class Limits(NamedTuple):
 
 
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
-    """Return the limits in the layout of the kernel; `reach` [m] is that of the farthest wheel."""
+    """Return the limits in the layout of the kernel; see `Limits.reach` [m]."""
     same = {
         name: getattr(configuration, name)
         for name in Limits._fields
@@ -137,7 +137,7 @@ def distrust(trust: Any, check: int, value: float, limit: float, within: float) 
         check: the violated condition.
         value: measured value.
         limit: limit of the value.
-        within: in which time [s].
+        within: time for which the limit holds [s].
     """
     trust.cause = check
     trust.value = value
@@ -154,14 +154,14 @@ def judge(
 
     Args:
         limits: limits of a valid feedback.
-        memory: of `new_trust`; changed in place.
+        memory: from `new_trust`; changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest feedback, which may be the same as last time.
         braking: whether the driver brakes, so that the twist must change.
-        weighed: whether the filter bank compares it with an IMU.
+        weighed: whether the filter bank compares the feedback with an IMU.
 
     Returns:
-        Whether it is good. Good is not trusted: that is ``memory[0].cause == GOOD``.
+        Whether this feedback is valid. The gate is open only if ``memory[0].cause == GOOD``.
     """
     trust = memory[0]
     if not _in_time(limits, trust, now_ns):
@@ -184,7 +184,7 @@ def judge(
 
 @lean
 def since(later_ns: int, earlier_ns: int) -> int:
-    """Return a difference of stamps [ns], cut off where it is longer than 64 bits can hold."""
+    """Return a difference of stamps [ns], limited so that 64 bits can hold it."""
     difference = float(later_ns) - float(earlier_ns)
     if difference > _LONG_NS:
         return _LONG_NS
@@ -255,7 +255,7 @@ def _worst_variance(covariance: FloatArray) -> float:
 @lean
 def _is_confident(limits: Limits, trust: Any, covariance: FloatArray, weighed: bool) -> bool:
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
-    # ROS messages say "unknown" by a covariance of zeros; a negative one means it as well.
+    # In ROS messages a covariance of zeros means "unknown"; a negative one counts as unknown too.
     if min(xx, yy, ww) <= 0.0:
         distrust(trust, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
         return False
@@ -290,16 +290,16 @@ def _is_same(trust: Any, twist: FloatArray) -> bool:
 
 @lean
 def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool) -> bool:
-    """Return whether a twist may come after the last good one."""
+    """Return whether a twist is possible after the last valid one."""
     stamp_ns, twist = sample.stamp_ns, sample.value
     if not trust.known:
         return True
     elapsed = since(stamp_ns, trust.last_ns)
     if elapsed > limits.maximum_step_ns:
-        return True  # too long ago to say anything
+        return True  # after so long any change is possible
     dt = elapsed / 1e9
-    # The body axes have turned since: compare in those of the new sample, or the centripetal
-    # change of a turning vehicle would look like an acceleration.
+    # The body axes have turned since then. Compare in the axes of the new sample, otherwise the
+    # rotation of the axes would look like an acceleration.
     angle = (trust.yaw_rate + twist[2]) / 2 * dt
     c, s = math.cos(angle), math.sin(angle)
     step = math.hypot(
@@ -341,7 +341,7 @@ def checked_stamp(value: Any) -> int:
     """Return a stamp [ns] as an int.
 
     Raises:
-        ValueError: it is not a whole number of 64 bits.
+        ValueError: the value is not a whole number of 64 bits.
     """
     try:
         stamp = operator.index(value)
@@ -353,10 +353,10 @@ def checked_stamp(value: Any) -> int:
 
 
 def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return numbers as an array of its own.
+    """Return a copy of numbers as an array.
 
     Raises:
-        ValueError: they are no real numbers or have another shape.
+        ValueError: the values are no real numbers or have another shape.
     """
     try:
         array = np.asarray(value)

@@ -1,23 +1,25 @@
 """The error functions of the wheels: the sliding manifold of Eqs. (44), (49)-(59).
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
-section 3.4. For each wheel three components say whether its friction force would drain the
-velocity across the original line of motion, the rotation, and the velocity along the motion;
-a negative sum means that braking this wheel helps. Only kinematics enter: no mass, no load, no
-friction coefficient.
+section 3.4. For each wheel, three components state whether its friction force would reduce the
+velocity across the original line of motion, the rotation, and the velocity along the motion.
+A negative sum means that braking this wheel helps. The functions use kinematics only: no mass, no
+load, no friction coefficient.
 
 Symbols, all in the body frame: ``v_c``, ``Omega`` velocity of the platform center and yaw rate,
 ``r_i`` wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers,
 ``f_hat_i`` unit friction forces, ``p`` unit vector across the velocity at the start of braking.
 
-Read otherwise than printed: (51) has the wheel's ``v_i`` where (49), from which it follows, has the
-platform's ``v_c``; with ``v_i`` the rotation would count as drift. (56), (57) print a signed angle
-between ``n_wi`` and ``v_i``: beyond 90 deg its weight is that of a wheel that cannot brake, or
-negative, so that ``s_par,i`` turns positive for half of all directions and releases the wheels
-that brake best. The sign of ``n_wi`` is a convention, so the angle here is the one to its line.
+Two equations are used in another form than printed. Eq. (51) contains the wheel's ``v_i``, although
+Eq. (49), from which it follows, contains the platform's ``v_c``; with ``v_i`` the rotation would
+count as drift, so ``v_c`` is used. Eqs. (56), (57) contain a signed angle between ``n_wi`` and
+``v_i``. Beyond 90 deg its weight is that of a wheel that cannot brake, or negative; then
+``s_par,i`` would be positive for half of all directions and release the wheels that brake best.
+The sign of ``n_wi`` is a convention, so the angle between the velocity and the line of ``n_wi`` is
+used.
 
-A wheel that does not slide along its active direction (``n_wi . v_i = 0``) has no friction
-force to direct: ``f_hat_i`` is zero there, and so is its error.
+A wheel that does not slide along its active direction (``n_wi . v_i = 0``) has no direction of its
+friction force; its ``f_hat_i`` and its error are zero.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ class Manifold(NamedTuple):
         n_y: active directions in y [1], shape (N,).
         lever: ``cross(r_i, n_wi)``, of the active directions about the center [m], shape (N,).
         weighting: kind of the weighting, see `weighting.psi`.
-        k: its tuning constant [1].
+        k: tuning constant of the weighting [1].
     """
 
     r_x: FloatArray
@@ -144,8 +146,8 @@ class SlidingManifold:
         weighting: ``psi(delta)`` of the parallel component.
 
     Attributes:
-        geometry: as given.
-        constants: what the kernels need of it.
+        geometry: positions and active directions of the N wheels.
+        constants: these data in the layout of the kernels.
     """
 
     def __init__(self, geometry: PlatformGeometry, weighting: Weighting) -> None:
@@ -180,7 +182,8 @@ class SlidingManifold:
     def wheel_speed(self, twist: FloatArray) -> float:
         """Return the speed of the fastest wheel center [m/s], Eq. (38).
 
-        It is zero only when the whole vehicle stands: a spinning one has ``v_c = 0``.
+        It is zero only if the whole vehicle stands still, unlike ``v_c``, which is also zero if the
+        vehicle spins about its center.
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
@@ -194,7 +197,7 @@ class SlidingManifold:
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
             perpendicular: unit vector ``p`` in the body frame of this moment [1], shape (2,); None
-                where there was no line of motion to keep, which leaves ``s_perp = 0``.
+                if there is no line of motion to keep, so that ``s_perp = 0``.
         """
         p_x, p_y = (0.0, 0.0) if perpendicular is None else perpendicular.tolist()
         components = np.empty((3, len(self.constants.r_x)))

@@ -40,7 +40,7 @@ class Source(NamedTuple):
         name: twist, gyro, accelerometer or a wheel.
         test_ratio: squared innovation over its gate [1], NaN without an innovation.
         state: FUSED, REJECTED, ISOLATED, MISSING or, for a wheel, BRAKED: its speed is not used.
-        reason: why it is not fused, else empty.
+        reason: why the source is not fused, else empty.
     """
 
     name: str

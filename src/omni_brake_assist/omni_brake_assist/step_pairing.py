@@ -9,16 +9,15 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 class StepPairing:
     """Pairs each pedal value with the twist of its step, in any order of arrival.
 
-    The newest line of a step may be up to a line period older than the step, so the feedback
-    belongs to the first demand that is not older than it. Wheel speeds and IMU, where they are
-    awaited, bear the stamp of the step. A twist that is sampled more slowly than the steps belongs
-    to all those of its sample.
+    The newest line of a step may be up to a line period older than the step, so a twist belongs to
+    the first demand that is not older than the twist. Wheel speeds and IMU readings have the stamp
+    of their step. A twist that is sampled more slowly than the steps belongs to all steps within
+    its period.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
-        imu: whether it waits for the IMU too.
-        twist_period_ns: twist period between two samples of the twist [ns], 0 where every step has
-            its own.
+        imu: whether a demand waits for the IMU too.
+        twist_period_ns: time between two samples of the twist [ns], 0 if every step has its own.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class StepPairing:
         return BrakeDemand(stamp_ns, pedal, self._feedback, self._wheels, self._imu)
 
     def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
-        """Return whether a twist is the one that a demand waits for [ns]."""
+        """Return whether a twist is the one that a demand waits for, by their stamps [ns]."""
         period_ns = self._twist_period_ns
         if period_ns == 0:
             return twist_ns > self._answered_ns

@@ -1,8 +1,8 @@
 """Minimum dwell time of valves, for valves that cannot switch every 10 ms.
 
-A valve that has switched keeps its state for the dwell time. There are two
-exceptions, both of which apply more brakes: when all brakes must act they do so at once, and so do
-the brakes with a negative error if otherwise none would act. With a dwell time of 0 every valve
+A valve that has switched keeps its state for the dwell time. There are two exceptions, both of
+which apply more brakes: if all brakes must act, all valves open at once; and if otherwise no brake
+would act, the valves with a command to brake open at once. With a dwell time of 0 every valve
 follows its command in every step.
 """
 
@@ -16,14 +16,14 @@ from omni_platform.quantities import FloatArray
 
 _VALVE = np.dtype(
     [
-        ("shut", "?"),  # so that its wheel rolls free
-        ("held", "f8"),  # for how long it must still stay as it is [ns]
+        ("shut", "?"),  # whether the valve is shut, so that its wheel rolls free
+        ("held", "f8"),  # remaining time for which the valve keeps its state [ns]
     ]
 )
 
 
 def new_valves(wheels: int) -> NDArray[np.void]:
-    """Return valves that have been open for long, shape (N,)."""
+    """Return open valves that may switch at once, shape (N,)."""
     return np.zeros(wheels, _VALVE)
 
 
@@ -53,8 +53,8 @@ def switch_valves(
         valves: changed in place, shape (N,).
         dwell: shortest time between two switchings [ns].
         elapsed: time since the last step [ns].
-        enable: 1 for a brake that should act, else 0, with at least one that should; receives what
-            the valves then do, shape (N,).
+        enable: commands to the valves, 0 to shut one [1], at least one above 0, shape (N,); a valve
+            that must keep its state changes its value to 0 or 1.
     """
     acting = False
     for i in range(valves.size):

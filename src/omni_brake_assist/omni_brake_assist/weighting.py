@@ -16,7 +16,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 WEIGHTINGS = ("zero", "cosine", "enhanced")
-ZERO, COSINE, ENHANCED = range(3)  # their places
+ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings
 
 
 @lean
@@ -24,7 +24,7 @@ def psi(kind: int, k: int, delta: float) -> float:
     """Return the weight of a wheel [1].
 
     Args:
-        kind: place of the weighting in `WEIGHTINGS`.
+        kind: number of the weighting, its index in `WEIGHTINGS`.
         k: tuning constant of ``enhanced``, odd and positive [1].
         delta: angle [rad], 0 to pi/2.
     """
@@ -32,7 +32,7 @@ def psi(kind: int, k: int, delta: float) -> float:
         return 0.0
     if kind == COSINE:
         return math.cos(delta)
-    # Rounding leaves the base at pi/2 a hair from zero, on either side.
+    # At pi/2 rounding may make the base slightly negative.
     base = max(2.0 - (4.0 / math.pi) * delta - math.cos(delta), 0.0)
     return float(base**k)  # Eq. (59)
 
@@ -42,7 +42,7 @@ class Weighting:
     """A weighting ``psi(delta)``.
 
     Attributes:
-        kind: place in `WEIGHTINGS`.
+        kind: number of the weighting, its index in `WEIGHTINGS`.
         k: tuning constant of ``enhanced`` [1]; the others ignore it.
     """
 
