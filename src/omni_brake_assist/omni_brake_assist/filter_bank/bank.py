@@ -45,8 +45,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _RESTART_NS = 100_000_000  # time from one restart of the filter of all sources to the next [ns]
-_UNSUPPORTED = 0.2  # time without a rolling wheel for which the twist can be missed [s]
-_MIXING = 0.02  # share of the best filter in the others, pedal up, per step [1]
+_UNSUPPORTED = 0.2  # longest time without both the twist and a rolling wheel [s]
+_MIXING = 0.02  # share of the best filter mixed into the others per step, pedal up [1]
 
 
 @lean
@@ -66,10 +66,10 @@ def estimate(
         now_ns: time of validity of the readings [ns].
         readings: pedal, enables and readings of this step.
         twist: the latest twist.
-        answer: receives the twist now [m/s, m/s, rad/s], shape (3,).
+        answer: receives the current twist [m/s, m/s, rad/s], shape (3,).
 
     Returns:
-        The most probable hypothesis, whose estimate it is, or NO_ESTIMATE.
+        The most probable hypothesis, which gave the estimate, or NO_ESTIMATE.
     """
     record = memory.record[0]
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
@@ -85,7 +85,8 @@ def estimate(
     if record.best in (ALL, NO_ESTIMATE):
         record.restart_ns = now_ns
     elif now_ns - record.restart_ns > _RESTART_NS:
-        # A source is fault-free again if it agrees for so long with the estimate without it.
+        # Restart the filter of all sources from the best one: a source that now agrees with the
+        # estimate made without it becomes fault-free again.
         record.restart_ns = now_ns
         reset(memory, ALL, record.best)
     _store(memory, now_ns, readings)
@@ -101,7 +102,7 @@ def estimate(
         record.twist_ns = valid_ns
     if record.known:
         _update_posterior(constants, memory)
-    record.known = record.known or fresh  # before, there is no variance to compare with
+    record.known = record.known or fresh  # likelihoods are valid only after the first twist
     best = int(record.best)
     if not braking and best != NO_ESTIMATE:
         _mix(memory, best)
@@ -133,7 +134,7 @@ def _store(memory: BankMemory, now_ns: int, readings: Readings) -> None:
 
 @lean
 def _force(row: FloatArray) -> tuple[bool, float, float]:
-    """Return whether the specific force of a row is known, and its components [m/s^2]."""
+    """Return whether the specific force of a row is valid, and its components [m/s^2]."""
     f_x, f_y = row[ROW_IMU + 1], row[ROW_IMU + 2]
     return abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE, f_x, f_y
 
@@ -171,7 +172,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
 def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few sources are left to determine the motion.
 
-    So many encoders do not fail at a time that fewer than two are left: the estimate is wrong.
+    If fewer than two encoders seem to work, the estimate is wrong: so many do not fail at a time.
     Without the twist, an IMU is needed and, while brakes are released, a wheel that rolls.
     """
     record, left = memory.record[0], 0

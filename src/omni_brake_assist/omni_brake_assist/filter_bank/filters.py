@@ -25,7 +25,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Propagate the velocity in a state by a yaw rate [rad/s] and the specific force, if known."""
+    """Propagate the velocity in a state by a yaw rate [rad/s] and, if valid, the specific force."""
     known, f_x, f_y = force
     u_x, u_y = state[U_X], state[U_Y]
     cos, sin = math.cos(rate * dt), math.sin(rate * dt)
@@ -52,7 +52,7 @@ def predict(
         used = force[0] and k not in (NO_FORCE, NO_IMU)
         rate = state[RATE]
         propagate(state, rate, dt, (used, force[1], force[2]))
-        # Rows of the Jacobian that differ from those of the unit matrix.
+        # Only the rows of the Jacobian that differ from those of the unit matrix.
         cos, sin = math.cos(rate * dt), math.sin(rate * dt)
         t_x, t_y = dt * state[U_Y], -dt * state[U_X]
         bias = -dt if used else 0.0
@@ -92,14 +92,15 @@ def correct(
 ) -> None:
     """Correct a filter by a scalar measurement ``h . x``, with `BankMemory.h`.
 
-    While the pedal is down or a source is at fault, biases, scale and offset are considered but
-    not estimated (Schmidt-Kalman filter), so that no filter explains a fault by them.
+    While the pedal is down or a source is at fault, the variances of biases, scale and offset are
+    considered, but their values are not estimated (Schmidt-Kalman filter), so that no filter
+    explains a fault by them.
 
     Args:
         memory: memory of the bank.
         k: number of the filter.
-        innovation: innovation.
-        variance: variance of the measurement.
+        innovation: measurement minus its prediction [unit of the measurement].
+        variance: variance of the measurement [square of its unit].
         learned: first and last of the constant states that the measurement may correct.
     """
     state, covariance, h, gain = memory.state[k], memory.covariance[k], memory.h, memory.gain

@@ -1,9 +1,10 @@
 """Measurement sources of the bank.
 
-Each gives a prediction, an innovation, its variance, a test ratio (squared normalized innovation
-over its gate), the log likelihood under each hypothesis, and is fused where the ratio allows it. A
-source at fault is modeled as a random walk by what a vehicle can do from its last reading on, so
-that its likelihood under the hypotheses that exclude it is comparable.
+For each source, the functions compute prediction, innovation, its variance, the test ratio (squared
+normalized innovation over its gate) and the log likelihood under each hypothesis. The source is
+fused if its test ratio is small enough. A source at fault is modeled as a random walk from its last
+reading, with steps as large as a vehicle can move, so that its likelihood under the hypotheses that
+exclude it can be compared with the others.
 """
 
 from __future__ import annotations
@@ -40,17 +41,17 @@ GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
 _DRIVEN = 0.98  # prior probability that a wheel rolls while the pedal is up [1]
-_BRAKED = 0.03  # the same while its brake acts [1]
-_RELEASED = 0.5  # the same after its release [1]
-_LET_GO = 0.05  # enable up to which a wheel counts as released [1]
-# Rim speed that a released wheel gains [m/s] within this time [s]. On ice (friction 0.1, load
-# 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains it in a fifth of the time.
+_BRAKED = 0.03  # prior probability that a wheel rolls while its brake acts [1]
+_RELEASED = 0.5  # prior probability that a wheel rolls after its brake is released [1]
+_LET_GO = 0.05  # enable up to which a brake counts as released [1]
+# Rim speed [m/s] that a released wheel gains within a time [s]. On ice (friction 0.1, load 2500 N,
+# radius 0.2 m, inertia 1 kg m^2) a rim gains it in a fifth of this time.
 _GAIN, _IDLE = 0.1, 0.05
 _FAULTY = 0.05  # prior probability of a faulty encoder [1]
-_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # range of its readings: at rest [m/s], per speed [1]
-_EDGE = 0.15  # excess of a sliding rim beyond rest and rolling [m/s]
-# Slip of driven wheels by the specific force [s^2/m], [s^4/m^2]; the readings of as many steps
-# share its error.
+_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # range of faulty readings: at rest [m/s], per speed [1]
+_EDGE = 0.15  # speed by which a sliding rim may be outside rest to rolling [m/s]
+# Slip of driven wheels by the specific force [s^2/m], [s^4/m^2], and number of consecutive steps
+# whose readings have the same error by slip.
 _SLIP, _SLIP_GROWTH, _SLIP_STEPS = 0.01, 0.002, 40.0
 _LEAST_LOSS, _LARGEST_LOSS = 1.5, 15.0  # deceleration of a braked vehicle [m/s^2]
 _LOSS_DEVIATION = 0.05  # standard deviation of a loss of speed [m/s]
@@ -60,11 +61,11 @@ class _Wheel(NamedTuple):
     """Model of a wheel in a step.
 
     Attributes:
-        rolls: prior probability that it rolls [1].
+        rolls: prior probability that the wheel rolls [1].
         faulty: probability that its encoder is faulty [1].
-        variance: variance of a rolling rim [m^2/s^2].
-        share: standard deviation of it as a share of its speed [1].
-        excess: of its rim over rolling after its release, as the tire springs back [m/s].
+        variance: variance of the speed of a rolling rim [m^2/s^2].
+        share: additional standard deviation as a share of this speed [1].
+        excess: speed of the rim above rolling after a release, as the tire springs back [m/s].
         span: range of the readings of a faulty encoder [m/s].
     """
 
@@ -122,7 +123,7 @@ def _twist_variance(constants: BankConstants, twist: Twist, j: int) -> float:
 
 @lean
 def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
-    """Return the difference of a reading and the prediction of a filter along the direction."""
+    """Return a reading minus the prediction of a filter, along `BankMemory.h`."""
     innovation = reading
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
@@ -142,7 +143,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
     record, h, value = memory.record[0], memory.h, twist.value
     angle = 0.5 * (record.twist_rate + value[2]) * dt
     c, s = math.cos(angle), math.sin(angle)
-    # The last twist in the axes of this one.
+    # The last twist in the body axes at this one.
     record.twist_x, record.twist_y = (
         c * record.twist_x + s * record.twist_y,
         c * record.twist_y - s * record.twist_x,
@@ -157,7 +158,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
             innovation = value[j] - last
             total = 2.0 * own + dt * (constants.turn if j == RATE else constants.walk) ** 2
             cost = innovation**2 / total + math.log(total)
-            # Of a faulty twist the yaw rate may still be right.
+            # The yaw rate of a faulty twist may still be right.
             if uses or (k == NO_TWIST and j == RATE):
                 _twist_direction(constants, h, j)
                 misfit = _twist_innovation(memory, k, value[j])
@@ -170,7 +171,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
                 memory.ratio[j - 1] = squared / GATE
         if k == ALL:
             memory.ratio[1] -= memory.ratio[0]
-        if record.inertial:  # else only rolling wheels can contradict the twist
+        if record.inertial:  # without an IMU only rolling wheels can contradict the twist
             memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
         if not uses:
             continue
@@ -197,8 +198,9 @@ def fuse_wheels(
 ) -> None:
     """Correct all filters by the wheels that roll.
 
-    A reading is a mixture: the wheel rolls, slides between rest and rolling (and a little beyond,
-    while the tire springs back after a release), or its encoder is faulty, one of them at a time.
+    A reading is a mixture of three cases: the wheel rolls; it slides, at a speed between rest and
+    rolling, or a little more while the tire springs back after a release; or its encoder is faulty.
+    Only one encoder can be faulty at a time.
 
     Args:
         constants: constants of the vehicle.
@@ -283,9 +285,9 @@ def _fuse_wheel(
     if (1.0 - faulty) * rolling > 0.5 * likelihood:
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
-        # Driven wheels slip in a turn: they show no bias of other sensors.
+        # Driven wheels slip in a turn, so they must not correct the biases of other sensors.
         correct(memory, k, innovation, variance, (SCALE, SCALE))
-    # That a wheel slides does not show that its encoder works.
+    # A reading that could be a slide does not prove that the encoder works.
     return rolling + min(sliding, 1.0 / span)
 
 

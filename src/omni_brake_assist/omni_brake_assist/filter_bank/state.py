@@ -47,13 +47,13 @@ BANK = np.dtype(
         ("begun", "?"),
         ("known", "?"),  # whether a twist has been fused
         ("inertial", "?"),  # whether there has been an IMU reading
-        ("pressed", "?"),  # whether the pedal was down
+        ("pressed", "?"),  # whether the pedal was down in the last step
         ("horizon_ns", "i8"),  # time of the filters [ns]
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
-        ("twist_x", "f8"),  # that twist [m/s]
+        ("twist_x", "f8"),  # velocity of that twist [m/s]
         ("twist_y", "f8"),
-        ("twist_rate", "f8"),  # [rad/s]
-        ("gyro", "f8"),  # last reading [rad/s], NaN without
+        ("twist_rate", "f8"),  # yaw rate of that twist [rad/s]
+        ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("braked", "f8"),  # time since the pedal went down [s]
         ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
         ("scale", "f8"),  # estimated error of the wheel radii [1]
@@ -67,7 +67,7 @@ class Readings(NamedTuple):
     """Pedal, enables and readings of a step, NaN where there is none.
 
     Attributes:
-        pedal: the driver's demand, 0 while there is none [1].
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
         enable: enables of the step before [1], shape (N,).
         inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
         speeds: wheel speeds [rad/s], shape (N,).
@@ -83,10 +83,10 @@ class Twist(NamedTuple):
     """The latest twist.
 
     Attributes:
-        received: whether there is a valid one.
-        stamp_ns: its stamp [ns].
+        received: whether there is a valid twist.
+        stamp_ns: stamp of the twist [ns].
         value: the twist [m/s, m/s, rad/s], shape (3,).
-        variance: variance of its components, shape (3,).
+        variance: variances of the components [m^2/s^2, m^2/s^2, rad^2/s^2], shape (3,).
     """
 
     received: bool
@@ -99,30 +99,30 @@ class BankConstants(NamedTuple):
     """Constants of the bank.
 
     Attributes:
-        n_x: active directions [1], shape (N,).
-        n_y: components along y [1], shape (N,).
-        lever: of the active directions about the mounting of the IMU [m], shape (N,).
+        n_x: active directions, x component [1], shape (N,).
+        n_y: active directions, y component [1], shape (N,).
+        lever: levers of the active directions about the mounting of the IMU [m], shape (N,).
         roll: speed along the active direction per wheel speed [m], shape (N,).
-        p_x: mounting of the IMU [m].
-        p_y: lateral mounting of the IMU [m].
-        force: random walk of the velocity that the specific force leaves [m/s/sqrt(s)].
-        walk: random walk of the velocity: 1 g for a hundredth of a second [m/s/sqrt(s)].
-        turn: random walk of the yaw rate: 30 rad/s^2 for as long [rad/s/sqrt(s)].
+        p_x: position of the IMU, x [m].
+        p_y: position of the IMU, y [m].
+        force: random walk of the velocity if the specific force is used [m/s/sqrt(s)].
+        walk: random walk of the velocity without it: 1 g during 0.01 s [m/s/sqrt(s)].
+        turn: random walk of the yaw rate: 30 rad/s^2 during 0.01 s [rad/s/sqrt(s)].
         gyro: standard deviation of the gyro [rad/s].
         rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
         wheel: standard deviation of a rolling rim and of a fault-free twist [m/s].
         share: standard deviation of both as a share of the speed [1].
-        spin_up: time after its release at which a wheel rolls [s].
-        rebound: excess of a rim over rolling after its release, while the tire springs back [m/s].
-        rebound_time: duration of that [s].
-        weight: weight of the evidence of a step, as errors are correlated [1].
-        wheel_weight: the same for wheels [1].
+        spin_up: time after the release of a brake at which its wheel rolls [s].
+        rebound: excess of a rim over rolling after a release, while the tire springs back [m/s].
+        rebound_time: duration of this excess [s].
+        weight: weight of the evidence of a step, below 1 because errors are correlated [1].
+        wheel_weight: weight of the evidence of the wheels in a step [1].
         transition: probability of a transition in a step [1].
-        velocity_deviation: largest standard deviation of a valid estimate [m/s].
-        rate_deviation: largest standard deviation of its yaw rate [rad/s].
-        delay: by which a twist is older than its stamp [ns].
+        velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
+        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
+        delay: time by which a twist is older than its stamp [ns].
         patience: time for which a twist is awaited [ns].
-        longest: step across which the filters go on [s].
+        longest: longest step; after a longer one the filters start again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
         initial: standard deviations of the states at the start, shape (8,).
         drift: growth of the deviations of the constant states, pedal up [1/sqrt(s)], shape (8,).
@@ -163,25 +163,25 @@ class BankMemory(NamedTuple):
     """State of the bank from step to step.
 
     Attributes:
-        state: of each filter, shape (5, 8).
-        covariance: of each filter, shape (5, 8, 8).
+        state: state of each filter, shape (5, 8).
+        covariance: covariance of each filter, shape (5, 8, 8).
         posterior: log probabilities of the hypotheses, shape (6,).
         evidence: log likelihoods of a step, shape (6,).
-        record: `BANK`, shape (1,).
-        released: for how long each wheel's brake has been released [s], shape (N,).
-        rim: the last speed of each rim along the active direction [m/s], shape (N,).
-        mark: speed of a released rim that it must exceed [m/s], shape (N,).
-        idle: time for which it has not [s], shape (N,).
+        record: stamps and flags, a record of `BANK`, shape (1,).
+        released: time for which each brake has been released [s], shape (N,).
+        rim: last speed of each rim along the active direction [m/s], shape (N,).
+        mark: lowest recent speed of each released rim, from which a gain counts [m/s], shape (N,).
+        idle: time for which each released rim has not gained speed [s], shape (N,).
         faulty: probability of a faulty encoder of each wheel [1], shape (N,).
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
         loss: speeds of the last steps by filter [m/s] and their times [ns], shape (11, 6).
-        rows: readings of the last steps, a ring, shape (64, 4 + 2 N).
-        stamps: of these [ns], shape (64,).
-        newest: row of the newest, and of the newest that the filters have used, shape (2,).
-        h: direction of a measurement, shape (8,).
-        gain: of a correction, shape (8,).
+        rows: readings of the last steps, a ring buffer, shape (64, 4 + 2 N).
+        stamps: stamps of these readings [ns], shape (64,).
+        newest: row of the newest reading, and of the newest that the filters have used, shape (2,).
+        h: direction of a measurement in the state, shape (8,).
+        gain: gain of a correction, shape (8,).
         product: rows of a product of matrices, shape (2, 8).
     """
 
@@ -309,7 +309,7 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Start a filter again from the best one."""
+    """Start a filter again from the state and covariance of the best one."""
     for i in range(STATES):
         memory.state[k, i] = memory.state[best, i]
         for j in range(STATES):
