@@ -1,9 +1,10 @@
 """Control allocation: the friction forces that stop the vehicle shortest on its heading and line.
 
-At every step: observe the friction force and capacity of each wheel (`friction_observer`), then
-the mass and the accelerations that these forces do not explain (`disturbance_observer`); solve
-the braking QP for the forces (`braking_qp`); make them brake torques or a pattern of on-off valves
-(`slip_control`). Neither mass, load nor tire is known. docs/allocation.md derives all this.
+Each step estimates the friction force and capacity of each wheel (`friction_observer`), then the
+mass and the accelerations that these forces do not explain (`disturbance_observer`). It solves the
+braking QP for the forces (`braking_qp`) and converts them to brake torques or to a pattern of
+on-off valves (`slip_control`). Neither mass, load nor tire is known. docs/allocation.md derives all
+of this.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81  # [m/s^2]
-_PERIOD = 0.01  # of control, at the first step [s]
+_PERIOD = 0.01  # control period assumed at the first step [s]
 
 
 def make_constants(
@@ -65,7 +66,7 @@ def step(
 ) -> int:
     """Distribute the braking; arguments as `Law.step`.
 
-    The error of a wheel is its sliding speed less that at the target slip [m/s].
+    The error of a wheel is its sliding speed minus that at the target slip [m/s].
     """
     wheels = _wheels(law, motion)
     body, wheel = memory.body[0], memory.wheel

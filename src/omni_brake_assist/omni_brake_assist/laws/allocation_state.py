@@ -12,9 +12,9 @@ from omni_platform.quantities import FloatArray
 
 WHEEL = np.dtype(
     [
-        ("speed", "f8"),  # measured at the last step, in the sense of rolling [rad/s]
-        ("torque", "f8"),  # of the nominal brake at this step [N m]
-        ("mean_torque", "f8"),  # of the nominal brake over the last period [N m]
+        ("speed", "f8"),  # wheel speed at the last step, in the sense of rolling [rad/s]
+        ("torque", "f8"),  # torque of the nominal brake at this step [N m]
+        ("mean_torque", "f8"),  # mean torque of the nominal brake over the last period [N m]
         ("force", "f8"),  # observed friction force [N]
         ("capacity", "f8"),  # estimated friction limit [N]
         ("demand", "f8"),  # friction force allocated at the last step [N]
@@ -22,20 +22,20 @@ WHEEL = np.dtype(
 )
 BODY = np.dtype(
     [
-        ("steps", "i8"),  # since the start of braking
-        ("heading", "f8"),  # change since the start of braking [rad]
-        ("v_x", "f8"),  # of the last step [m/s]
-        ("v_y", "f8"),  # of the last step [m/s]
-        ("yaw_rate", "f8"),  # of the last step [rad/s]
+        ("steps", "i8"),  # number of steps since the start of braking
+        ("heading", "f8"),  # heading change since the start of braking [rad]
+        ("v_x", "f8"),  # velocity of the last step, x [m/s]
+        ("v_y", "f8"),  # velocity of the last step, y [m/s]
+        ("yaw_rate", "f8"),  # yaw rate of the last step [rad/s]
         ("a_x", "f8"),  # acceleration, with the lag of the friction observer [m/s^2]
         ("a_y", "f8"),  # acceleration, with the lag of the friction observer [m/s^2]
         ("yaw_acceleration", "f8"),  # with the lag of the friction observer [rad/s^2]
         ("deceleration", "f8"),  # magnitude of the acceleration, filtered [m/s^2]
         ("force", "f8"),  # magnitude of the sum of friction forces, filtered [N]
-        ("mass", "f8"),  # estimated [kg]
-        ("yaw_disturbance", "f8"),  # yaw acceleration that no friction explains [rad/s^2]
-        ("lateral_disturbance", "f8"),  # acceleration across the line [m/s^2]
-        ("dead_time", "f8"),  # of the brakes, at least the nominal one [s]
+        ("mass", "f8"),  # estimated mass of the vehicle [kg]
+        ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
+        ("lateral_disturbance", "f8"),  # such an acceleration across the line [m/s^2]
+        ("dead_time", "f8"),  # estimated dead time of the brakes, at least the nominal one [s]
         ("responded", "?"),  # whether the wheels have responded to the brakes
     ]
 )
@@ -50,22 +50,22 @@ class Constants(NamedTuple):
         lever: ``cross(r_i, n_wi)`` [m], shape (N,).
         rim: lever ``r_i |n_wi . u_i|`` of a friction force about the wheel's axis [m], shape (N,).
         sense: sign of ``n_wi . u_i`` [1], shape (N,).
-        radius: of the wheels [m], shape (N,).
-        gyration: assumed square of the radius of gyration [m^2].
-        inertia: nominal, of a wheel about its axis [kg m^2].
-        mass: nominal, of the vehicle [kg].
+        radius: radii of the wheels [m], shape (N,).
+        gyration: assumed square of the vehicle's radius of gyration [m^2].
+        inertia: nominal inertia of a wheel about its axis [kg m^2].
+        mass: nominal mass of the vehicle [kg].
         max_rotation: allowed change of heading and of the direction of motion [rad].
-        brake: nominal.
-        target_slip: [1].
-        observer_time: [s].
-        growth_time: of a capacity [s].
+        brake: nominal properties of the brakes.
+        target_slip: slip at which a tire transmits its largest force [1].
+        observer_time: time constant of the friction observer [s].
+        growth_time: time constant of the growth of a capacity [s].
         slip_time: time constant of slip control [s].
-        relaxation_speed: [m/s].
-        return_share: [1].
-        line_time: [s].
-        heading_weight: [1].
-        line_weight: [1].
-        locked_share: [1].
+        relaxation_speed: additional sliding speed until the tire has deflected [m/s].
+        return_share: time constant of the heading over the remaining time of the stop [1].
+        line_time: time constant of the return to the line of motion [s].
+        heading_weight: weight of the heading in the QP [1].
+        line_weight: weight of the line of motion in the QP [1].
+        locked_share: share of the fastest hub below which a wheel counts as locked [1].
     """
 
     n_x: FloatArray
@@ -95,9 +95,9 @@ class Memory(NamedTuple):
     """State of the law between steps.
 
     Attributes:
-        body: of `BODY`, shape (1,).
-        wheel: of `WHEEL`, shape (N,).
-        sent: torques commanded to the brakes by step, a ring, shape (QUEUE, N).
+        body: state of the vehicle, a record of `BODY`, shape (1,).
+        wheel: state of each wheel, records of `WHEEL`, shape (N,).
+        sent: torques commanded to the brakes by step [N m], a ring buffer, shape (QUEUE, N).
     """
 
     body: NDArray[np.void]
@@ -106,16 +106,16 @@ class Memory(NamedTuple):
 
 
 class Wheels(NamedTuple):
-    """The wheels at a step, in the sense in which each rolls, all of shape (N,).
+    """The wheels at a step, in the sense in which each rolls; each field has the shape (N,).
 
     Attributes:
-        sign: of the hub's velocity along the active direction [1].
-        hub: magnitude of that velocity [m/s].
+        sign: sign of the hub's velocity along the active direction [1].
+        hub: magnitude of this velocity [m/s].
         speed: wheel speed, at least 0 [rad/s].
-        slip: Eq. (20) [1].
+        slip: slip by Eq. (20) [1].
         locked: whether the motion does not drive the wheel: its hub hardly moves along the active
-            direction, so its brake is applied and its friction holds against any drift.
-        known: whether its speed is measured; a wheel without is assumed to roll.
+            direction, so its brake is applied and its friction resists any drift.
+        known: whether the speed is measured; otherwise the wheel is assumed to roll.
     """
 
     sign: FloatArray

@@ -1,9 +1,9 @@
 """Least squares within bounds by an active set: a few unknowns, solved in microseconds.
 
-``min 1/2 f' H f - q' f`` for ``0 <= f <= c`` with a positive definite ``H``. Wheels at a bound are
-held there, the others solved for; a step that would leave the box ends at the first bound that it
-meets, and a bound whose multiplier has the wrong sign is let go. Each step lowers the cost, so the
-method ends; the limit of its steps is for a broken ``H`` only.
+It solves ``min 1/2 f' H f - q' f`` for ``0 <= f <= c`` with a positive definite ``H``. Unknowns at
+a bound are held there, and the others are solved for. A step that would leave the box ends at the
+first bound that it meets. A bound whose multiplier has the wrong sign is released. Each step lowers
+the cost, so the method ends; the limit of its steps only matters for an invalid ``H``.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def box_least_squares(
         hessian: ``H``, positive definite, shape (N, N).
         linear: ``q``, shape (N,).
         upper: ``c >= 0``, shape (N,).
-        solution: where to start; receives the minimum, shape (N,).
+        solution: start of the search; receives the minimum, shape (N,).
     """
     n = linear.size
     place = np.zeros(n, np.int64)
@@ -105,7 +105,7 @@ def _loosest(
     solution: FloatArray,
     place: NDArray[np.int64],
 ) -> int:
-    """Return the bound whose multiplier has the wrong sign the most, -1 if none has."""
+    """Return the bound whose multiplier most clearly has the wrong sign, -1 if none has."""
     worst, loosest = -1e-12, -1
     for i in range(linear.size):
         if place[i] == _FREE or upper[i] <= 0.0:

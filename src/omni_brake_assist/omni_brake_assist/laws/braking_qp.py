@@ -1,13 +1,14 @@
 """The braking QP: the friction forces with the largest deceleration that heading and line allow.
 
-With the friction forces ``f`` of N wheels, their capacities ``c`` of sum ``C``, the rows ``b`` of
-deceleration, yaw and side force as shares of ``C``, and a slack ``s`` for each bound,
+Given are the friction forces ``f`` of N wheels, their capacities ``c`` with the sum ``C``, the rows
+``b`` of deceleration, yaw and side force as shares of ``C``, and a slack ``s`` for the bounds of
+yaw and side force. The problem is
 
 ``min (1 - b_0 f)^2 + W_h (b_1 f - l_1 - s_1)^2 + W_l (b_2 f - l_2 - s_2)^2``
 subject to ``0 <= f <= c`` and ``0 <= s <= u - l``.
 
-The bounds ``l, u`` are those of the yaw and lateral accelerations that keep heading and direction
-of motion within ``max_rotation`` (an exponential control barrier function), less disturbances.
+The bounds ``l, u`` are the yaw and lateral accelerations that keep heading and direction of motion
+within ``max_rotation`` (an exponential control barrier function), minus the disturbances.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Task(NamedTuple):
         rows: deceleration, yaw and side force per friction force [1/N], shape (3, N).
         low: lower bounds [1], of `YAW` and `SIDE` only, shape (3,).
         high: upper bounds [1], of `YAW` and `SIDE` only, shape (3,).
-        weights: of the three squares [1], shape (3,).
+        weights: weights of the three squares [1], shape (3,).
     """
 
     rows: FloatArray
@@ -64,8 +65,8 @@ def braking_task(law: Constants, memory: Memory, motion: Motion, wheels: Wheels)
         rows[SIDE, i] = -unit * (law.n_x[i] * motion.across_x + law.n_y[i] * motion.across_y)
         if wheels.locked[i]:
             held += np.abs(rows[:, i]) * wheel[i].capacity
-    per = body.mass / total  # of an acceleration
-    # Heading: both time constants follow the time that is left; loops inside must be faster.
+    per = body.mass / total  # share of the capacities per acceleration [s^2/m]
+    # Heading: both time constants follow the remaining time of the stop; inner loops are faster.
     time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)
     drift = motion.across_x * motion.v_x + motion.across_y * motion.v_y
     leeway = speed * math.sin(min(law.max_rotation, 0.5 * math.pi))
@@ -75,7 +76,7 @@ def braking_task(law: Constants, memory: Memory, motion: Motion, wheels: Wheels)
         rate = (side * law.max_rotation - body.heading) / (_DAMPED * time)
         bound[YAW] = (rate - motion.yaw_rate) / time * reach * per
         bound[SIDE] = (side * leeway - drift) / law.line_time * per
-        for row in (YAW, SIDE):  # locked wheels hold against what they can
+        for row in (YAW, SIDE):  # locked wheels resist up to their capacity
             beyond = math.copysign(max(abs(rest[row]) - held[row], 0.0), rest[row])
             bound[row] += side * held[row] - beyond
     return Task(rows, low, high, np.array([1.0, law.heading_weight, law.line_weight]))
@@ -83,7 +84,7 @@ def braking_task(law: Constants, memory: Memory, motion: Motion, wheels: Wheels)
 
 @kernel
 def allocate(memory: Memory, wheels: Wheels, task: Task) -> None:
-    """Solve the QP for the forces that are demanded of the wheels."""
+    """Solve the QP and store the forces demanded of the wheels."""
     wheel, n = memory.wheel, wheels.hub.size
     rows, upper, solution = np.zeros((3, n + 2)), np.zeros(n + 2), np.zeros(n + 2)
     rows[:, :n] = task.rows
@@ -115,7 +116,7 @@ def cost(task: Task, sums: FloatArray) -> float:
 
     Args:
         task: rows and bounds.
-        sums: of deceleration, yaw and side force as shares of all capacities, shape (3,).
+        sums: deceleration, yaw and side force as shares of all capacities [1], shape (3,).
     """
     value = (1.0 - sums[DECELERATION]) ** 2
     for row in (YAW, SIDE):

@@ -20,8 +20,8 @@ class LawConstants(NamedTuple):
 
     Attributes:
         kind: number of the chosen law.
-        sliding_mode: constants of that law.
-        allocation: constants of that law.
+        sliding_mode: constants of the law `sliding_mode`.
+        allocation: constants of the law `allocation`.
     """
 
     kind: int
@@ -33,7 +33,7 @@ class LawMemory(NamedTuple):
     """State of the laws between steps; each law resets its own part with `Motion.first`.
 
     Attributes:
-        allocation: of that law.
+        allocation: state of the law `allocation`.
     """
 
     allocation: allocation_state.Memory

@@ -1,7 +1,8 @@
 """Disturbance observer of the body: mass, and accelerations that the friction does not explain.
 
-Its parts follow each other in cascade, each half as fast as the one inside: the friction observer,
-the disturbances, and the mass with the return of the heading (`braking_qp`).
+Three loops form a cascade, from the inside: the friction observer, the observer of disturbances,
+and the estimate of the mass with the return of the heading (`braking_qp`). Each is half as fast as
+the loop inside it.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from omni_platform.kernels import lean
 CASCADE = 2.0
 """Ratio of the time constants of a loop and of the one inside it [1]."""
 
-_MASS_RANGE = 5.0  # factor between estimated and nominal mass at most [1]
+_MASS_RANGE = 5.0  # largest factor between estimated and nominal mass [1]
 
 
 @lean

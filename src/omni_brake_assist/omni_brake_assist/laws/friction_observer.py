@@ -1,7 +1,8 @@
 """Friction observer and capacity estimator of each wheel, and the dead time of the brakes.
 
-``I dw/dt = g f - T`` gives the friction force ``f`` from wheel speed and nominal torque. A wheel
-that slides shows its friction limit; a limit that is fully used without a slide is raised.
+``I dw/dt = g f - T``, with the lever ``g`` of the force, gives the friction force ``f`` from wheel
+speed and nominal torque ``T``. If a wheel slides, its force is its capacity. If a wheel uses its
+whole capacity without sliding, the capacity is raised.
 """
 
 from __future__ import annotations
@@ -12,15 +13,15 @@ from omni_brake_assist.laws.allocation_state import Constants, Memory, Wheels
 from omni_brake_assist.laws.wheel_model import BrakedWheel, turn_on
 from omni_platform.kernels import lean
 
-_RESPONSE = 0.3  # share of the expected loss of wheel speed that shows a response [1]
-_VISIBLE = 0.02  # expected loss as a share of the wheel speed from which on it is compared [1]
-_LONGEST_EXTRA = 0.15  # dead time beyond the nominal one that is learned at most [s]
+_RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
+_VISIBLE = 0.02  # smallest expected loss that is compared, as a share of the wheel speed [1]
+_LONGEST_EXTRA = 0.15  # largest estimated excess over the nominal dead time [s]
 _LEAST_CAPACITY = 1.0  # so that shares of it are defined [N]
 
 
 @lean
 def estimate_dead_time(law: Constants, memory: Memory, wheels: Wheels, dt: float) -> None:
-    """Extend the dead time while the wheels lose far less speed than the torque should take."""
+    """Extend the dead time while the wheels lose far less speed than the torque should cause."""
     body, wheel = memory.body[0], memory.wheel
     expected = lost = total = 0.0
     for i in range(law.rim.size):
@@ -47,8 +48,9 @@ def estimate_dead_time(law: Constants, memory: Memory, wheels: Wheels, dt: float
 def observe_friction(law: Constants, memory: Memory, wheels: Wheels, dt: float) -> None:
     """Update friction forces and capacities.
 
-    A force that rises faster than a capacity may grow shows a tire that still deflects, which
-    will transmit at least its unfiltered force. On-off torques are too coarse for that.
+    If a force rises faster than a capacity may grow, the tire still deflects; its capacity then is
+    at least the unfiltered force. With on-off brakes the filtered force is used, because their
+    torque changes in large steps.
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)
     others = 0.0
@@ -59,7 +61,7 @@ def observe_friction(law: Constants, memory: Memory, wheels: Wheels, dt: float) 
         if wheels.locked[i]:
             measured = 0.0
         elif rim * max(wheels.speed[i], wheel.speed) <= law.locked_share * wheels.hub[i]:
-            measured = wheel.force  # the brake holds the wheel by less than its torque
+            measured = wheel.force  # the wheel has stopped: its brake holds with less than T
         most = law.brake.max_torque / rim
         measured = min(max(measured, 0.0), most)
         rise = gain * (measured - wheel.force)
@@ -78,5 +80,5 @@ def observe_friction(law: Constants, memory: Memory, wheels: Wheels, dt: float) 
             wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), most)
         others += wheel.capacity if wheels.known[i] else 0.0
     for i in range(law.rim.size):
-        if not wheels.known[i]:  # what a faulty encoder has shown is not used
+        if not wheels.known[i]:  # estimates from a faulty encoder are not used
             memory.wheel[i].capacity = others / (law.rim.size - 1)

@@ -1,9 +1,9 @@
 """Interface of a control law: its input `Motion` and its output, the brake enables.
 
-A law is asked once for every new time with the pedal down and a twist that can be trusted; what
-arrives for a time that it has answered changes inputs only, and its answer holds. It says for each
-wheel which share of the brake pressure should pass; the assistant puts all brakes on
-around it wherever that is safer (`assist_step`), so a law needs no fail-safe of its own.
+A law is called once for every new time at which the pedal is down and the motion is known. For
+further demands at the same time its answer is kept. For each wheel it returns the share of the
+brake pressure that should pass. The assistant puts all brakes on whenever that is safer
+(`assist_step`), so a law needs no fail-safe of its own.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# What a law answers: brakes as it has written them, or all of them because none would help. FAILED
-# marks a law that failed, HELD one that was not called because no time had passed.
+# Answers of a law: ASSIST, brake as written; NO_HELP, all brakes because no single one would help.
+# FAILED marks a law that failed, HELD one that was not called because no time had passed.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 
@@ -26,16 +26,16 @@ class Motion(NamedTuple):
     """Input of a law at a control step.
 
     Attributes:
-        first: whether it is the first step of a braking, or of a new line of motion.
-        dt: time since the twist of the step before [s], 0 at the first one only.
-        v_x: ``v_cx`` in the body frame [m/s].
-        v_y: ``v_cy`` [m/s].
+        first: whether this is the first step of a stop, or of a new line of motion.
+        dt: time since the twist of the step before [s], 0 at the first step only.
+        v_x: velocity ``v_cx`` in the body frame [m/s].
+        v_y: velocity ``v_cy`` in the body frame [m/s].
         yaw_rate: ``Omega`` [rad/s].
-        across_x: unit vector ``p`` across the line of motion at the start of braking, Eq. (51), in
-            the body frame of this moment [1]; zeros where there is no line to keep.
-        across_y: component of `p` along y [1].
+        across_x: x component of the unit vector ``p`` across the line of motion at the start of
+            braking, Eq. (51), in the body frame of this moment [1]; 0 if there is no line to keep.
+        across_y: y component of ``p`` [1].
         pedal: the driver's brake demand, 0 to 1.
-        wheel_speed: about the wheels' axes [rad/s], NaN where unknown, shape (N,).
+        wheel_speed: wheel speeds about the axes [rad/s], NaN where unknown, shape (N,).
     """
 
     first: bool
@@ -63,11 +63,11 @@ class Law(Protocol):
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: receives the law's error of each wheel [m/s], for the record, shape (N,).
+            error: receives the law's error of each wheel [m/s], shape (N,), which is only recorded.
             enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
 
         Returns:
-            ASSIST or nothing to brake so, NO_HELP to have all brakes on.
+            ASSIST or None to apply these enables, NO_HELP to put all brakes on.
         """
 
 
@@ -86,7 +86,7 @@ def ask(
         return HELD, ""
     try:
         answer = law.step(motion, error, enable)
-        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # false where it is not a number
+        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # NaN is no share either
             raise ValueError(f"the law returned an enable outside [0, 1]: {enable.tolist()}")
         if answer is None:
             return ASSIST, ""

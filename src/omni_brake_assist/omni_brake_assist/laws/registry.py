@@ -13,10 +13,10 @@ def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry)
 
     Args:
         configuration: of the assistant.
-        geometry: its wheels.
+        geometry: wheels of the vehicle.
 
     Raises:
-        ConfigurationError: there is no such law, or it cannot be imported or made.
+        ConfigurationError: there is no such law, or it cannot be imported or created.
     """
     if configuration.law in LAWS:
         return None

@@ -13,7 +13,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-    """Let the brakes act whose error is negative; arguments as `Law.step`."""
+    """Enable the brakes with a negative error; arguments as `Law.step`."""
     outcome = NO_HELP
     for i in range(error.size):
         s_perp, s_omega, s_par = wheel_error(
@@ -33,7 +33,7 @@ def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArr
 
 
 class SlidingMode:
-    """The law as an object.
+    """The law as a Python object.
 
     Attributes:
         manifold: the error functions.
@@ -44,5 +44,5 @@ class SlidingMode:
         self.manifold = SlidingManifold(geometry, weighting)
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-        """Let the brakes act whose error is negative."""
+        """Enable the brakes with a negative error; see `Law.step`."""
         return int(step(self.manifold.constants, motion, error, enable))

@@ -1,8 +1,9 @@
 """Slip control: brake torques for the demanded forces, and the choice of on-off valves.
 
-A wheel whose demand is its capacity is held at the target slip by its speed; any other one gets
-the torque of its demand. Both are for the moment at which a new command begins to act: what is on
-its way through the dead time is predicted, and the brake's lag is inverted.
+A wheel whose demand equals its capacity is held at the target slip by control of its speed; any
+other wheel gets the torque of its demand. Both torques are computed for the moment when a new
+command starts to act: the effect of commands still in the dead time is predicted, and the brake's
+lag is inverted.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from omni_platform.quantities import FloatArray
 LEAST_ENABLE = 0.01
 """Enable of the last brake that is on: the assistant lets none roll unbraked [1]."""
 
-_DEEP = 0.02  # cost of wheels below the target slip's speed, where forces alone leave a tie [1]
+_DEEP = 0.02  # cost of wheels slower than at the target slip, which decides between equal forces
 
 
 @kernel
@@ -67,7 +68,7 @@ def control_slip(
                 missing = max(1.0 - speed_k / goal, 0.0)
                 deep[state, i] = _DEEP / n * missing * missing
             continue
-        # A tire must deflect before it transmits its force: the faster it slides, the sooner.
+        # A tire must deflect before it transmits its force; it deflects sooner if it slides faster.
         push = law.relaxation_speed * (1.0 - min(wheel.force / wheel.capacity, 1.0))
         goal = max(hub - push, 0.0) / (rim + law.radius[i] * law.target_slip)
         need = most
@@ -119,7 +120,7 @@ def _choose_valves(task: Task, forces: FloatArray, deep: FloatArray, enable: Flo
 def remember_torque(
     law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
 ) -> None:
-    """Keep the commands, and predict the torques of the next period."""
+    """Store the commands, and predict the torques of the next period."""
     body = memory.body[0]
     newest = int(body.steps % QUEUE)
     for i in range(enable.size):

@@ -1,9 +1,10 @@
 """The assistant's model of a braked wheel: brake lag and slip.
 
-The nominal brake follows its command after a dead time and with a first-order lag. The
-wheel turns by ``I dw/dt = g f - T``; its friction ``f`` over the slip rises as a parabola to the
-capacity that has been learned and stays there. That is no tire model: only the sign of its slope
-and its height count, and both are corrected at every step by what the wheel has done.
+The nominal brake follows its command after a dead time and with a first-order lag. The wheel turns
+by ``I dw/dt = g f - T``, with the lever ``g`` of the friction force ``f`` and the torque ``T``. The
+force over the slip rises as a parabola to the estimated capacity and remains there. This is no tire
+model: only the sign of the slope and the height matter, and the measured wheel speed corrects both
+at every step.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ class NominalBrake(NamedTuple):
     """Assumed properties of the brakes.
 
     Attributes:
-        max_torque: with the pedal fully down [N m].
-        dead_time: [s].
-        time_constant: [s].
-        pressure_step: step of the share that passes [1], 1 for valves that are open or shut.
+        max_torque: torque with the pedal fully down [N m].
+        dead_time: time from a command to the first change of the torque [s].
+        time_constant: of the lag after the dead time [s].
+        pressure_step: resolution of the enable [1], 1 for on-off valves.
     """
 
     max_torque: float
@@ -40,11 +41,11 @@ class BrakedWheel(NamedTuple):
     """Assumed properties of a wheel.
 
     Attributes:
-        capacity: largest force [N].
-        peak_slip: slip from which on it is there [1].
-        rim: lever ``r |n_w . u|`` [m].
-        radius: [m].
-        inertia: [kg m^2].
+        capacity: largest friction force [N].
+        peak_slip: smallest slip at which the capacity is reached [1].
+        rim: lever ``r |n_w . u|`` of the friction force about the axle [m].
+        radius: radius of the wheel [m].
+        inertia: inertia of the wheel about its axle [kg m^2].
     """
 
     capacity: float
@@ -59,10 +60,10 @@ def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
     """Return the torque that was demanded of brake `i` a number of steps ago [N m].
 
     Args:
-        sent: torques by step, a ring, shape (QUEUE, N).
-        newest: row of the newest one.
-        delay: steps before it, may be a fraction.
-        i: the wheel.
+        sent: commanded torques by step [N m], a ring buffer, shape (QUEUE, N).
+        newest: row of the newest command.
+        delay: number of steps before it; may be fractional.
+        i: index of the wheel.
     """
     whole = min(math.floor(delay), QUEUE - 2)
     share = min(delay - whole, 1.0)
@@ -100,13 +101,13 @@ def turn_on(
 
     Args:
         wheel: assumed properties of the wheel.
-        spin: speed in the sense in which it rolls [rad/s], at least 0.
-        torque: of its brake [N m].
-        hub: speed of its center along the active direction [m/s], at least 0.
-        dt: [s].
+        spin: wheel speed in the sense in which it rolls [rad/s], at least 0.
+        torque: torque of the brake [N m].
+        hub: speed of the wheel's center along the active direction [m/s], at least 0.
+        dt: length of the step [s].
 
     Returns:
-        Speed [rad/s] and mean force [N].
+        Wheel speed after the step [rad/s] and mean friction force during it [N].
     """
     capacity, peak_slip, rim, radius, inertia = wheel
     h = dt / _SUBSTEPS

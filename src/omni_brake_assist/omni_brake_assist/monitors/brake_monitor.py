@@ -1,11 +1,11 @@
 """Detection of failed brakes: a braked wheel that still rolls freely.
 
-A working brake makes its wheel slide: the rim is slower than the ground, ``R n_w . u_w w < n_w .
-    v_i``. A brake has failed if its wheel rolls without slip while another wheel
-slides under at most the same pressure. A law that assumes a working brake would release others, so
-all brakes act from then on until the pedal is released.
+A working brake makes its wheel slide: the rim is slower than the ground,
+``R n_w . u_w w < n_w . v_i``. A brake has failed if its wheel rolls without slip while another
+wheel slides under at most the same pressure. A law that assumes a working brake would release other
+brakes. Therefore, once a brake has failed, all brakes act until the pedal is released.
 
-If all brakes act weakly no wheel slides, and no brake is reported as failed.
+If all brakes act weakly, no wheel slides, and no brake is reported as failed.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ _LEAST = 0.05  # smallest command at which a slide is due to the brake [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
 _NOISE, _SCALE = 0.05, 0.015  # tolerance of a rolling rim [m/s], [1]
 _SLIDES = 3.0  # tolerances beyond which a wheel slides [1]
-_LATELY = 0.5  # for how long a slide of another wheel is used [s]
-_FORGIVEN = 4.0  # rate of the timer while the wheel slides, relative to rolling [1]
+_LATELY = 0.5  # time for which a slide of another wheel is used [s]
+_FORGIVEN = 4.0  # rate at which the timer falls while the wheel slides, over its rise [1]
 
 
 class BrakeConstants(NamedTuple):
     """Constants of the brake monitor.
 
     Attributes:
-        n_x: active directions [1], shape (N,).
-        n_y: active directions in y [1], shape (N,).
+        n_x: active directions, x component [1], shape (N,).
+        n_y: active directions, y component [1], shape (N,).
         lever: ``cross(r_i, n_wi)`` [m], shape (N,).
         roll: speed along the active direction per wheel speed [m], shape (N,).
-        time: duration of rolling after which a brake has failed [s].
+        time: duration of rolling after which a brake counts as failed [s].
     """
 
     n_x: FloatArray
@@ -55,8 +55,8 @@ class BrakedWheels(NamedTuple):
 
     Attributes:
         commanded: share of the pedal's demand that each brake passes [1], shape (N,).
-        speeds: of the wheels [rad/s], shape (N,); NaN where unknown.
-        scale: relative excess of the speed of rolling rims over the ground, estimated before [1].
+        speeds: wheel speeds [rad/s], shape (N,); NaN where unknown.
+        scale: estimated relative excess of the speed of rolling rims over the ground [1].
     """
 
     commanded: FloatArray
@@ -102,9 +102,9 @@ def watch_brakes(
 
     Args:
         constants: of the vehicle.
-        memory: of `brake_memory`, changed in place.
+        memory: from `brake_memory`, changed in place.
         dt: length of the step [s].
-        pedal: the driver's demand in it, 0 while there is none [1].
+        pedal: the driver's brake demand in the step, 0 while the pedal is up [1].
         wheels: speeds after the step and commands before it.
         twist: body twist [m/s, m/s, rad/s].
     """

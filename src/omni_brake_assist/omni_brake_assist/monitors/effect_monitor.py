@@ -1,24 +1,25 @@
 """Monitor of the braking effect: it uses pedal, wheel speeds and acceleration, nothing else.
 
-A vehicle that loses speed at ``a`` where it could lose it at ``c`` travels ``v (1 - a / c) dt``
-farther than it must. The monitor adds that to the missed distance ``M``, the rest ``v a / c dt`` to
-the braked distance ``B``, and bounds
+If a vehicle decelerates by ``a`` and could decelerate by ``c``, it travels ``v (1 - a / c) dt``
+farther than necessary. The monitor adds this to the missed distance ``M`` and the rest,
+``v a / c dt``, to the braked distance ``B``, and requires
 
     M <= creep + allowance v_0 + share B
 
-``v`` is the larger of two speeds: of the fastest rim, as some wheel rolls in an assisted stop, and
-of the integrated specific force, from the speed before the pedal on. A scale error that all
-encoders and the twist share therefore does not shorten the distance; without an IMU it cannot be
-observed, and ``v`` falls by `loss` at most. Nothing is missed while every brake acts. Deceleration
-is measured twice, and the larger share counts: as the low-passed specific force, and as the
-difference of ``v`` and its low-pass. The possible deceleration ``c`` is the largest of this stop,
-in proportion to the pedal, and at least `floor`, which the least friction and the rollers allow.
+``v`` is the larger of two speeds: the speed of the fastest rim, since some wheel rolls in an
+assisted stop, and the speed before the stop minus the integrated specific force. So a scale error
+that all encoders and the twist share does not shorten the distance. Without an IMU this error
+cannot be observed, and ``v`` falls at most by `loss`. Nothing is added to ``M`` while every brake
+acts. The deceleration ``a`` is measured twice, as the low-passed specific force and as the
+difference of ``v`` and its low-pass; the larger share ``a / c`` counts. The possible deceleration
+``c`` is the largest one of this stop, in proportion to the pedal, and at least `floor`, which is
+possible with the lowest friction.
 
-Nor may brakes be released for longer than a stop with a modest deceleration lasts, or for `stall`
-at the end of a stop without much deceleration: two brakes may hold a vehicle on a course along
-which no roller is braked.
+Two more bounds limit for how long brakes may be released: the duration of a stop with a modest
+deceleration, and `stall` at the end of a stop without much deceleration. The latter occurs when two
+brakes keep a vehicle on a course along which no roller is braked.
 
-Once a bound is exceeded all brakes act until the pedal is released.
+Once a bound is exceeded, all brakes act until the pedal is released.
 """
 
 from __future__ import annotations
@@ -38,53 +39,53 @@ Record = Any
 
 _LEDGER = np.dtype(
     [
-        ("missed", "f8"),  # path [m]
-        ("braked", "f8"),  # path [m]
+        ("missed", "f8"),  # missed distance [m]
+        ("braked", "f8"),  # braked distance [m]
         ("tripped", "?"),  # whether a bound has been exceeded
         ("start", "f8"),  # speed of the fastest rim when the pedal went down [m/s]
-        ("demanded", "f8"),  # time since, weighted by the pedal [s]
-        ("elapsed", "f8"),  # time since [s]
-        ("speed", "f8"),  # of the fastest rim [m/s]
-        ("mean_speed", "f8"),  # the same, low-passed [m/s]
-        ("seen", "f8"),  # how often it has been seen lately [1]
+        ("demanded", "f8"),  # time since then, weighted by the pedal [s]
+        ("elapsed", "f8"),  # time since then [s]
+        ("speed", "f8"),  # speed v [m/s]
+        ("mean_speed", "f8"),  # speed v, low-passed [m/s]
+        ("seen", "f8"),  # share of recent steps in which v was that of a rim [1]
         ("force_x", "f8"),  # specific force, low-passed [m/s^2]
         ("force_y", "f8"),
-        ("force_time", "f8"),  # for how long there has been one [s]
-        ("best_force", "f8"),  # best loss of speed that it has shown [m/s^2]
-        ("force_pedal", "f8"),  # at which pedal [1]
-        ("best_loss", "f8"),  # best one that wheels have shown [m/s^2]
-        ("loss_pedal", "f8"),  # at which pedal [1]
-        ("stalled", "f8"),  # for how long little has been lost at the end of the stop [s]
+        ("force_time", "f8"),  # time for which the specific force has been known [s]
+        ("best_force", "f8"),  # largest deceleration by the specific force [m/s^2]
+        ("force_pedal", "f8"),  # pedal position at that time [1]
+        ("best_loss", "f8"),  # largest deceleration by the rims [m/s^2]
+        ("loss_pedal", "f8"),  # pedal position at that time [1]
+        ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
 
-_SETTLED = 0.6  # share of a step that a low pass must have followed to be used [1]
-_END = 0.3  # share of the speed at the start from which on a stop is at its end [1]
-_LITTLE = 0.3  # share of the possible loss of speed that is little [1]
+_SETTLED = 0.6  # share of its step response that a low pass must have reached to be used [1]
+_END = 0.3  # share of the initial speed below which a stop is at its end [1]
+_LITTLE = 0.3  # share of the possible deceleration below which it counts as little [1]
 _FASTEST_RIM = 200.0  # [m/s]
 _LARGEST_FORCE = 100.0  # [m/s^2]
 _LARGEST_LOSS = 12.0  # deceleration that a tire allows [m/s^2]
 
 
 class EffectConstants(NamedTuple):
-    """What never changes.
+    """Constants of the effect monitor.
 
     Attributes:
         roll: speed along the active direction per wheel speed [m], shape (N,).
-        share: of the braked path that may be missed where the specific force is known [1].
-        blind_share: of the braked distance that may be missed without it [1].
-        allowance: that may be missed on top of it, in seconds of the speed at the start [s].
-        creep: path that may be missed in any case [m].
-        loss: deceleration while no wheel shows it and the specific force is unknown [m/s^2].
+        share: largest missed over braked distance if the specific force is known [1].
+        blind_share: largest missed over braked distance if it is unknown [1].
+        allowance: additional missed distance per speed at the start [s].
+        creep: missed distance that is always allowed [m].
+        loss: assumed deceleration if neither rims nor the specific force show it [m/s^2].
         bias: error of the specific force [m/s^2].
-        floor: deceleration that friction of 0.3 allows where half of the wheels brake, as on a
-            diagonal course: 0.3 g / 2 [m/s^2].
-        force_time: over which the specific force is averaged [s].
-        wheel_time: over which the loss of speed is taken from the wheels [s].
-        least: deceleration with which a stop must be over, on average [m/s^2].
-        grace: time that it may take in any case [s].
-        stall: time without much loss of speed at the end of a stop [s].
-        empty: ledger, shape (1,).
+        floor: deceleration at a friction of 0.3 if half of the wheels brake, as on a diagonal
+            course: 0.3 g / 2 [m/s^2].
+        force_time: time constant of the low pass of the specific force [s].
+        wheel_time: time constant of the low pass of the speed [s].
+        least: smallest mean deceleration of a stop [m/s^2].
+        grace: time that a stop may always take in addition [s].
+        stall: longest time without much deceleration at the end of a stop [s].
+        empty: an empty record, shape (1,).
     """
 
     roll: FloatArray
@@ -107,8 +108,8 @@ class EffectStep(NamedTuple):
     """A step of the assistant.
 
     Attributes:
-        dt: length [s].
-        pedal: the driver's demand, 0 while there is none [1].
+        dt: length of the step [s].
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
         released: whether a brake was released.
     """
 
@@ -154,10 +155,10 @@ def watch_effect(
 
     Args:
         constants: of the vehicle.
-        memory: of `effect_memory`, changed in place.
-        step: commands and readings of the step.
+        memory: from `effect_memory`, changed in place.
+        step: length and commands of the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
-        force: specific force along x and y [m/s^2], shape (2,); NaN without.
+        force: specific force along x and y [m/s^2], shape (2,); NaN if unknown.
     """
     dt, pedal, released = step
     ledger, top, known = memory[0], 0.0, False
