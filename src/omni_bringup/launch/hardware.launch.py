@@ -13,13 +13,11 @@ from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
 from launch.actions import (
     DeclareLaunchArgument,
-    EmitEvent,
     OpaqueFunction,
     RegisterEventHandler,
     TimerAction,
 )
 from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
 from launch_ros.actions import Node
 
 from omni_bringup.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
@@ -73,4 +71,4 @@ def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -
     if starts_again(event.returncode, given):
         return [TimerAction(period=RESPAWN_DELAY, actions=started(node, given))]
     reason = f"{node.name} ended with exit code {event.returncode}"
-    return [EmitEvent(event=Shutdown(reason=reason))]
+    raise RuntimeError(reason)

@@ -37,6 +37,7 @@ class Source:
         latency: latency from the measurement to the message [s].
         lost: share of samples without a measurement [1].
         maximum_speed: largest measurable speed [m/s].
+        cameras: file of ``config/sensors/`` with line cameras that can be rendered instead.
     """
 
     label: str
@@ -50,9 +51,10 @@ class Source:
     latency: float = 0.0
     lost: float = 0.0
     maximum_speed: float = math.inf
+    cameras: str = ""
 
 
-_LINES = "study accuracy and covariance: RMSE and availability on photographs"
+_LINES = "studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability"
 
 
 def _pair(
@@ -67,27 +69,45 @@ _PAA5100 = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
 _PMW3901 = "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed"
 SOURCES = {
     "ideal": Source("ideal, 100 Hz", "exact"),
-    "lines_coarse": Source(
-        "3 line cameras, 128 px", _LINES, linear=0.03, turning=0.05, lost=0.1, latency=0.005
-    ),
-    "lines": Source(
-        "3 line cameras, 335 px", _LINES, linear=0.008, turning=0.015, lost=0.03, latency=0.005
-    ),
-    "lines_fine": Source(
-        "3 line cameras, 1024 px", _LINES, linear=0.004, turning=0.008, lost=0.01, latency=0.005
-    ),
-    "paa5100_2": _pair(
-        "2 x PAA5100JE", _PAA5100, 2, 0.01, relative=0.02, scale=0.02, maximum_speed=1.14
-    ),
-    "paa5100_3": _pair(
-        "3 x PAA5100JE", _PAA5100, 3, 0.01, relative=0.02, scale=0.02, maximum_speed=1.14
-    ),
-    "pmw3901_2": _pair(
-        "2 x PMW3901", _PMW3901, 2, 0.02, relative=0.03, scale=0.03, maximum_speed=0.74
-    ),
-    "pmw3901_3": _pair(
-        "3 x PMW3901", _PMW3901, 3, 0.02, relative=0.03, scale=0.03, maximum_speed=0.74
-    ),
+    **{
+        name: Source(
+            f"3 line cameras, {pixels} px",
+            _LINES,
+            linear=linear,
+            turning=turning,
+            lost=lost,
+            cameras=cameras,
+        )
+        for name, pixels, linear, turning, lost, cameras in (
+            ("lines_coarse", 256, 0.03, 0.05, 0.1, "three_coarse"),
+            ("lines", 335, 0.008, 0.015, 0.03, "lis_770i"),
+            ("lines_fine", 1024, 0.005, 0.007, 0.1, "three_generic"),
+        )
+    },
+    **{
+        f"paa5100_{count}": _pair(
+            f"{count} x PAA5100JE",
+            _PAA5100,
+            count,
+            0.01,
+            relative=0.02,
+            scale=0.02,
+            maximum_speed=1.14,
+        )
+        for count in (2, 3)
+    },
+    **{
+        f"pmw3901_{count}": _pair(
+            f"{count} x PMW3901",
+            _PMW3901,
+            count,
+            0.02,
+            relative=0.03,
+            scale=0.03,
+            maximum_speed=0.74,
+        )
+        for count in (2, 3)
+    },
     "otos": Source(
         "SparkFun OTOS",
         "data sheet: 2.5 m/s, filtered with its IMU; delay of the filter assumed",

@@ -3,12 +3,15 @@
 The same random stops are braked without the assistant, and with both laws and each source: ideal,
 line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and slow ones; with an IMU
 or without one. The table shows where assistance does more harm than good.
+
+The lines of cameras are rendered in the named stops and in the first random ones; in the others an
+error model stands for the cameras.
 """
 
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -18,10 +21,14 @@ from matplotlib.figure import Figure
 
 from omni_figures import style
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.ground_choice import prepare_grounds
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.sensors import LineSensor
+from omni_sim.texture.cache import TextureCache
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_studies.feedback.sources import SOURCES, SourceEstimator
 from omni_studies.study import StudyResult, StudyRun
@@ -42,8 +49,10 @@ class Options(CampaignOptions):
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
     source: tuple[str, ...] = parameter(tuple(SOURCES), choices=tuple(SOURCES))
     """source of the twist"""
-    runs: int = parameter(20, minimum=1, maximum=10000)
+    runs: int = parameter(200, minimum=1, maximum=10000)
     """number of random stops of each vehicle"""
+    rendered: int = parameter(20, minimum=0, maximum=10000)
+    """number of these in which the lines of cameras are rendered"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
     """largest speed of the random stops"""
     named: bool = parameter(False)
@@ -80,6 +89,7 @@ class Cases:
 
     bases: dict[str, ExperimentConfiguration]
     named: tuple[ExperimentConfiguration, ...]
+    cameras: dict[str, Mapping[str, LineSensor]]
     options: Options
 
     @property
@@ -102,7 +112,8 @@ class Cases:
         rest, case = divmod(number, len(self._each))
         place = min(rest // self.options.runs, len(self.bases))
         stop = rest - place * self.options.runs
-        vehicle, (law, source) = self.groups[place], self._each[case]
+        vehicle, (law, name) = self.groups[place], self._each[case]
+        source = SOURCES[name]
         if vehicle == _NAMED:
             configuration = self.named[stop]
         else:
@@ -112,16 +123,20 @@ class Cases:
             configuration.brake_assist,
             enabled=assisted,
             law=law if assisted else _LAWS[0],
-            feedback_delay=SOURCES[source].latency,
+            feedback_delay=source.latency,
         )
         configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
         kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
-        estimator = SourceEstimator(SOURCES[source], kinematics, stop)
+        estimator = None
+        if source.cameras and (vehicle == _NAMED or stop < self.options.rendered):
+            configuration = _rendered(configuration, self.cameras[source.cameras])
+        else:
+            estimator = SourceEstimator(source, kinematics, stop)
         metrics = run_metrics(run_closed_loop(configuration, estimator=estimator))
         distance, rotation = (
-            metrics[name].value for name in ("stopping_distance", "orientation_change")
+            metrics[one].value for one in ("stopping_distance", "orientation_change")
         )
-        return Stop(number, vehicle, stop, law, source, distance, rotation)
+        return Stop(number, vehicle, stop, law, name, distance, rotation)
 
 
 def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> ExperimentConfiguration:
@@ -152,11 +167,33 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
     )
 
 
+def _rendered(
+    configuration: ExperimentConfiguration, cameras: Mapping[str, LineSensor]
+) -> ExperimentConfiguration:
+    """Return an experiment with cameras at corresponding places under its own chassis."""
+    # The places in the files are those under a chassis of the default size.
+    along = configuration.vehicle.chassis_length / VehicleConfiguration.chassis_length
+    across = configuration.vehicle.chassis_width / VehicleConfiguration.chassis_width
+    placed = {
+        name: dataclasses.replace(camera, x=along * camera.x, y=across * camera.y)
+        for name, camera in cameras.items()
+    }
+    return dataclasses.replace(
+        configuration,
+        feedback="optical",
+        sensors=placed,
+        odometry=dataclasses.replace(configuration.odometry, sensors=placed),
+        simulation=dataclasses.replace(configuration.simulation, render_lines=True),
+    )
+
+
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run all cases, and write table and figure."""
     cases = Cases(*_bases(study.experiments, options), options)
+    prepare_grounds((*cases.bases.values(), *cases.named), TextureCache.of_user())
     fingerprint = (
-        f"{cases.groups} {options.source} {options.runs} {options.speed} {options.without_imu}"
+        f"{cases.groups} {options.source} {options.runs} {options.rendered} {options.speed} "
+        f"{options.without_imu}"
     )
     rows = study.campaign(cases.run, range(len(cases)), Stop, options, fingerprint)
     table = {
@@ -176,8 +213,12 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _bases(
     library: ExperimentLibrary, options: Options
-) -> tuple[dict[str, ExperimentConfiguration], tuple[ExperimentConfiguration, ...]]:
-    """Return a stop of each vehicle, by its name, and the named experiments."""
+) -> tuple[
+    dict[str, ExperimentConfiguration],
+    tuple[ExperimentConfiguration, ...],
+    dict[str, Mapping[str, LineSensor]],
+]:
+    """Return a stop of each vehicle, by its name, the named experiments, and the cameras."""
     if len(set(options.vehicle)) != len(options.vehicle):
         raise ConfigurationError("--vehicle", "names a vehicle twice")
     changes = [
@@ -193,9 +234,15 @@ def _bases(
         for name in options.vehicle
     }
     names = _EXPERIMENTS if options.named else ()
-    return vehicles, tuple(
-        library.load(name, library.variants(name)[-1], changes) for name in names
-    )
+    named = (library.load(name, library.variants(name)[-1], changes) for name in names)
+    cameras = {
+        name: library.load(
+            "straight_line", "assisted", [f"sensors={name}", f"maneuver.speed={options.speed}"]
+        ).sensors
+        for name in (SOURCES[source].cameras for source in options.source)
+        if name
+    }
+    return vehicles, tuple(named), cameras
 
 
 def _results(

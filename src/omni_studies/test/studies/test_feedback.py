@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_studies.feedback.sources import SOURCES, SourceEstimator
+from omni_studies.studies import feedback
+from omni_studies.study import StudyRun
 
 WHEELS = {
     f"{x}_{y}": WheelMount(x=x, y=y, roller_angle_deg=-45.0 * x * y, radius=0.1)
@@ -65,3 +69,24 @@ def test_wheels_measure_until_the_pedal_goes_down() -> None:
     np.testing.assert_allclose(measured("encoders")[-1].value, TWIST, atol=1e-9)
     assert measured("encoders_imu", pedal=1.0)[-1].covariance[0, 0] >= 1e6
     assert dataclasses.asdict(SOURCES["encoders"])["kind"] == "wheels"
+
+
+def test_lines_are_rendered_in_the_first_stops_only(tmp_path: Path) -> None:
+    library = ExperimentLibrary(Path(__file__).parents[4] / "config")
+    found = {}
+    for rendered in (0, 1):
+        options = feedback.Options(
+            vehicle=("mecanum_forklift",),
+            source=("lines_coarse",),
+            runs=2,
+            rendered=rendered,
+            speed=1.0,
+            workers=1,
+        )
+        folder = tmp_path / str(rendered)
+        folder.mkdir()
+        feedback.run(options, StudyRun(library, folder))
+        rows = (folder / "stops.csv").read_text().splitlines()
+        found[rendered] = [row for row in rows if "allocation" in row]
+    assert found[0][0] != found[1][0]
+    assert found[0][1] == found[1][1]
