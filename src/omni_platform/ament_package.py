@@ -15,7 +15,7 @@ def install(
     """Install the package in this folder, by its ``package.xml``, as an ament_python package.
 
     Args:
-        requires: what pip needs for the core; the nodes need ROS too.
+        requires: packages that pip installs for the core; the nodes need ROS too.
         programs: entry points of executables, as ``name = module:function``.
         data: patterns of files next to the modules.
         shared: files by folder below ``share/<package>``.
@@ -36,7 +36,7 @@ def install(
             (f"share/{name}", ["package.xml"]),
             *((f"share/{name}/{folder}", files) for folder, files in shared),
         ],
-        extras_require={"test": ["pytest"]},  # by which colcon test knows the tests
+        extras_require={"test": ["pytest"]},  # by which `colcon test` finds the tests
         zip_safe=False,
         entry_points={"console_scripts": list(programs)},
     )

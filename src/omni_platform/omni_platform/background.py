@@ -1,8 +1,9 @@
 """A single background thread for numba kernels that release the GIL.
 
-A thread that waits for the GIL costs some ten microseconds. So work in the background should be one
-kernel of some tenths of a millisecond with little Python around it; two processors then run two
-kernels in the time of one. With a single processor the work is done when its result is needed.
+A thread that waits for the GIL loses some ten microseconds. So work in the background should be one
+kernel that takes some tenths of a millisecond, with little Python around it. Two processors then
+run two kernels in the time of one. With a single processor the work is done when its result is
+needed.
 """
 
 from __future__ import annotations
@@ -75,11 +76,11 @@ os.register_at_fork(after_in_child=_queue.cache_clear)  # a fork does not have t
 def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
     """Queue work for the background thread, and return a function that returns its result.
 
-    The returned function is called once; it does the work itself if it has not begun.
+    The returned function is to be called once; it does the work itself if no thread has begun it.
 
     Args:
-        work: usually one long kernel.
-        worth: whether it takes some tenths of a millisecond.
+        work: usually a call of one long kernel.
+        worth: whether the work takes some tenths of a millisecond; otherwise it is not queued.
     """
     queue = _queue() if worth else None
     if queue is None:

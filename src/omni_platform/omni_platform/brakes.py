@@ -20,7 +20,7 @@ data sheets state 40 to 120 ms; proportional brakes; drives with a torque or a s
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
-    """Return the overrides that give a vehicle typical brakes of a name of `TYPICAL`."""
+    """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`."""
     return tuple(f"vehicle.brake.{key}={value}" for key, value in TYPICAL[brakes].items())
 
 

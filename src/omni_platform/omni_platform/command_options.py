@@ -50,8 +50,8 @@ def option(
     """Declare a field with further properties of its command-line option.
 
     Args:
-        default: value used where none is given; without it the option is required.
-        flag: such as ``--set`` where the field's name does not give it.
+        default: value used if none is given; without it the option is required.
+        flag: flag such as ``--set`` if it differs from the field's name.
         metavar: name of the value in the help.
         positional: whether it is a positional argument without a flag.
         many: whether one flag takes several values of a tuple.
@@ -122,7 +122,7 @@ def parse_options(
         parser: without options; a new one by default.
 
     Raises:
-        ConfigurationError: a value does not fit; its key is the option as people write it.
+        ConfigurationError: a value does not fit; the key of the error is the option as typed.
         SystemExit: the words are no options of `cls`; explained on standard error.
     """
     parser = parser or argparse.ArgumentParser()
@@ -135,10 +135,10 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
 
     Args:
         cls: declares the options.
-        parsed: what a parser with `add_options` returned.
+        parsed: result of a parser with `add_options`.
 
     Raises:
-        ConfigurationError: a value does not fit; its key is the option as people write it.
+        ConfigurationError: a value does not fit; the key of the error is the option as typed.
     """
     given = {
         name: tuple(value) if isinstance(value, list) else value

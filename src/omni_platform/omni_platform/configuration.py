@@ -1,10 +1,10 @@
 """Typed configuration: frozen dataclasses whose fields carry description, unit and bounds.
 
-A component declares its parameters once, as a frozen dataclass derived from `Configuration`
-whose fields come from `parameter()`, with a string below each field that describes it. From that
-one declaration follow the defaults, the checks, the strict reading of YAML mappings, the effective
-configuration that is saved with every run, and (in `omni_ros.parameters`) the ROS parameters with
-their descriptors.
+A component declares its parameters once, as a frozen dataclass derived from `Configuration`. Its
+fields come from `parameter()`, with a string below each field that describes it. This declaration
+gives the defaults, the checks, the strict reading of YAML mappings, the effective configuration
+that is saved with every run, and (in `omni_ros.parameters`) the ROS parameters with their
+descriptors.
 
 A field is a bool, int, float, str, a tuple of floats or strings, another `Configuration`, or a
 `Mapping[str, Configuration]` for things that have names of their own (wheels, sensors, patches).
@@ -120,7 +120,7 @@ def parameter(
     """Declare a configuration field.
 
     Args:
-        default: value used where none is given; without it the key is required.
+        default: value used if none is given; without it the key is required.
         description: description for people, shown by ``--help`` and ``ros2 param describe``; by
             default the string below the field.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
@@ -231,7 +231,7 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
 
     Args:
         cls: the configuration to build.
-        mapping: values by name; what it leaves out keeps its default.
+        mapping: values by name; a parameter that is missing keeps its default.
         key: dotted path of `mapping` itself, for messages.
 
     Raises:

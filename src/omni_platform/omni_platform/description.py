@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 from omni_platform.geometry import WheelMount
 from omni_platform.sensors import Mount
 
-_BODY_HEIGHT = 0.2  # [m] in no file; for the eye
-_WIDTH_SHARE = 0.4  # of the radius, for the eye
+_BODY_HEIGHT = 0.2  # [m], only for the picture
+_WIDTH_SHARE = 0.4  # width of a wheel over its radius, only for the picture
 
 
 def urdf(
@@ -27,7 +27,7 @@ def urdf(
         name: name of the robot.
         wheels: wheels by name.
         sensors: line cameras and flow sensors by name.
-        size: length and width of the platform [m]; that of the wheels' positions if None.
+        size: length and width of the platform [m]; by default those of the wheels' positions.
     """
     robot = ElementTree.Element("robot", name=name)
     radius = max(wheel.radius for wheel in wheels.values())

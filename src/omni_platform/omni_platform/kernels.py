@@ -2,10 +2,10 @@
 
 numba counts the references to every array whenever it passes or unpacks it. Kernels that receive
 the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two thirds of
-their run time and of their compilation on it. A `lean` kernel does not count references. It may
-therefore neither create an array (slices assigned from other arrays create one) nor return one,
-also not in a tuple; its caller provides all arrays. A kernel that creates arrays is a `kernel`, and
-short. The largest ones are `linked`.
+their run time and of their compilation on these counts. A `lean` kernel does not count references.
+It may therefore neither create an array (slices assigned from other arrays create one) nor return
+one, also not in a tuple; its caller provides all arrays. A kernel that creates arrays is declared
+as `kernel` and should be short. The largest kernels are `linked`.
 """
 
 from importlib.metadata import entry_points
@@ -38,7 +38,7 @@ def _defer_blas() -> None:
     look = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
     try:
-        from numba.np import arraymath  # noqa: F401  # asks while it is imported
+        from numba.np import arraymath  # noqa: F401  # searches while it is imported
     finally:
         linalg.ensure_blas = look
 
@@ -70,4 +70,4 @@ lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True
 """As `lean` and inlined, for kernels with many arguments and few callers."""
 
 inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always", _nrt=False)
-"""As `lean_inline`, and never compiled alone: numba takes it for a part of its callers."""
+"""As `lean_inline`, but never compiled alone: numba makes it a part of its callers."""

@@ -85,7 +85,7 @@ class PlatformKinematics:
         """Return the body twist that fits the wheel speeds best, in the least-squares sense.
 
         Args:
-            wheel_speeds: [rad/s], shape (..., N).
+            wheel_speeds: speeds of the wheels [rad/s], shape (..., N).
 
         Returns:
             ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
@@ -113,7 +113,7 @@ class PlatformKinematics:
 
         Args:
             twist: body twist [m/s, m/s, rad/s], shape (3,).
-            wheel_speeds: [rad/s], shape (N,).
+            wheel_speeds: speeds of the wheels [rad/s], shape (N,).
 
         Returns:
             Sliding velocities [m/s], shape (N,).

@@ -21,8 +21,8 @@ def described_modules(package: str) -> dict[str, tuple[str, str]]:
         package: dotted name; modules that begin with ``_`` do not count.
 
     Returns:
-        Module and sentence by name: the first line of a module's docstring by its own name, or the
-        entries of the dictionary ``CASES`` of a module that has one.
+        (module, sentence) by name. A module has one entry, the first line of its docstring by the
+        name of the module; a module with a dictionary ``CASES`` has the entries of that dictionary.
     """
     found: dict[str, tuple[str, str]] = {}
     spec = importlib.util.find_spec(package)
@@ -84,17 +84,17 @@ def load_class(
         methods: methods that the class must have.
 
     Raises:
-        ConfigurationError: it cannot be imported, or is no class with these methods.
+        ConfigurationError: the class cannot be imported, or has not all of these methods.
     """
     check_name(key, name, built_in, group)
-    place = name if ":" in name else _entry_points(group).get(name, name)  # which takes 20 ms
+    place = name if ":" in name else _entry_points(group).get(name, name)  # the search takes 20 ms
     module_name, _, class_name = place.partition(":")
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.append(folder)
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # a module from outside may raise anything
+    except Exception as error:  # a user's module may raise anything
         raise ConfigurationError(
             key,
             f"{name!r}: cannot import {module_name!r} ({type(error).__name__}: {error}); it must "
@@ -129,7 +129,7 @@ def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
         return cls(*arguments)
     except ConfigurationError:
         raise
-    except Exception as error:  # a class from outside may raise anything
+    except Exception as error:  # a user's class may raise anything
         raise ConfigurationError(
             key, f"{name!r} cannot be made ({type(error).__name__}: {error})"
         ) from error

@@ -18,5 +18,5 @@ SECOND_NS = 1_000_000_000
 """A second of stamps [ns]."""
 
 LARGEST_OFFSET = 100.0
-"""Largest distance of a part from the platform's center, along x or y [m]: a slip of the keyboard
-beyond it."""
+"""Largest distance of a part from the platform's center, along x or y [m]; a larger value is taken
+for a typing error."""

@@ -1,9 +1,9 @@
 """Positions, axes and fields of view of ground sensors.
 
-A line camera measures the velocity of its position along its axis, a flow sensor that and
-the velocity to the left of it. The footprint of a line camera is a rectangle: `length` along the
-axis, divided into `pixels`, and `width` across it, over which each pixel integrates (section
-4.3.2).
+A line camera measures the velocity of its position along its axis. A flow sensor measures this
+velocity and the velocity to the left of the axis. The footprint of a line camera is a rectangle:
+`length` along the axis, divided into `pixels`, and `width` across it, over which each pixel
+integrates (section 4.3.2).
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Least share of a line's view that the next one shows again (section 4.4) [1]."""
+"""Smallest share of a line's field of view that the next line shows again (section 4.4) [1]."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

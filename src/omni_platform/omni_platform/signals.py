@@ -1,7 +1,7 @@
-"""One sample type for each signal: the values that the topics carry, from message to kernel.
+"""Types of samples, one for each signal, with the values that the messages of its topic contain.
 
-Simulator, odometry and brake assistant pass these between each other in one process; over topics
-`messages.py` of each package makes them from the standard messages.
+In one process, simulator, odometry and brake assistant pass samples to each other directly. In a
+graph, `messages.py` of each package converts standard messages to samples.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Flow:
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        velocity: velocity of its position, along its axis and to the left of it [m/s], shape (2,).
+        velocity: velocity of the sensor, along its axis and to the left of it [m/s], shape (2,).
         covariance: covariance of `velocity` [m^2/s^2], shape (2, 2); all zero if unknown.
     """
 
@@ -72,8 +72,9 @@ class ImuSample(NamedTuple):
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        yaw_rate: about the z axis of `base_link` [rad/s].
-        acceleration: specific force along x and y of `base_link` at the mounting [m/s^2], (2,).
+        yaw_rate: angular velocity about the z axis of `base_link` [rad/s].
+        acceleration: specific force at the mounting along x and y of `base_link` [m/s^2], shape
+            (2,).
         validity: VALID, MISSING or INVALID.
     """
 

@@ -1,7 +1,7 @@
 """The topics of a vehicle: name, message type, publisher and durability of each, in one place.
 
-All have reliable delivery unless the receiving node's ``qos`` parameter relaxes it; see
-`omni_ros.qos` for depths.
+Every topic has reliable delivery unless a ``qos_overrides`` parameter of a node changes it, or the
+odometry's parameter `best_effort_cameras`. `omni_ros.qos` has the depths of the queues.
 """
 
 from typing import NamedTuple
@@ -18,9 +18,9 @@ class Topic(NamedTuple):
     """A topic in the namespace of a vehicle.
 
     Attributes:
-        name: relative to the namespace.
+        name: name of the topic, relative to the namespace.
         type: type of its messages.
-        publisher: the node that publishes it.
+        publisher: node that publishes the topic.
         latched: whether the last message is kept for later subscriptions.
     """
 

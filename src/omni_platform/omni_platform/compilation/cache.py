@@ -32,8 +32,8 @@ from numba.core.extending import _Intrinsic
 from omni_platform.compilation.calls import CompiledKernel, compilation, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
-_DEPTH = 3  # of modules in modules, as in numpy.linalg
-_KEPT_VERSIONS = 3  # of a kernel on disk, so that going back to another branch compiles nothing
+_DEPTH = 3  # levels of modules in modules, as in numpy.linalg
+_KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 
 class KernelCache(FunctionCache):
@@ -44,7 +44,7 @@ class KernelCache(FunctionCache):
     def __init__(self, dispatcher: Dispatcher) -> None:
         super().__init__(dispatcher.py_func)
         self._dispatcher = dispatcher
-        del self._cache_file  # until the first call, when all that the kernel refers to is defined
+        del self._cache_file  # made at the first call, when all callees of the kernel are defined
 
     @functools.cached_property
     def _digest(self) -> str:
@@ -139,7 +139,7 @@ def _describe_names(
 ) -> Iterator[str]:
     for name in names:
         value = values.get(name)
-        if isinstance(value, ModuleType) and depth < _DEPTH:  # of which an attribute may be meant
+        if isinstance(value, ModuleType) and depth < _DEPTH:  # the code may use its attributes
             yield from _describe_names(names, vars(value), callees, depth + 1)
         elif name in values:
             yield f"{name}={_describe(value, callees)}"
@@ -163,7 +163,7 @@ def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
     if isinstance(value, FunctionType):
         module = value.__module__
         if module.partition(".")[0] not in _LIBRARIES:
-            # Compiled otherwise than it is written: overloads of it are in the same module.
+            # numba compiles an overload in place of this function; it is in the same module.
             others = vars(sys.modules[module]).values()
             functions = [other for other in others if isinstance(other, FunctionType)]
             callees += [value, *(f for f in functions if f.__module__ == module)]

@@ -4,7 +4,8 @@ numba includes the code of a kernel in every kernel that calls it, and LLVM opti
 each level of the call tree. The callers of a `linked` kernel contain only a call of its address.
 
 numba gives every kernel a second entry for Python, which converts all arguments. Here a kernel that
-only other kernels have called has none; it is compiled again, with one, when Python calls it.
+only other kernels have called has no such entry. It is compiled again, with the entry, when Python
+calls it.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ _published: dict[str, _Kernel] = {}
 
 
 def linked(dispatcher: Any) -> Any:
-    """Compile a kernel once: its callers call it, and do not include its code.
+    """Mark a kernel whose callers only call it and do not include its code.
 
-    For the top of a large call tree; written above `kernel` or `lean`. Callers take less time to
-    compile and to load, and their results have the same bits. A call takes about 0.1 us more.
+    The decorator is for the top of a large call tree and is written above `kernel` or `lean`.
+    Callers take less time to compile and to load, and their results have the same bits. A call
+    takes about 0.1 us more.
     """
     linked_kernels.add(dispatcher)
     return dispatcher
@@ -46,9 +48,9 @@ def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
     """Make a compiled or loaded kernel known to its callers, if it is linked.
 
     Args:
-        kernel: that was compiled.
-        result: of the compilation for one set of types.
-        digest: of its code.
+        kernel: the kernel.
+        result: result of its compilation for one set of types.
+        digest: digest of its code.
     """
     if kernel not in linked_kernels:
         return
@@ -102,8 +104,8 @@ class CompiledKernel(CompileResultCacheImpl):
 class _Compilation(threading.local):
     """The compilation under way in a thread."""
 
-    for_kernel = False  # whether a kernel that is being compiled asks for the next one
-    bare = False  # whether it makes no entry for Python
+    for_kernel = False  # whether another kernel, which is being compiled, needs this kernel
+    bare = False  # whether the kernel gets no entry for Python
 
 
 compilation = _Compilation()
