@@ -8,15 +8,15 @@ from pathlib import Path
 
 from omni_platform.configuration import ConfigurationError
 
-# The process whose death ends the node; set by the process that starts a graph.
+# Id of the process whose end also ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
-# The file descriptor that a node reports to; set by the process that started it and reads there.
+# File descriptor to which a node writes its reports; set by the process that reads them.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
-# A file to append the reports to, for a parent that cannot pass on a file descriptor.
+# File to which the reports are appended if the parent cannot pass on a file descriptor.
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
-_LARGEST_DOMAIN = 232  # the UDP ports of a larger one would exceed 65535
+_LARGEST_DOMAIN = 232  # the UDP ports of a larger domain would exceed 65535
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 

@@ -32,7 +32,7 @@ def flatten(
     """Return every value of a configuration by its dotted parameter name.
 
     Args:
-        configuration: what to flatten.
+        configuration: the configuration.
         prefix: dotted path put before every name.
         part: a base class of the configuration, to take only its fields.
 
@@ -61,8 +61,8 @@ def unflatten(cls: type[C], read: ReadParameter) -> C:
 
     Args:
         cls: the configuration to build.
-        read: called with (dotted name, type, default or None where required, info) for each
-            plain parameter; returns its value.
+        read: function that returns the value of a plain parameter; its arguments are the dotted
+            name, type, default (None if a value is required) and info of the parameter.
 
     Raises:
         ConfigurationError: a value is missing or invalid.

@@ -40,7 +40,7 @@ _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.d
 _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
-_LENGTH = struct.Struct("<I")  # of a list
+_LENGTH = struct.Struct("<I")  # length of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
 # Places of (v_x, v_y, yaw rate) in the twist of six components.
 _PLANAR = (0, 1, 5)
@@ -77,11 +77,11 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: CDR with its encapsulation header, of a type that begins with a
             `builtin_interfaces/Time`.
-        of_list: whether it begins with a list of messages of such a type instead; the stamp of
-            the first one is returned.
+        of_list: whether the message begins with a list of messages of such a type instead; then
+            the stamp of the first one is returned.
 
     Returns:
-        The stamp, or None where it is missing or before zero, which no recording can hold.
+        The stamp; None if it is missing, or before zero, which a recording cannot contain.
     """
     offset = _STAMP_OFFSET + (_LENGTH.size if of_list else 0)
     if len(data) < offset + _LITTLE_ENDIAN_STAMP.size:
@@ -211,9 +211,9 @@ class LineImage(NamedTuple):
 
 
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
-    """Return a batch of lines as an image, one row a line, oldest first.
+    """Return a batch of lines as a serialized image; each row is a line, oldest first.
 
-    The image is serialized, see `diagnostics`.
+    It is serialized here for the same reason as in `diagnostics`.
 
     Args:
         stamp_ns: stamp of the newest line [ns].
@@ -237,7 +237,7 @@ def read_line_image(wire: bytes) -> LineImage | Image:
     """Return an image from its serialized form, four times as fast as rclpy.
 
     Raises:
-        ValueError: it is cut off.
+        ValueError: the message is incomplete.
     """
     if not wire.startswith(_LITTLE_ENDIAN):
         return deserialize_message(wire, Image)
@@ -250,7 +250,7 @@ def read_line_image(wire: bytes) -> LineImage | Image:
         step, size = struct.unpack_from("<II", wire, at + -at % 4)
     except (struct.error, IndexError):
         raise ValueError(f"an image of {len(wire)} bytes is cut off") from None
-    # A copy, as kernels are compiled for lines that may be changed.
+    # A copy, because the kernels are compiled for arrays that can be written to.
     data = bytearray(memoryview(wire)[at + -at % 4 + 8 :][:size])
     return LineImage(_Header(_Stamp(*stamp), frame), height, width, encoding, big, step, data)
 
@@ -264,8 +264,8 @@ def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[st
 def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> CameraInfo:
     """Return a line camera's size and scale.
 
-    A line has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` that
-    across it (one pixel per width of the field of view), ``k[2]`` the center [px].
+    The image has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` the
+    scale across the axis (one pixel per width of the field of view), ``k[2]`` the center [px].
 
     Args:
         frame: frame of the sensor.
@@ -313,8 +313,8 @@ def diagnostics(
 ) -> bytes:
     """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale.
 
-    It is a serialized `DiagnosticArray` (CDR, little endian) with zeros as padding: the middleware
-    leaves the padding uninitialized, so that runs would differ.
+    The result is a serialized `DiagnosticArray` (CDR, little endian) with zeros as padding. The
+    middleware leaves the padding uninitialized, so that recordings of equal runs would differ.
     """
     written = _Cdr()
     written.stamp(stamp_ns)

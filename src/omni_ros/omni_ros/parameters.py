@@ -33,8 +33,8 @@ _OF_RCLPY_BELOW = "qos_overrides."
 def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] = ()) -> C:
     """Declare every field of a configuration as a parameter of the node and read it.
 
-    The parameters carry descriptors (description, unit, range) and, unless they are named as
-    changeable, are read-only: a node is configured when it starts.
+    The parameters have descriptors (description, unit, range). They are read-only, since a node is
+    configured when it starts, except those in `changeable`.
 
     Args:
         node: the node that gets the parameters.
@@ -55,8 +55,8 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
 def refuse_unknown_parameters(node: Node) -> None:
     """Refuse values given to parameters that the node does not have.
 
-    Without this a mistyped name would silently leave the default in place. To be called
-    once the node has declared all of its configurations.
+    Otherwise a mistyped name would leave the default in place without a message. Call this after
+    the node has declared all of its configurations.
 
     Args:
         node: the node.

@@ -31,8 +31,8 @@ from omni_ros import environment, parameters
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
 _LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
-_INTERRUPTED_FLUSH = 0.3  # [s] the same after SIGINT: a person waits for the end
-_POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
+_INTERRUPTED_FLUSH = 0.3  # [s] for all publishers after SIGINT: a person waits for the end
+_POLL = 0.05  # [s] longest time until a signal is noticed while no message arrives
 
 
 class NodeError(Exception):
@@ -49,7 +49,7 @@ class StopFlag:
     def __init__(self) -> None:
         self._requested = False
         self._terminations = 0
-        self.is_interrupt = False  # by SIGINT: a person, or ros2 launch, waits for the end
+        self.is_interrupt = False  # set by SIGINT: a person, or ros2 launch, waits for the end
 
     def __bool__(self) -> bool:
         return self._requested
@@ -73,7 +73,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     """Run one node until its work is done or a signal asks it to stop.
 
     Args:
-        make_node: builds the node; `ConfigurationError` there ends the process with one sentence.
+        make_node: creates the node; its `ConfigurationError` ends the process with one sentence.
         run: the node's work, usually `spin_until_stopped`.
 
     Returns:
@@ -81,7 +81,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     """
     _end_with_parent()
     stop = StopFlag()
-    # A node that is still being made has nothing to finish, and may take seconds.
+    # A node that is still being created has nothing to finish, and creating it may take seconds.
     _on_signals(lambda *_: os._exit(ExitCode.OK))
     node: Node | None = None
     try:
@@ -104,7 +104,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 
 
 def _on_signals(handler: Callable[..., None]) -> None:
-    # SIGHUP is what the kernel wakes a halted node with when the bring-up has died.
+    # When the bring-up has died, the kernel wakes a stopped node with SIGHUP.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, handler)
 
@@ -116,14 +116,14 @@ def _initialize_ros() -> None:
         ConfigurationError: the domain, an argument or a parameter file cannot be used.
     """
     environment.name_log_folder(os.environ)
-    environment.chosen_domain(os.environ)  # Fast DDS ends the process over one that is too large
+    environment.chosen_domain(os.environ)  # Fast DDS ends the process if the domain is too large
     try:
         surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.UnknownROSArgsError as error:
         raise ConfigurationError("--ros-args", f"unknown: {error}") from None
     except RuntimeError as error:
-        # Without the places in the source of rcl.
+        # Remove the positions in the source code of rcl.
         words = " ".join(re.sub(r", at \S+:\d+", "", str(error)).split())
         words = re.sub("^(failed to initialize rcl|Failed to parse ROS arguments): ", "", words)
         raise ConfigurationError("--ros-args", words) from None
@@ -136,7 +136,7 @@ def _initialize_ros() -> None:
 def _make(make_node: Callable[[], Node]) -> Node:
     try:
         node = make_node()
-    except ParameterException as error:  # of one of rclpy's own
+    except ParameterException as error:  # raised for a parameter of rclpy itself
         raise ConfigurationError("", str(error)) from None
     try:
         parameters.refuse_unknown_parameters(node)
@@ -186,7 +186,7 @@ def spin_until_stopped(_node: Node, spinner: Spinner) -> None:
 def await_subscribers(
     publishers: Iterable[Publisher], count: int, spinner: Spinner, timeout: float
 ) -> None:
-    """Wait until every publisher is matched with `count` subscriptions, so that none misses any.
+    """Wait until every publisher has `count` subscriptions, so that none misses a message.
 
     Args:
         publishers: publishers to wait for.
@@ -213,14 +213,14 @@ def await_subscribers(
 def _end_with_parent() -> None:
     """Ask the kernel for SIGTERM when the process that started the graph dies.
 
-    Acts only where `PARENT_PID_VARIABLE` names that process, as the bring-up does; a node started
-    by hand outlives its shell as usual.
+    This is done only if `PARENT_PID_VARIABLE`, which the bring-up sets, names that process. A node
+    started by hand continues after its shell ends, as usual.
     """
     parent = os.environ.get(environment.PARENT_PID_VARIABLE)
     if parent is None:
         return
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != int(parent):  # it died before the request was made
+    if os.getppid() != int(parent):  # the parent died before the request was made
         sys.exit(ExitCode.FAILED)
 
 
@@ -228,12 +228,12 @@ def _flush_publishers(node: Node, stop: StopFlag) -> None:
     """Let reliable data reach its readers before the process exits.
 
     A retransmission takes 3 s with the middleware's defaults, and a dead reader never
-    acknowledges. A writer cannot distinguish the two: a process that knows that no reader is left
-    sends SIGTERM once more.
+    acknowledges. A writer cannot distinguish these two cases. So a process that knows that no
+    reader is left sends SIGTERM once more to end the wait.
     """
     longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH
     deadline = time.monotonic() + longest
-    step = Duration(nanoseconds=int(_POLL * 1e9))  # a signal is seen in between
+    step = Duration(nanoseconds=int(_POLL * 1e9))  # short, so that signals are noticed
     for publisher in node.publishers:
         while not publisher.wait_for_all_acked(step):
             if stop.is_insistent or time.monotonic() >= deadline:

@@ -7,8 +7,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's, of a new publisher
-_PERIOD = 0.1  # [s] between two checks of the graph; what a subscription is matched with costs less
+_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's name of a new publisher's node
+_PERIOD = 0.1  # [s] between two checks of the graph; counting a subscription's matches is cheaper
 
 
 class PublisherGuard:

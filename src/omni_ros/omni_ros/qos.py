@@ -15,7 +15,7 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-# Deep enough that a recorder which stalls for two seconds at 100 Hz loses nothing.
+# At 100 Hz a recorder may stall for two seconds without a loss.
 RELIABLE = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE
 )
@@ -25,12 +25,12 @@ RECENT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
 )
 
-# Matches cameras whose drivers offer best effort too, as sensor drivers do; may lose lines.
+# Also matches cameras whose drivers offer best effort, as most sensor drivers do; may lose lines.
 BEST_EFFORT = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.BEST_EFFORT
 )
 
-# For messages published once: later subscriptions still get them.
+# For messages that are published once: later subscriptions receive them too.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -39,7 +39,7 @@ LATCHED = QoSProfile(
 )
 
 
-# What a parameter may set; deadline and liveliness report a silent node to others.
+# Policies that a parameter may set; deadline and liveliness report a silent node to others.
 _OVERRIDABLE = (
     QoSPolicyKind.HISTORY,
     QoSPolicyKind.DEPTH,

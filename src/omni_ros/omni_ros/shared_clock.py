@@ -1,4 +1,4 @@
-"""Simulated time is published by the first of several simulators in a ROS domain."""
+"""Publisher of simulated time, which only the first of several simulators in a domain uses."""
 
 import time
 
@@ -20,7 +20,7 @@ class SharedClock:
 
     Args:
         node: the node that publishes.
-        alone: publish at once, as in a ROS domain without other simulators.
+        alone: whether to publish at once, as in a ROS domain without other simulators.
     """
 
     def __init__(self, node: Node, alone: bool) -> None:
@@ -45,7 +45,7 @@ class SharedClock:
         if self._publisher is None and not others:
             self._publisher = advertise(self._node, Clock, _TOPIC)
         elif others and others[0][1:] != own:
-            # Two that began at the same moment see the same order and make the same choice.
+            # Two simulators that began at the same time see the same order and choose the same one.
             if self._publisher is not None:
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None

@@ -9,8 +9,8 @@ import sys
 def start_lightly() -> None:
     """Disable slow imports and threads; called before numpy is imported.
 
-    numba would import the tool that measures test coverage. OpenBLAS, of which numpy and SciPy
-    have one each, would start threads that first wait actively; no matrix here is large.
+    numba would import the tool that measures test coverage. Numpy and SciPy each have an OpenBLAS,
+    which would start threads that wait actively at first; no matrix here is large enough for them.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,7 +31,7 @@ def start_node(module: str) -> None:
         importlib.import_module(module).main()
     except SystemExit as end:
         if isinstance(end.code, int):
-            # All is flushed and closed: the interpreter's own clean-up takes a second.
+            # All is flushed and closed. The clean-up of the interpreter would take a second.
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(end.code)

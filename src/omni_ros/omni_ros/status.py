@@ -13,7 +13,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_ros import messages, qos
 
 OK, WARN, ERROR = 0, 1, 2  # levels
-_SILENCE = 1.0  # [s] without any news, after which the last status no longer holds
+_SILENCE = 1.0  # [s] without an update, after which the last status no longer holds
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -64,8 +64,8 @@ class StatusReporter:
         self._status = first
         self._key: Hashable = None
         self._published_ns = -1
-        self._logged = OK  # level of what was logged last
-        self._published = False  # since the last call of the timer
+        self._logged = OK  # level that was logged last
+        self._published = False  # whether a status was published since the last call of the timer
         self._updated: float | None = None  # time of the last update on the steady clock [s]
         if period > 0.0:
             node.create_timer(period, self._repeat, clock=steady_clock())

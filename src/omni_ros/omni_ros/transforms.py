@@ -14,7 +14,7 @@ MISSING = "tf2_msgs is not installed: no live transforms"
 
 
 class TransformPublisher:
-    """Publishes `/tf` from poses, and frames that are fixed to the platform once.
+    """Publishes poses on `/tf`, and the frames that are fixed to the platform once.
 
     Args:
         node: the node that publishes.
