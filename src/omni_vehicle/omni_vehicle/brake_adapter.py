@@ -1,7 +1,7 @@
 """Converts the brake enables of the wheels to commands of brakes and drives.
 
-An enable is the share of the braking demand that passes to a wheel [0, 1]. What a controller is
-commanded depends on the brake:
+An enable is the share of the braking demand that passes to a wheel [0, 1]. The command to the
+controller depends on the kind of the brake:
 
 - ``spring``: a spring-applied brake that a coil releases; command 1 energizes the coil,
 - ``proportional``: a brake that follows a demand of 0 to 1,
@@ -75,7 +75,7 @@ class BrakeAdapter:
         wheels = len(configuration.wheels)
         self._applied_for = np.full(wheels, math.inf)  # time since each application [s]
         self._applied = np.ones(wheels, np.bool_)
-        self._command = np.zeros(wheels)  # of the speed while braking
+        self._command = np.zeros(wheels)  # speed command while braking [rad/s]
 
     def step(self, demand: WheelDemand, dt: float) -> FloatArray:
         """Return the command of each wheel, shape (N,).
@@ -85,7 +85,7 @@ class BrakeAdapter:
             dt: time since the step before [s].
         """
         pedal = demand.pedal if 0.0 <= demand.pedal <= 1.0 else 1.0
-        # False for what is not a number: such a wheel brakes fully.
+        # False for NaN: such a wheel brakes fully.
         valid = (demand.enable >= 0.0) & (demand.enable <= 1.0)
         share = pedal * np.where(valid, demand.enable, 1.0)
         return {

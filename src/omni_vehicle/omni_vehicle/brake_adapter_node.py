@@ -1,4 +1,4 @@
-"""The brake adapter as a ROS node: enables in, commands of brakes or drives out.
+"""ROS node of the brake adapter: receives enables, publishes commands of brakes or drives.
 
 The contract (topics, types, parameters, timeouts) is in the README of this package.
 """

@@ -23,10 +23,10 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import FloatArray
 
 PMW3901, PAA5100, OTOS = CHIPS = ("pmw3901", "paa5100", "otos")
-_COUNT_DEVIATION = 1.0 / math.sqrt(12.0)  # of rounding to whole counts
+_COUNT_DEVIATION = 1.0 / math.sqrt(12.0)  # standard deviation by rounding to whole counts
 _ORIENTATION_REGISTER = 0x5B
 _MOTION_REGISTER = 0x16
-_PRODUCT = 0x49  # of both chips
+_PRODUCT = 0x49  # product id of both chips
 _DARK = 0x1F  # upper byte of the longest exposure
 _MOVED = 0x80  # bit of the motion register
 _OTOS_FAULTS = 0xC0  # status bits: the optical chip or the IMU has failed
@@ -42,9 +42,10 @@ class FlowSample(NamedTuple):
 
     Attributes:
         velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], in the chip's
-            frame; NaN where it is not measured, shape (3,).
-        deviation: standard deviations, shape (3,).
-        problem: why nothing was measured; empty if it was.
+            frame, shape (3,); NaN where not measured.
+        deviation: standard deviations of these [m/s, m/s, rad/s], shape (3,); NaN where not
+            measured.
+        problem: why nothing was measured; empty for a measurement.
     """
 
     velocity: FloatArray
@@ -111,8 +112,8 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
     """Open and initialize a chip.
 
     Raises:
-        FlowChipError: it does not answer.
-        ConfigurationError: its library is not installed.
+        FlowChipError: the chip does not answer.
+        ConfigurationError: the library of the chip is not installed.
     """
     kind = OtosChip if configuration.chip == OTOS else CountingChip
     try:
@@ -130,7 +131,7 @@ class CountingChip:
     """A PMW3901 or PAA5100JE.
 
     Attributes:
-        counts: sums of the counts since it was opened.
+        counts: sums of the counts along x and y since the chip was opened.
     """
 
     def __init__(self, configuration: FlowChipConfiguration) -> None:
@@ -150,7 +151,7 @@ class CountingChip:
     def read(self, time: float) -> FlowSample:
         """Return the mean velocity since the last reading."""
         try:
-            # In one transfer, which the chip answers consistently; it then starts from zero.
+            # One transfer, so that all values belong together; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_MOTION_REGISTER] + [0] * 12)
             product, orientation = self._register(0), self._register(_ORIENTATION_REGISTER)
         except OSError as error:
@@ -206,7 +207,7 @@ class OtosChip:
             raise FlowChipError(f"the board reports a failure, status {status:#04x}")
         if status & _OTOS_WARNINGS:
             return FlowSample.unmeasured(f"tilted or poor tracking, status {status:#04x}")
-        # The velocity is that in the frame in which the board tracks its pose.
+        # The board reports the velocity in the frame in which it tracks its pose.
         cos, sin = math.cos(position.h), math.sin(position.h)
         x, y = cos * velocity.x + sin * velocity.y, cos * velocity.y - sin * velocity.x
         speed = math.hypot(x, y)

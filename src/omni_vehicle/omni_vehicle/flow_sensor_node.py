@@ -1,4 +1,4 @@
-"""An optical-flow chip as a ROS node: readings of its registers in, twists out.
+"""ROS node of an optical-flow chip: reads its registers, publishes twists.
 
 The contract (topics, types, parameters, timeouts) is in the README of this package.
 """
@@ -36,7 +36,7 @@ from omni_vehicle.flow_chips import (
 )
 
 _RETRY = 1.0  # [s] between two attempts to open a chip
-_PLACES = (0, 1, 5)  # of v_x, v_y and yaw rate in a twist of six components
+_PLACES = (0, 1, 5)  # indices of v_x, v_y and yaw rate in a twist of six components
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

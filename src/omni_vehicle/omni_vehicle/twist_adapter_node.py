@@ -47,13 +47,13 @@ class TwistAdapterConfiguration(Configuration):
 
 
 class TwistAdapterNode(Node):
-    """Passes on a body twist with a covariance."""
+    """Receives a body twist and publishes it with a covariance."""
 
     def __init__(self) -> None:
         super().__init__("twist_adapter")
         self._configuration = declare_configuration(self, TwistAdapterConfiguration)
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
-        # A publisher of either reliability is received.
+        # Best effort matches publishers of either reliability.
         kind = _TYPES[self._configuration.input_type]
         subscribe(self, kind, "input", self._on_input, BEST_EFFORT)
         self._status = StatusReporter(
