@@ -24,7 +24,8 @@ class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
-    """Set-point of slip control: slip at which a tire transmits its largest force"""
+    """Slip at which a tire transmits its largest force; used as set-point of slip control, as
+    limit of the friction observer, in the wheel model and in the published error"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
     """Time constant of the friction observer; disturbances take twice as long, the mass and the
     return of the heading four times"""
@@ -91,7 +92,8 @@ class BrakeAssistConfiguration(Configuration):
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0)
     """Speed at the start of braking below which there is no line to keep"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Age at which feedback is stale"""
+    """Largest age of the twist, the IMU reading and the wheel speeds; with a stale twist and a
+    current IMU the state is dead_reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
     """Longest step between demands; after a longer gap in the feedback the change of heading is
     unknown, and a new line of motion is stored"""
