@@ -58,7 +58,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         read_brake_data(path, wheels, vehicle.brake, options.twist) for path in options.recordings
     ]
     fit = fit_brakes(stops, vehicle)
-    entries = _entries(fit, wheels)
+    entries = _entries(fit, vehicle)
     folder = workspace.results(options.out, "fit-brakes", options.recordings[0].resolve().stem)
     brake = write_text(folder / "brake.yaml", _brake_file(fit, vehicle.brake.kind, names))
     figure = brake_figure(fit, names, "Brakes fitted to recorded stops")
@@ -81,7 +81,7 @@ def _vehicle(options: Options, workspace: Workspace) -> VehicleConfiguration:
     return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
 
 
-def _entries(fit: BrakeFit, wheels: tuple[str, ...]) -> dict[str, Any]:
+def _entries(fit: BrakeFit, vehicle: VehicleConfiguration) -> dict[str, Any]:
     entries: dict[str, Any] = {}
     for (key, unit), value, error in zip(
         _UNITS.items(), fit.values, fit.standard_errors, strict=True
@@ -90,11 +90,12 @@ def _entries(fit: BrakeFit, wheels: tuple[str, ...]) -> dict[str, Any]:
             "value": float(value),
             "unit": unit,
             "standard_error": float(error),
+            "described": getattr(vehicle.brake, key),
         }
         if math.isnan(error):
             entry |= {"standard_error": None, "note": "on its bound"}
         entries[f"{key}.all"] = entry
-    for wheel, value, error in zip(wheels, fit.wheel_torque, fit.wheel_error, strict=True):
+    for wheel, value, error in zip(vehicle.wheels, fit.wheel_torque, fit.wheel_error, strict=True):
         if not math.isnan(value):  # where the stops do not distinguish the wheels
             entry = {"value": float(value), "unit": "N m", "standard_error": float(error)}
             entries[f"max_torque.{wheel}"] = entry
@@ -119,21 +120,29 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _text(entries: dict[str, Any], fit: BrakeFit, stops: int) -> Iterator[Any]:
+def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
+    """Yield table and remarks; one is that the relative error of the torque exceeds `vague`."""
     import numpy as np
     from rich.table import Table
 
-    table = Table("brake", "unit", "value", "standard error", pad_edge=False)
+    table = Table("brake", "unit", "value", "standard error", "described", pad_edge=False)
     for key, entry in entries.items():
         if "standard_error" in entry:
             quantity, case = key.split(".")
             words = quantity.replace("_", " ") + ("" if case == "all" else f", {case}")
             error = entry.get("note") or f"{entry['standard_error']:.2g}"
-            table.add_row(words, entry["unit"], f"{entry['value']:.5g}", error)
+            described = f"{entry['described']:.5g}" if "described" in entry else ""
+            table.add_row(words, entry["unit"], f"{entry['value']:.5g}", error, described)
     yield table
     yield (
         f"a wheel turned under its brake in {fit.intervals} intervals of {stops} recorded, "
         f"differences of {1e3 * fit.residual:.2g} mm/s"
     )
+    share = fit.standard_errors[0] / fit.values[0]
+    if share > vague:
+        yield (
+            f"note: the torque is uncertain by {100.0 * share:.0f} %; before you use it, record "
+            "more stops with the pedal halfway, so that the wheels turn on under their brakes"
+        )
     if np.all(np.isnan(fit.wheel_torque)):
         yield "these stops do not distinguish the wheels"
