@@ -34,9 +34,9 @@ _FORMAT = (1, 0)  # of numpy's files
 class TextureCache:
     """Textures in a folder, one file each, named by a digest of their parameters.
 
-    A file is an array in numpy's format followed by its CRC-32. A missing, damaged or
-    wrongly shaped file is generated again. Writing is atomic, so processes may share the folder. If
-    the folder cannot be written, textures are generated every time.
+    A file contains an array in numpy's format and its CRC-32. If it is missing, damaged or has the
+    wrong shape, the texture is generated again. Writing is atomic, so processes may share the
+    folder. If the folder cannot be written to, textures are generated every time.
 
     Attributes:
         directory: the folder; it is made when the first texture is stored.

@@ -1,22 +1,22 @@
 """The layers of the procedural grounds, patterns with structure of known size.
 
-The grounds of Figures 59, 65 to 67 and 71, as scanned by the dissertation's flatbed scanner, and
-more difficult ones. Sizes are in meters, so the number of texels only changes the resolution. All
-random values are drawn from the generator.
+The grounds resemble those of Figures 59, 65 to 67 and 71, as the dissertation's flatbed scanner
+recorded them; others are more difficult. Sizes are in meters, so the number of texels only changes
+the resolution. All random values are drawn from the generator.
 
 =============  =====================================================================================
 cork           pressed granules of 2 mm
 asphalt        chippings of 0.6 to 6 mm in dark binder
 stone          coarse flat pieces of 12 mm with mineral grain
 wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
-               40 mm, pores of 0.2 mm by 6 mm; like a bar code, next to nothing changes along x
+               40 mm, pores of 0.2 mm by 6 mm; like a bar code, it hardly changes along x
 plastic        a smooth sheet: a faint molded grain of 0.25 to 2 mm and fainter mottles
 metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
 worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
 concrete       trowelled: mottles of some centimeters, cement and sand grain, few pores
-wet_concrete   the same with wet patches, dark and without detail
+wet_concrete   concrete with wet patches, which are dark and without detail
 gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
 sand           grains of 0.1 to 0.4 mm and faint ripples
 grass          blades of 12 to 40 mm, in all directions
@@ -40,7 +40,7 @@ from omni_sim.texture import patterns
 Layers = list[patterns.Pattern]
 Range = tuple[float, float]
 
-_ASPHALT_COVERAGE = 3.0  # times that the chippings would cover the ground: 5 % binder is left
+_ASPHALT_COVERAGE = 3.0  # total area of the chippings over that of the ground: 5 % binder is left
 
 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
@@ -68,7 +68,7 @@ def _asphalt(size: float, generator: np.random.Generator) -> Layers:
 
 
 def _wood(size: float, generator: np.random.Generator) -> Layers:
-    # Light early wood darkens slowly over a ring, then begins anew within a tenth of a millimeter.
+    # A ring begins with light early wood and darkens slowly; the next one begins within 0.1 mm.
     rings = _per_period(size, 0.003)
     width = generator.uniform(0.5, 1.5, rings)
     ends = np.cumsum(width) / width.sum()
@@ -225,8 +225,8 @@ class _Shape(NamedTuple):
     """Distribution of ellipses.
 
     Attributes:
-        radius: least and greatest long half axis [m].
-        ratio: least and greatest ratio of the axes [1].
+        radius: smallest and largest long half axis [m].
+        ratio: smallest and largest ratio of the axes [1].
         gray: mean and standard deviation of the gray levels.
         limits: limits of the gray levels.
         direction: standard deviation of the direction from x [rad], infinite for any direction.
@@ -262,10 +262,10 @@ def _stones(
     Args:
         size: period [m].
         generator: generator of places, sizes and grays.
-        radii: least and greatest long half axis [m].
-        coverage: their total area over that of the ground [1].
+        radii: smallest and largest long half axis [m].
+        coverage: total area of the ellipses over that of the ground [1].
         gray: mean and standard deviation of their gray levels.
-        flattest: least ratio of the axes.
+        flattest: smallest ratio of the axes [1].
         limits: limits of the gray levels.
     """
     least, greatest = radii
@@ -283,7 +283,7 @@ def _painted(
     shape: _Shape,
     softness: float,
 ) -> patterns.Leaves:
-    """Return ellipses at places x, y with long half axes [periods], shape (n, 3)."""
+    """Return ellipses; `places` has their x, y and long half axes [periods], shape (n, 3)."""
     ratio = generator.uniform(*shape.ratio, len(places))
     if math.isinf(shape.direction):
         direction = generator.uniform(0.0, math.pi, len(places))
@@ -308,7 +308,7 @@ def _plates(
         generator: generator of points, grays and warp.
         spacing: spacing of the grid [m].
         gray: mean and standard deviation of the gray levels, and limits.
-        border: gray level of the borders, and the distance over which they fade [m].
+        border: gray level of the borders, and distance over which they fade [m].
         warp: largest displacement that bends the borders [cells], and spacing of its nodes [m].
     """
     cells, nodes = _per_period(size, spacing), _per_period(size, warp[1])
@@ -340,14 +340,14 @@ def _noise(
     spacing_x: float,
     deviation: float,
 ) -> patterns.Noise:
-    """Return random values whose interpolation has a standard deviation.
+    """Return random values whose interpolation has the given standard deviation.
 
     Args:
         size: period [m].
         generator: generator of the values.
-        spacing_y: about the distance of two nodes along y [m].
-        spacing_x: about the distance of two nodes along x [m].
-        deviation: deviation of the interpolated values.
+        spacing_y: approximate distance of two nodes along y [m].
+        spacing_x: approximate distance of two nodes along x [m].
+        deviation: standard deviation of the interpolated values [gray levels].
     """
     cells = _per_period(size, spacing_y), _per_period(size, spacing_x)
     lattice: FloatArray = generator.uniform(-1.0, 1.0, cells)

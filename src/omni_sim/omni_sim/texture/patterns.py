@@ -1,8 +1,8 @@
 """Compiled patterns that ground textures are made of; each is periodic over the picture.
 
-Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern draws any
-band of rows of the picture independently, with the same texels for any band. So a picture of any
-resolution needs memory only for its gray levels, and bands may be drawn in parallel.
+Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw any
+band of rows of the picture alone, and the texels do not depend on the division into bands. So a
+picture of any resolution needs memory only for its gray levels, and bands may be drawn in parallel.
 """
 
 import dataclasses
@@ -32,8 +32,8 @@ class Pattern(Protocol):
         """Draw over the layers below.
 
         Args:
-            band: rows ``first_row ..`` of the picture, shape (rows, texels per period).
-            first_row: index of the first of them in the picture.
+            band: some rows of the picture, changed in place, shape (rows, texels per period).
+            first_row: index of the first of these rows in the picture.
         """
 
 
@@ -57,12 +57,12 @@ class Cells:
     """Voronoi cells of constant gray around points, with soft dark borders between them.
 
     Attributes:
-        points: one point in every cell of a grid, as place within the cell, shape (c, c, 2).
+        points: one point in every cell of a grid, by its position in the cell, shape (c, c, 2).
         gray: gray level of each point's cell, shape (c, c).
         border_gray: gray level half way between two points.
         border: distance from there at which the border has faded [cells].
         warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
-        darken: draw only where this is darker than the layers below.
+        darken: whether to draw only where the pattern is darker than the layers below.
     """
 
     points: Float32Array
@@ -91,7 +91,7 @@ class Noise:
     """Values of a lattice, interpolated by the cubic 3 t^2 - 2 t^3 and added to the layers below.
 
     Attributes:
-        lattice: values at the nodes, any number of them along y and along x.
+        lattice: values at the nodes [gray levels], shape (nodes along y, nodes along x).
     """
 
     lattice: Float32Array
@@ -125,7 +125,7 @@ class Leaves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rings:
-    """A profile across y whose lines bend, like the growth rings of a board sawn along them.
+    """Lines along x that bend, like the growth rings of a board; a profile over y gives their gray.
 
     Attributes:
         profile: gray levels over one period in y, interpolated linearly.
@@ -150,9 +150,9 @@ class Bond:
     Attributes:
         gray: gray level of each rectangle, shape (rows, columns); a single column is a board
             without an end.
-        joint_gray: joint gray of the joints.
-        joint: their width [periods].
-        softness: width of the transition at their edges [periods].
+        joint_gray: gray level of the joints.
+        joint: width of the joints [periods].
+        softness: width of the transition at the edges of the joints [periods].
         staggered: whether every other row is moved by half a rectangle.
     """
 
@@ -201,11 +201,12 @@ class Studs:
 
     Attributes:
         gray: gray level of the top of each stud, shape (c, c).
-        groove_gray: groove gray between studs.
+        groove_gray: gray level between the studs.
         top: half edge of a stud's flat top [cells].
-        bevel: width of its sloping edge [cells].
-        corner: radius of its corners [cells].
-        glare: how much brighter the lit and darker the averted edges are [gray levels].
+        bevel: width of a stud's sloping edge [cells].
+        corner: radius of a stud's corners [cells].
+        glare: increase of gray of the edges towards the light, and decrease of the others [gray
+            levels].
     """
 
     gray: Float32Array
@@ -233,7 +234,7 @@ class Studs:
 
 
 def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
-    """Return the lattice node before each texel and its blend with the one behind."""
+    """Return the lattice node before each texel, and the weight of the node behind it."""
     place = (np.arange(texels) + 0.5) * (nodes / texels)
     node = place.astype(np.int64)
     t = place - node
@@ -263,7 +264,7 @@ def _voronoi(
             n_x = n_y = s_x = s_y = np.float32(0.0)
             shade = np.float32(0.0)
             for j in range(j_0 - 1, j_0 + 2):
-                j_in = j % cells  # twice around, where there are few cells
+                j_in = j % cells  # with few cells, some are visited twice
                 for i in range(i_0 - 1, i_0 + 2):
                     i_in = i % cells
                     d_x = np.float32(i) + points[j_in, i_in, 0] - x
@@ -306,7 +307,7 @@ def _add_noise(
 
 @njit(cache=True, nogil=True)
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
-    """Write a texture: each texel is the value of the profile at y plus its shift [periods]."""
+    """Write the value of the profile at y plus the shift of each texel [periods]."""
     texels = band.shape[1]
     count = len(profile)
     for row in range(len(band)):

@@ -1,10 +1,10 @@
 """Grounds from the user's own scan or photo.
 
-A picture becomes a ground as the dissertation's scans did (section 4.4): its pixels are texels of
-known size, taken from the dots per inch on the ground, which no file states reliably. The
-largest square from its middle is used, in gray (ITU-R 601) and 8 bits. A strip along two edges,
-a sixteenth of the square, is blended with the continuation beyond the opposite edges, so that the
-ground is seamless when tiled.
+A picture becomes a ground like the dissertation's scans (section 4.4): its pixels are texels of
+known size. The user states the dots per inch on the ground, because files do not contain them
+reliably. The largest square in the middle is used, in gray (ITU-R 601) with 8 bits. A strip along
+two edges, a sixteenth of the square, is blended with the continuation beyond the opposite edges, so
+that the ground is seamless when tiled.
 """
 
 import struct
@@ -21,10 +21,10 @@ from omni_sim.texture.texture import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS, Gr
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
 _MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
-_LEAST_SIZE = 0.02  # [m]
-_LEAST_CONTRAST = 0.3  # standard deviation [gray levels]: what rounding alone makes of a plain one
+_LEAST_SIZE = 0.02  # smallest edge of the square [m]
+_LEAST_CONTRAST = 0.3  # standard deviation [gray levels] that rounding gives to a plain picture
 _WHITE_16 = 65535
-# What the decoders raise on damaged files.
+# Exceptions of the decoders for damaged files.
 _DAMAGE = (
     OSError,
     SyntaxError,
@@ -45,7 +45,7 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
         dpi: dots per inch on the ground.
 
     Raises:
-        ConfigurationError: it cannot be read, is too small or shows nothing.
+        ConfigurationError: the picture cannot be read, is too small or has no contrast.
     """
     gray, dot = _square(Path(path).expanduser(), INCH / dpi)
     period = (len(gray) * 15 // 16) // BLOCK * BLOCK
@@ -62,7 +62,7 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
     if not path.is_file():
         raise ConfigurationError(_KEY, f"there is no file {path}")
     limit = Image.MAX_IMAGE_PIXELS
-    Image.MAX_IMAGE_PIXELS = None  # a scan of 20 cm at 2400 dpi is larger than what that allows
+    Image.MAX_IMAGE_PIXELS = None  # a scan of 20 cm at 2400 dpi exceeds the default limit
     try:
         with Image.open(path, formats=_FORMATS) as image:
             width, height = image.size
@@ -81,7 +81,7 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
         return gray[top : top + edge, left : left + edge].copy(), dot
     texels = edge // coarser
     square = np.empty((texels, texels), np.uint8)
-    for row in range(texels):  # row by row: the mean of the whole would take many times its memory
+    for row in range(texels):  # row by row, because one mean would need many times the memory
         first = top + row * coarser
         rows = gray[first : first + coarser, left : left + texels * coarser]
         square[row] = np.rint(rows.reshape(coarser, texels, coarser).mean(axis=(0, 2)))
@@ -108,12 +108,12 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
 
 def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
     """Return gray levels of 8 bits."""
-    if picture.mode.startswith("I"):  # 16 bits, in some files as 32
+    if picture.mode.startswith("I"):  # 16 bits, stored as 32 in some files
         values = np.asarray(picture)
         if values.min() < 0 or values.max() > _WHITE_16:
             raise ConfigurationError(_KEY, f"{path} has more than 16 bits")
         values = values.astype(np.uint16)
-        # That is v / 257, rounded, without leaving 16 bits.
+        # v / 257, rounded, computed with 16 bits.
         gray: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
         return gray
     if picture.mode == "F":

@@ -1,7 +1,7 @@
 """Grounds: periodic gray-level pictures of known physical size.
 
-Procedural materials (`materials`), all seamless when tiled, at any resolution, and
-the user's own scan or photo (`picture`).
+A ground is a procedural material (`materials`), which is seamless when tiled and has any
+resolution, or the user's own scan or photo (`picture`).
 """
 
 import dataclasses
@@ -84,7 +84,7 @@ class TextureConfiguration(Configuration):
         if self.dpi == 0.0:
             return self.texels, self.size
         texel = INCH / self.dpi
-        # A hundredth of a texel less is rounding.
+        # An excess of a hundredth of a texel is rounding.
         texels = math.ceil((self.size / texel - 0.01) / BLOCK) * BLOCK
         return texels, texels * texel
 
@@ -119,7 +119,7 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
     """Return the material that a configuration describes.
 
     Raises:
-        ValueError: the configuration is that of a picture.
+        ValueError: the configuration names a picture.
     """
     if configuration.kind == PICTURE:
         raise ValueError("the kind picture has no generator")
