@@ -65,7 +65,7 @@ class SimulationConfiguration(Configuration):
         """Refuse a control period that is no multiple of the physics step.
 
         Raises:
-            ConfigurationError: it is none; names both values.
+            ConfigurationError: the period is no such multiple; names both values.
         """
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
@@ -77,7 +77,7 @@ class SimulationConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfiguration(Configuration):
-    """Configuration of vehicle, ground, sensors and maneuver."""
+    """Configuration of a simulator: vehicle, ground, sensors and maneuver."""
 
     seed: int = parameter(1, minimum=0)
     """Seed of every random draw"""

@@ -1,7 +1,7 @@
 """Wheel encoders: mean speed of each wheel over a control period, from integer counts.
 
-``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` with ``q`` the angle of a count,
-plus white noise; with unlimited resolution the true speed at the stamp.
+A reading is ``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, with
+the angle ``q`` of a count. With infinite resolution it is the true speed at the stamp plus noise.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ class Encoders(NamedTuple):
     """Encoders in the layout of the kernel.
 
     Attributes:
-        angle_step: angle of a count [rad], 0 for none.
+        angle_step: angle of a count [rad], 0 for infinite resolution.
         noise: standard deviation [rad/s].
         angle: angle at the last stamp, rounded down to counts [rad], shape (N,).
     """
@@ -60,11 +60,11 @@ def read_encoders(
 
     Args:
         encoders: changed in place.
-        step: number of the stamp; at the first there is no difference of angles, and the true
+        step: number of the stamp; at the first stamp there is no difference of angles, so the true
             speed is read.
-        period: period between two stamps [s].
-        angle: true ones [rad], shape (N,).
-        speed: wheel speeds [rad/s], shape (N,).
+        period: time between two stamps [s].
+        angle: true wheel angles [rad], shape (N,).
+        speed: true wheel speeds [rad/s], shape (N,).
         draw: standard normal noise, shape (N,).
         reading: receives the speeds [rad/s], shape (N,).
     """

@@ -1,15 +1,15 @@
-"""Sensor faults: readings of a channel in place of the true values.
+"""Sensor faults, which replace the fault-free readings of a channel.
 
-Each fault affects one channel for a time from its onset: the velocity sensor, the gyro, the
-accelerometer or the wheel encoders, one axis (or wheel) or all. With the fault-free reading ``y``
-and the time ``tau`` since the onset the reading is
+The channels are the velocity sensor, the gyro, the accelerometer and the wheel encoders. A fault
+affects one axis (or wheel) of a channel, or all, from its onset and for a limited time. With the
+fault-free reading ``y`` and the time ``tau`` since the onset, the reading is
 
     offset   y + a                   drop_out  NaN
     drift    y + a tau               zero      0
     ramp     y + a min(tau / T, 1)   stuck     y of the onset
     scale    (1 + a) y               whisper   y of the onset, with 1e-9 of noise
     sine     y + a sin(2 pi tau / T) delay     y a time T ago
-    noise    y + a * N(0, 1)         swap      the axes in each other's place
+    noise    y + a * N(0, 1)         swap      the reading of the other axis
     sign     -y                      echo      a y + (1 - a) times y of the onset
 
 Faults of one channel are applied in their order.
@@ -55,7 +55,7 @@ TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
 _COLUMNS = 7
 
-_REMEMBERED = 64  # readings that a delay can go back
+_REMEMBERED = 64  # number of stored readings, the longest delay
 _WHISPER_NOISE = 1e-9
 
 
@@ -87,7 +87,7 @@ class Faults(NamedTuple):
         table: one row per fault, shape (K, 7).
         held: readings at the onsets, shape (K, W).
         begun: whether the onset of each fault has passed, shape (K,).
-        past: the latest readings before each fault, a ring by stamp, shape (K, 64, W).
+        past: the latest readings before each fault, a ring buffer by stamp, shape (K, 64, W).
     """
 
     table: FloatArray
@@ -183,15 +183,15 @@ def corrupt(
     draw: FloatArray,
     values: FloatArray,
 ) -> None:
-    """Put the faults of a channel into a reading; once per stamp and channel.
+    """Apply the faults of a channel to a reading; call it once per stamp and channel.
 
     Args:
         faults: faults of the run.
         channel: one of TWIST, GYRO, ACCELEROMETER, ENCODER.
         step: number of the stamp.
-        period_ns: period between two stamps [ns].
+        period_ns: time between two stamps [ns].
         draw: standard normal noise, shape (n,).
-        values: changed in place, shape (n,).
+        values: reading of the channel, changed in place, shape (n,).
     """
     now_ns, size = step * period_ns, values.size
     for k in range(faults.table.shape[0]):
@@ -210,7 +210,7 @@ def corrupt(
         delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
         for j in range(size):
             if row[_AXIS] < 0.0 or row[_AXIS] == j:
-                # Of the twist only the velocities change places: they have one unit.
+                # In a twist only the two velocities are exchanged, because they have the same unit.
                 pair = 2 if channel == TWIST and j < 2 else size
                 other = true[(j + 1) % pair] if j < pair else true[j]
                 values[j] = _faulty_reading(

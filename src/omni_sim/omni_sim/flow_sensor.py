@@ -1,9 +1,9 @@
 """Optical-flow sensors, which count the displacement of the ground along two axes.
 
 A sensor integrates the motion of its position in its own axes and returns, at its own rate, the
-counts since the last reading; the fraction of a count remains in the sum. A driver publishes this
-as a velocity over the time between, with the variance of noise and rounding. Above its largest
-speed the sensor has no value, which real ones report by their surface quality.
+counts since the last reading; the fraction of a count remains in the sum. A driver divides the
+counts by the time in between and publishes the velocity with the variance of noise and rounding.
+Above its largest speed the sensor has no value; real sensors report this by their surface quality.
 """
 
 import dataclasses
@@ -75,7 +75,7 @@ class FlowSensorArray:
 
         Args:
             sensors: sensors by name.
-            configuration: their errors.
+            configuration: errors of the sensors.
             random: source of the noise.
             twist: body twist so far [m/s, m/s, rad/s], shape (3,).
         """
@@ -83,7 +83,7 @@ class FlowSensorArray:
         self._configuration = configuration
         self._random = random
         self._periods: dict[str, int] = {}
-        self._way: dict[str, FloatArray] = {}  # since the last measurement, in the sensor's axes
+        self._way: dict[str, FloatArray] = {}  # motion since the last reading, in sensor axes [m]
         self._last: dict[str, Flow] = {}
         v_x, v_y, rate = (float(value) for value in twist)
         for name, sensor in sensors.items():

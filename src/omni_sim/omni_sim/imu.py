@@ -1,14 +1,14 @@
 """The inertial measurement unit: yaw rate and specific force at its mounting position.
 
-The accelerometer gives the mean over a control period, like a unit that averages its samples: with
-    ``V`` the velocity of the mounting point in the ground plane and ``g`` the component of gravity
-along the (sloping) plane
+The accelerometer gives the mean over a control period, like a unit that averages its samples. With
+the velocity ``V`` of the mounting point in the ground plane and the component ``g`` of gravity
+along the (sloping) plane, it is
 
     f = R(psi)^T ((V - V_before) / T - g)
 
-taken to the body axes at the middle of the period and turned by the error of the mounting. The gyro
-gives the yaw rate of the stamp. Both have a scale error, a bias, white noise and a latency; the
-receiving nodes know none of the errors.
+in the body axes at the middle of the period, rotated by the error of the mounting angle. The gyro
+gives the yaw rate at the stamp. Both have a scale error, a bias, white noise and a latency. The
+receiving nodes know none of these errors.
 """
 
 import dataclasses
@@ -61,14 +61,15 @@ class Imu(NamedTuple):
 
     Attributes:
         enabled: whether there is a unit.
-        x: mounting position forward of base_link [m].
-        y: left of base_link [m].
+        x: mounting position, forward of base_link [m].
+        y: mounting position, left of base_link [m].
         cos: cosine of the error of the mounting angle [1].
         sin: sine of the error of the mounting angle [1].
-        rate: bias, noise and scale of the gyro, shape (3,).
-        force: bias of x and y, noise and scale of the accelerometer, shape (4,).
+        rate: bias [rad/s], noise [rad/s] and scale error [1] of the gyro, shape (3,).
+        force: bias of x and y [m/s^2], noise [m/s^2] and scale error [1] of the accelerometer,
+            shape (4,).
         memory: yaw [rad] and velocity of the mounting point [m/s] one stamp ago, shape (3,).
-        late: the latest readings, a ring by stamp, shape (L, 3).
+        late: the latest readings, a ring buffer by stamp, shape (L, 3).
     """
 
     enabled: bool
@@ -87,7 +88,7 @@ def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
 
     Args:
         configuration: mounting and errors.
-        control_period: [s].
+        control_period: time between two readings [s].
     """
     c = configuration
     angle = math.radians(c.misalignment_deg)
@@ -119,8 +120,8 @@ def read_imu(
     Args:
         imu: changed in place.
         step: number of the stamp.
-        period: period between two stamps [s].
-        motion: x, y, yaw and body twist of `base_link`, shape (6,).
+        period: time between two stamps [s].
+        motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
         tilt: level components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).
         reading: receives yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,);
@@ -148,5 +149,5 @@ def read_imu(
     now[0] = (1.0 + imu.rate[2]) * rate + imu.rate[0] + imu.rate[1] * draw[0]
     now[1] = scale * (imu.cos * body_x + imu.sin * body_y) + bias_x + noise * draw[1]
     now[2] = scale * (imu.cos * body_y - imu.sin * body_x) + bias_y + noise * draw[2]
-    # Before the first reading has arrived it is the oldest that there is.
+    # Until the first delayed reading is due, the oldest one is used.
     reading[:] = imu.late[max(step - late + 1, 0) % late]

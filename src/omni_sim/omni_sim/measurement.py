@@ -33,8 +33,8 @@ class Truth(NamedTuple):
 
     Attributes:
         step: number of the stamp.
-        period_ns: period between two stamps [ns].
-        motion: x, y, yaw and body twist of `base_link`, shape (6,).
+        period_ns: time between two stamps [ns].
+        motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
         tilt: level components of the normal of the plane in which the vehicle moves [1].
         angle: wheel angles [rad], shape (N,).
         speed: wheel speeds [rad/s], shape (N,).
@@ -49,7 +49,7 @@ class Truth(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Measurements of its sensors, with their faults; written in place.
+    """Measurements of a vehicle's sensors, with their faults; written in place.
 
     Attributes:
         twist: reading of the velocity sensor [m/s, m/s, rad/s], shape (3,).
@@ -78,7 +78,7 @@ def build_instruments(
 
 
 def draws(wheels: int) -> int:
-    """Return the number of standard normal draws per stamp: of the sensors, then of the faults."""
+    """Return the number of standard normal draws per stamp, for the sensors and then the faults."""
     return 2 * (IMU_DRAWS + wheels) + 3
 
 
@@ -100,8 +100,8 @@ def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: 
     read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)
     faults = instruments.faults
     if faults.table.shape[0] > 0:
-        # In the order of the channels. A loop, because numba compiles a kernel anew for each
-        # constant that it is called with.
+        # In the order of the channels. In a loop, because numba would compile `corrupt` again for
+        # each constant argument.
         noise = spare[0:3], spare[3:4], spare[4:6], spare[6:]
         values = twist, inertial[:1], inertial[1:], wheels
         for channel in range(len(CHANNELS)):

@@ -33,13 +33,13 @@ IMU_FRAME = "imu"
 
 
 def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:
-    """Return angular velocity and specific force of the IMU, as REP 145; it has no orientation.
+    """Return angular velocity and specific force of the IMU as in REP 145, without orientation.
 
-    The rates of roll and pitch are published as zero with the gyro's noise, and the vertical
-    specific force as gravity.
+    The rates of roll and pitch are zero with the variance of the gyro's noise. The vertical
+    specific force is that of gravity.
     """
     message = Imu(header=header(stamp_ns, IMU_FRAME))
-    message.orientation_covariance[0] = -1.0  # the convention for: not measured
+    message.orientation_covariance[0] = -1.0  # convention for "not measured"
     message.angular_velocity.z = float(reading[0])
     message.linear_acceleration.x = float(reading[1])
     message.linear_acceleration.y = float(reading[2])

@@ -1,9 +1,9 @@
 """Services of a running simulator: pause, step, reset, place.
 
-`~/pause` (`std_srvs/SetBool`) halts and resumes the simulated time, `~/step`
-(`std_srvs/Trigger`) advances a halted one by one control period. A vehicle that is driven from
-outside is moved to its start by `~/reset` (`std_srvs/Trigger`) and to another pose by
-`initialpose`, which viewers publish; time is not reset, because other nodes could not follow.
+`~/pause` (`std_srvs/SetBool`) halts and resumes the simulated time. `~/step` (`std_srvs/Trigger`)
+advances a paused simulation by one control period. If the driver is not scripted, `~/reset`
+(`std_srvs/Trigger`) moves the vehicle to its start, and the topic `initialpose`, which viewers
+publish, moves it to another pose. Time is not reset, because other nodes could not follow.
 """
 
 import math
@@ -25,8 +25,8 @@ class RunControl:
     """Stores requests to pause, continue or step until the loop processes them.
 
     Args:
-        node: that provides the services.
-        start: x, y [m], yaw [rad] of a vehicle that may be placed, shape (3,); None if it may not.
+        node: node that provides the services.
+        start: start pose x, y [m], yaw [rad], shape (3,); None if the vehicle may not be placed.
         frame: frame in which positions are given.
     """
 
@@ -51,7 +51,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return the requested pose x, y [m], yaw [rad], None without a request."""
+        """Return the requested pose x, y [m], yaw [rad], None if there is no request."""
         pose, self._pose = self._pose, None
         return pose
 

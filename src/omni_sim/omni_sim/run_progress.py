@@ -12,13 +12,13 @@ from omni_sim.configuration import SimulationConfiguration, SimulatorConfigurati
 from omni_sim.simulator import Observation
 
 _NEWS = 0.01  # smallest reported change of the completed share [1]
-_REACH = 1.0  # [m] turns a yaw rate into a speed at the rim of the platform
+_REACH = 1.0  # radius of the platform's rim [m], by which a yaw rate becomes a speed
 
-# How far a run is.
+# States of a run.
 RUNNING, STOPPED, TIME_LIMIT = range(3)
 _OUTCOMES = ("running", "stopped", "time limit")
 
-_REST = np.dtype([("still", "?"), ("since", "f8")])  # whether it is at rest, since when [s]
+_REST = np.dtype([("still", "?"), ("since", "f8")])  # whether at rest, and since which time [s]
 
 
 class End(NamedTuple):
@@ -38,7 +38,7 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return a configuration in the layout of the kernel; `earliest` is of the maneuver [s]."""
+    """Return a configuration in the layout of the kernel; `earliest` is the maneuver's end [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
@@ -60,10 +60,10 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
 
     Args:
         end: conditions for the end.
-        memory: memory of `rest_memory`, changed in place.
+        memory: memory from `rest_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
-        pedal: the driver's brake demand 0..1.
-        speed: speed of `rim_speed` [m/s].
+        pedal: the driver's brake demand, 0..1.
+        speed: result of `rim_speed` [m/s].
     """
     rest, time = memory[0], stamp_ns / SECOND_NS
     if pedal <= 0.0 or speed > end.rest_speed:
@@ -116,7 +116,7 @@ class RunProgress:
         self._share = max(self._share, self._share_now(observation.pedal))
 
     def report(self) -> dict[str, float]:
-        """Return time [s], speed [m/s] and the share done [0..1] for a progress bar."""
+        """Return time [s], speed [m/s] and the completed share [0..1] for a progress bar."""
         self._reported_share = self._share
         return {"time": self._time, "speed": self._speed, "share": self._share}
 

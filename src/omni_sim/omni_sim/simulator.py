@@ -28,19 +28,19 @@ class Observation:
 
     Attributes:
         stamp_ns: time since the start of the run [ns].
-        wheel_angle: [rad], shape (N,).
-        wheel_speed: [rad/s], shape (N,).
-        brake_torque: acting on each wheel [N m], shape (N,).
+        wheel_angle: true angle of each wheel [rad], shape (N,).
+        wheel_speed: true speed of each wheel [rad/s], shape (N,).
+        brake_torque: torque of the brake on each wheel [N m], shape (N,).
         pedal: the driver's brake demand 0..1.
         command: the driver's drive demand in the body frame [m/s, m/s, rad/s], shape (3,).
         pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
         attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
-        velocity_sensor: reading of the noisy sampled sensor.
-        imu: its reading: yaw rate [rad/s], specific force along x and y at the mounting [m/s^2],
+        velocity_sensor: reading of the velocity sensor.
+        imu: yaw rate [rad/s] and specific force along x and y at the mounting [m/s^2] of the IMU,
             shape (3,); NaN without an IMU.
-        encoder_speed: wheel speeds as the encoders read them [rad/s], shape (N,).
-        wheel_load: [N], shape (N,).
+        encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
+        wheel_load: vertical load of each wheel [N], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
         slip: slip of the contact patches, Eq. (20) [1], shape (N,).
         line_batches: lines since the last stamp, by camera.
@@ -70,10 +70,10 @@ class Simulator:
     """A vehicle with its driver and sensors.
 
     Attributes:
-        configuration: everything that it depends on.
+        configuration: configuration of the simulator.
         vehicle: the vehicle, for inspection.
         control_period_ns: simulated time of one `advance` [ns].
-        overloaded: whether a wheel carried more than its tire model covers in the last period.
+        overloaded: whether a wheel in the last period carried more than its tire model covers.
         tipping: whether the vehicle would have tipped over in the last period.
     """
 
@@ -86,7 +86,7 @@ class Simulator:
         """Place the vehicle at the start of its maneuver.
 
         Args:
-            configuration: everything that the machine depends on.
+            configuration: configuration of the simulator.
             textures: source of the ground; the user's cache by default.
             driver: the driver; by default the script of the maneuver.
         """
@@ -113,7 +113,7 @@ class Simulator:
             simulation.physics_step,
         )
         self.overloaded = self.tipping = False
-        # No step, but the kernel is loaded: the first real step is as fast as the others.
+        # Loads the kernel without a step, so that the first real step is as fast as the others.
         self.vehicle.advance(0, 0.0, np.ones(len(vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
         self._make_sensors(textures)
@@ -121,7 +121,7 @@ class Simulator:
     def _make_sensors(self, textures: TextureCache | None) -> None:
         configuration, simulation = self.configuration, self.configuration.simulation
         wheels = len(configuration.vehicle.wheels)
-        # Streams of their own, so that one draw more of one does not change the other.
+        # Separate streams, so that an additional draw of one does not change the others.
         sensor_seed, camera_seed, instrument_seed, flow_seed = np.random.SeedSequence(
             configuration.seed
         ).spawn(4)
@@ -191,7 +191,7 @@ class Simulator:
         )
 
     def _measure(self) -> None:
-        """Read all sensors but the cameras, once per stamp."""
+        """Read all sensors except the cameras, once per stamp."""
         if self._measured_ns == self._stamp_ns:
             return
         self._measured_ns = self._stamp_ns
@@ -207,7 +207,7 @@ class Simulator:
                 self.control_period_ns,
                 motion,
                 (tilt_x, tilt_y),
-                wheels["angle"].copy(),  # contiguous, as the compiled loop hands them over
+                wheels["angle"].copy(),  # contiguous, as the kernel requires
                 wheels["speed"].copy(),
             ),
             self._noise.standard_normal(measurement.draws(len(self._encoder))),

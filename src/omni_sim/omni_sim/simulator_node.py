@@ -1,12 +1,12 @@
-"""The simulator as a ROS node: sensor data out, brake enables in.
+"""ROS node of the simulator: publishes sensor data, receives brake enables.
 
-The driver is scripted, or publishes on `driver/pedal` and `cmd_vel`; without messages the vehicle
-brakes fully.
+The driver is scripted, or publishes on `driver/pedal` and `cmd_vel`; then the vehicle brakes fully
+while no messages arrive.
 
-Lockstep: after publishing a step the node waits for the `brake/enable` of the same stamp. Real
-time: the same steps are paced to the wall clock and never wait; an enable that is late or missing
-means all brakes on. The contract (topics, types, QoS, parameters, timeouts) is in the README of
-this package.
+In lockstep the node publishes a step and then waits for the `brake/enable` with the same stamp. In
+real time the same steps follow the wall clock and never wait; if an enable is late or missing, all
+brakes are on. The contract (topics, types, QoS, parameters, timeouts) is in the README of this
+package.
 """
 
 import dataclasses
@@ -50,8 +50,8 @@ from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfig
 from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.simulator import Observation, Simulator
 
-_INPUTS = 4  # topics that the node listens to at most
-_LARGEST_LAG = 0.1  # [s] that a driven simulation makes up for after a stall
+_INPUTS = 4  # largest number of subscribed topics
+_LARGEST_LAG = 0.1  # [s], longest delay that a simulation with a live driver catches up on
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 
@@ -104,13 +104,13 @@ class SimulatorNode(Node):
         self._enable = self._all_on
         self._enable_stamp_ns = -1
         self._twist_stamp_ns = -1
-        self._last_message: dict[str, float] = {}  # by node: steady clock [s]
-        self.silence: dict[str, float] = {}  # real time: the longest of each node [s]
+        self._last_message: dict[str, float] = {}  # time of each node's last message [s]
+        self.silence: dict[str, float] = {}  # real time: longest silence of each node [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
         self._enables = subscribe(self, JointState, "brake/enable", self._on_enable, qos)
-        # Only its stamp is used: to keep step, and to name a silent node.
+        # Only the stamp is used, to wait for the odometry and to name a silent node.
         subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
@@ -119,7 +119,7 @@ class SimulatorNode(Node):
         if self.loop.publish_clock:
             self._shared_clock = shared_clock.SharedClock(self, alone=self.loop.mode == "lockstep")
         self._wheel_states = create(JointState, "wheel_states")
-        self._joints = create(JointState, "joint_states")  # of robot_state_publisher
+        self._joints = create(JointState, "joint_states")  # for robot_state_publisher
         self._imu = create(Imu, "imu")
         self._pedal = create(JointState, "brake/pedal")
         self._command = create(TwistStamped, "driver/command")
@@ -143,7 +143,7 @@ class SimulatorNode(Node):
         recorded = self.loop.lines_recorded
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
         clock = self._shared_clock.publisher() if self._shared_clock else None
-        # These are not answered, or not recorded, so they have one subscriber fewer.
+        # These are not answered, or not recorded, and therefore have one subscriber fewer.
         self.recorded_outputs = (
             *((clock,) if clock else ()),
             self._imu,
@@ -172,9 +172,9 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step; the pedal last, which triggers the answers."""
+        """Publish one step, with the pedal last because it triggers the answers."""
         stamp_ns = observation.stamp_ns
-        for name, batch in observation.line_batches.items():  # first: to match them takes longest
+        for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = line_image(batch.stamp_ns, self._prefix + name, batch.lines)
             self._send(self._lines[name], image)
         clock = self._shared_clock.publisher() if self._shared_clock else None
@@ -215,7 +215,7 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return by limit the time outside the validity of the model [s], and a sentence."""
+        """Return, for each exceeded limit of the model, the time beyond it [s] and a sentence."""
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
         if overload is not None:
@@ -258,7 +258,7 @@ class SimulatorNode(Node):
         self.manual_driver.steer(pedal, target, twist, period)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
-        """Return the enables (N,); all brakes on if they are missing or too old."""
+        """Return the enables, shape (N,); all brakes on if they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
         if self._enables.get_publisher_count() > 1:
             self.get_logger().error(
@@ -266,13 +266,13 @@ class SimulatorNode(Node):
                 throttle_duration_sec=1.0,
             )
             return self._all_on
-        # One from the future would release brakes for as long as it takes to come true.
+        # An enable from the future would stay valid too long and could keep brakes released.
         if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * SECOND_NS:
             return self._all_on
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Record the time [s] since the last message of nodes, at a steady time [s]."""
+        """Record how long each node has been silent at a time of the steady clock [s]."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
@@ -292,7 +292,7 @@ class SimulatorNode(Node):
         return "linescan_odometry (nothing on odometry/twist)"
 
     def _has_twist(self, stamp_ns: int) -> bool:
-        # The newest line of a step may be older than the step, but not as old as the one before.
+        # The newest line of a step may be older than the step, but not as old as the step before.
         newest_ns = self._twist_stamp_ns
         return newest_ns >= 0 and newest_ns > stamp_ns - self.simulator.control_period_ns
 
@@ -354,14 +354,14 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         if progress.is_news:
             report(progress.report())
         if node.loop.mode == "lockstep":
-            # Also at the last step, so that the recording does not depend on which node is faster.
+            # Also at the last step, so that the recording does not depend on the speed of nodes.
             _await_reply(node, spinner, observation.stamp_ns)
         if progress.finished and node.manual_driver is None:
             break
         if node.loop.mode == "real_time":
             deadline = started + (observation.stamp_ns + simulator.control_period_ns) / SECOND_NS
             if node.manual_driver is not None:
-                # A person cannot steer through what is made up for in fast motion.
+                # A person cannot steer while a delay is caught up in fast motion.
                 late = time.monotonic() - deadline - _LARGEST_LAG
                 started += max(0.0, late)
             _pace(spinner, deadline)
@@ -385,7 +385,7 @@ def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -
 
 def _pace(spinner: process.Spinner, deadline: float) -> None:
     if time.monotonic() >= deadline:
-        # Messages are taken also when late, or they would age more and more.
+        # Process messages even if the simulation is late; otherwise they would age more and more.
         for _ in range(_INPUTS):
             spinner.spin_once(0.0)
     while not spinner.stop:

@@ -1,6 +1,6 @@
 """The dissertation's velocity sensor: sampled, noisy, with an offset, Eqs. (60), (61).
 
-It can be set to fail for a while, in one of the ways in which real ones do: it repeats its last
+It can fail for a limited time in one of three ways that occur in real sensors: it repeats its last
 reading, reads zero, or reports that it has no value.
 """
 
@@ -16,7 +16,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import TwistSample
 
-# A sensor that is read without noise is still not known better than this [m/s], [rad/s].
+# Smallest standard deviation, which a sensor without noise states too [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
@@ -62,9 +62,9 @@ class SensorConstants(NamedTuple):
         share: half widths of the noise on v_x, v_y, yaw rate, as shares of the value [1], (3,).
         offset: constant errors [m/s, m/s, rad/s], shape (3,).
         fails_from_ns: time of the start of a failure [ns].
-        fails_until_ns: time of its end [ns].
-        holds: whether the sensor repeats its last reading while it fails,
-        failed: reading during the failure.
+        fails_until_ns: time of the end of the failure [ns].
+        holds: whether the sensor repeats its last reading while it fails.
+        failed: reading during a failure without repetition, 0 or NaN.
     """
 
     period_ns: int
@@ -129,7 +129,7 @@ def read(
 
     Args:
         sensor: constants.
-        memory: memory of `sensor_memory`, changed in place.
+        memory: memory from `sensor_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         twist: true body twist [m/s, m/s, rad/s], shape (3,).
         draw: noise of a sample, uniform in -1..1, shape (3,).
@@ -158,8 +158,8 @@ def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: F
 
     Args:
         sensor: constants.
-        reading: [m/s, m/s, rad/s], shape (3,).
-        covariance: receives it, shape (3, 3).
+        reading: reading of the sensor [m/s, m/s, rad/s], shape (3,).
+        covariance: receives the covariance of the reading, shape (3, 3).
     """
     covariance[:] = 0.0
     for j in range(3):
@@ -190,9 +190,9 @@ class VelocitySensor:
     def measure(self, stamp_ns: int, twist: FloatArray) -> TwistSample:
         """Return the current reading, with the time stamp of its sample.
 
-        Samples are due at multiples of the sample time; one is taken at the first call at or
-        after that time, so repeated calls with one stamp return the same reading. A sensor that
-        fails takes none, but stamps its message as if it did.
+        Samples are due at multiples of the sample time. A sample is taken at the first call at or
+        after its due time, so repeated calls with one stamp return the same reading. A failing
+        sensor takes no samples, but stamps its messages as if it did.
 
         Args:
             stamp_ns: time since the start of the run [ns], not decreasing.

@@ -1,7 +1,7 @@
 """Height of the ground over the world: a slope, waves and bumps, which add up.
 
 Every part is an analytic function ``z(x, y)``, smooth enough for the local road plane of
-`contact` (a bump has continuous curvature up to its rim):
+`vehicle.road_plane` (a bump has continuous curvature up to its rim):
 
     slope   z = g (x cos a + y sin a), uphill towards a
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
@@ -25,7 +25,7 @@ STEEPEST = 0.5
 """Largest slope [1] for which the horizontal projection of the motion is valid."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
-_STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # of h (1 - r^2/R^2)^3, in h / R
+_STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, in h / R
 
 
 class Terrain(NamedTuple):
