@@ -6,15 +6,14 @@ received, over two hops of DDS, in wall-clock time under the load of this machin
 ``chrt -f 50``, the node has real-time priority too.
 """
 
-import argparse
 import itertools
-import json
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import output
 import rclpy
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.experimental.events_executor import EventsExecutor
@@ -25,23 +24,13 @@ from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import process_group
 from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentLibrary
 from omni_platform.quantities import FloatArray
+from omni_ros import messages
 from omni_ros.environment import node_environment
-from omni_ros.messages import (
-    header,
-    joint_state,
-    planar_twist_with_covariance,
-    to_nanoseconds,
-)
 from omni_ros.qos import RECENT
 
-CONFIG = Path(__file__).parents[1] / "config"
-BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
 PERIOD = 0.01  # [s]
 SPEED_UP = 3.0  # [s] from one stop to the next
-LATE = 0.05  # [s], `enable_timeout`: the valves open by themselves
-SHARES = (50.0, 99.0, 99.9)
 
 
 class Vehicle(Node):
@@ -71,19 +60,19 @@ class Vehicle(Node):
         for frame in itertools.cycle(self._frames):
             self._stamp_ns += round(PERIOD * 1e9)
             stamp_ns, twist = self._stamp_ns, frame[1:4]
-            imu = Imu(header=header(stamp_ns, "imu"))
+            imu = Imu(header=messages.header(stamp_ns, "imu"))
             imu.angular_velocity.z = float(twist[2])
             imu.linear_acceleration.x, imu.linear_acceleration.y = frame[-2:].tolist()
-            self.pedal.publish(joint_state(stamp_ns, ("brake_pedal",), position=frame[:1]))
-            self._states.publish(joint_state(stamp_ns, self._wheels, velocity=frame[4:-2]))
+            self.pedal.publish(messages.joint_state(stamp_ns, ("brake_pedal",), position=frame[:1]))
+            self._states.publish(messages.joint_state(stamp_ns, self._wheels, velocity=frame[4:-2]))
             self._imu.publish(imu)
-            message = planar_twist_with_covariance(stamp_ns, twist, covariance)
+            message = messages.planar_twist_with_covariance(stamp_ns, twist, covariance)
             self._due[stamp_ns] = time.perf_counter()
             self._twist.publish(message)
             yield
 
     def _on_enable(self, message: JointState) -> None:
-        asked = self._due.pop(to_nanoseconds(message.header.stamp), None)
+        asked = self._due.pop(messages.to_nanoseconds(message.header.stamp), None)
         if asked is not None:  # else that of a watchdog
             self.answers.append(time.perf_counter() - asked)
             self.released += min(message.effort) < 1.0
@@ -95,13 +84,9 @@ class Vehicle(Node):
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--minutes", type=float, default=1.0)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
-    blind = ExperimentLibrary(CONFIG).load("straight_line", "assisted", BLIND)
-    frames = stop_and_go(run_fast_loop(blind))
+    options = output.options(__doc__, minutes=1.0)
+    configuration = output.load("straight_line", "assisted")
+    frames = stop_and_go(run_fast_loop(output.load("straight_line", "assisted", *output.BLIND)))
     with (
         tempfile.TemporaryDirectory() as scratch,
         reserved_domain() as domain,
@@ -113,25 +98,16 @@ def main() -> None:
         drive(vehicle, 60.0 * options.minutes)
         rclpy.try_shutdown()
     times = np.array(vehicle.answers)
-    metrics = {
-        "answers.all": {"value": len(times), "unit": "1"},
-        "answers.missing": {"value": vehicle.missing(), "unit": "1"},
-        "answers.late": {"value": int(np.sum(times > LATE)), "unit": "1"},
-        "answers.releasing": {"value": vehicle.released, "unit": "1"},
-        **{
-            f"answer_time_p{share:g}".replace(".", "_") + ".all": {
-                "value": float(np.percentile(times, share)) * 1e3,
-                "unit": "ms",
-            }
-            for share in SHARES
-        },
-        "answer_time_longest.all": {"value": float(times.max()) * 1e3, "unit": "ms"},
+    late = 0.05  # [s], enable_timeout: the valves open by themselves
+    metrics: output.Metrics = {
+        "answers.all": (len(times), "1"),
+        "answers.missing": (vehicle.missing(), "1"),
+        "answers.late": (int(np.sum(times > late)), "1"),
+        "answers.releasing": (vehicle.released, "1"),
     }
-    if options.json:
-        print(json.dumps({"name": "assistant_answers", "metrics": metrics}, indent=2))
-    else:
-        for name, entry in metrics.items():
-            print(f"{name:28} {entry['value']:.6g} {entry['unit']}")
+    for name, share in (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("longest", 100.0)):
+        metrics[f"answer_time_{name}.all"] = 1e3 * float(np.percentile(times, share)), "ms"
+    output.publish("assistant_answers", metrics, as_json=options.json)
 
 
 def stop_and_go(run: FastRun) -> FloatArray:

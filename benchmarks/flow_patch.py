@@ -10,16 +10,15 @@ the axis.
     ./omni exec python benchmarks/flow_patch.py [--json] [--runs N]
 """
 
-import argparse
 import importlib
 import itertools
-import json
 import math
 import sys
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import output
 from numpy.typing import NDArray
 
 from linescan_odometry.configuration import OdometryConfiguration
@@ -33,13 +32,9 @@ SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # [m/s]
 ANGLES = (0.0, 45.0)  # of the motion from the axis [deg]
 EYE = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
 OTHERS = {"a": replace(EYE, y=0.5), "b": replace(EYE, x=0.6, heading_deg=90.0)}
-BATCHES = 3  # of which the last one counts
 PIXELS, FRAMES = 64, 7
 FRAME_RATE = EYE.pixels * EYE.line_rate / PIXELS**2
 NOISE = 1.0  # gray levels
-_FINE = 8  # samples of the ground to a pixel of the patch, each way
-_SMOOTH, _ROUNDS = 0.8, 5  # of Lucas and Kanade: Gaussian [px], iterations
-_SPANNED = 24.0  # px of the patch from the first to the last frame, up to which they are compared
 
 Frame = NDArray[np.float32]
 
@@ -51,7 +46,7 @@ def line_error(texture: GroundTexture, velocity: Any, seed: int) -> float:
     rig = Rig({"eye": EYE}, texture, NOISE, seed)
     odometry = SensorOdometry(EYE, OdometryConfiguration(sensors={"eye": EYE, **OTHERS}))
     twist = np.append(velocity, 0.0)
-    for batch in rig.drive(start, twist, BATCHES):
+    for batch in rig.drive(start, twist, 3):  # of which the last one counts
         reading = odometry.update(batch["eye"])
     return reading.velocity - float(velocity[0]) if reading.measured else math.nan
 
@@ -67,7 +62,7 @@ def patch_error(cv2: Any, texture: GroundTexture, velocity: Any, seed: int) -> f
     ]
     steps = [displacement(cv2, old, new) for old, new in itertools.pairwise(frames)]
     shift = float(np.median(steps))
-    if abs(shift) * (FRAMES - 1) < _SPANNED:
+    if abs(shift) * (FRAMES - 1) < 0.375 * PIXELS:  # the first and the last frame overlap
         shift = displacement(cv2, frames[0], frames[-1]) / (FRAMES - 1)
     return shift * FRAME_RATE * EYE.length / PIXELS - float(velocity[0])
 
@@ -77,8 +72,8 @@ def displacement(cv2: Any, old: Frame, new: Frame) -> float:
     window = cv2.createHanningWindow((PIXELS, PIXELS), cv2.CV_32F)
     # It multiplies what it is given by the window.
     d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
-    first, second = (cv2.GaussianBlur(frame, (0, 0), _SMOOTH) for frame in (old, new))
-    for _ in range(_ROUNDS):
+    first, second = (cv2.GaussianBlur(frame, (0, 0), 0.8) for frame in (old, new))
+    for _ in range(5):
         matrix = np.array([[1.0, 0.0, -d[0]], [0.0, 1.0, -d[1]]])
         moved = cv2.warpAffine(second, matrix, (PIXELS, PIXELS), flags=cv2.INTER_CUBIC)
         edge = int(np.ceil(np.abs(d).max())) + 3
@@ -93,7 +88,8 @@ def displacement(cv2: Any, old: Frame, new: Frame) -> float:
 
 def patch(cv2: Any, texture: GroundTexture, pose: Any, generator: np.random.Generator) -> Frame:
     """Return what the area camera sees from a pose, with noise; columns run along its axis."""
-    count = PIXELS * _FINE
+    fine = 8  # samples of the ground to a pixel, each way
+    count = PIXELS * fine
     place = ((np.arange(count) + 0.5) / count - 0.5) * EYE.length
     along, across = np.meshgrid(place, place)
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -104,30 +100,24 @@ def patch(cv2: Any, texture: GroundTexture, pose: Any, generator: np.random.Gene
         texture.gray, (x % n).astype(np.float32), (y % n).astype(np.float32), cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_WRAP,
     )  # fmt: skip
-    mean = seen.reshape(PIXELS, _FINE, PIXELS, _FINE).mean(axis=(1, 3))
+    mean = seen.reshape(PIXELS, fine, PIXELS, fine).mean(axis=(1, 3))
     noisy = np.rint(mean + generator.normal(0.0, NOISE, mean.shape))
     return np.asarray(noisy.clip(0, 255), np.float32)
 
 
 def main() -> int:
     """Compare, print the table or the document."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=12, help="places for each cell")
-    parser.add_argument("--json", action="store_true", help="print one document")
-    options = parser.parse_args()
+    options = output.options(__doc__, runs=12)
     try:
         cv2: Any = importlib.import_module("cv2")
     except ImportError:
         print("needs OpenCV: see the head of this file", file=sys.stderr)
         return 2
     cv2.setNumThreads(1)
-    metrics: dict[str, dict[str, float | str]] = {}
-    if not options.json:
-        print(f"{'RMSE along the axis [mm/s]':28}" + "".join(f"{v:>20g} m/s" for v in SPEEDS))
+    metrics: output.Metrics = {}
     for kind in GROUNDS:
         texture = ground(kind)
         for angle in ANGLES:
-            cells = []
             for speed in SPEEDS:
                 turn = math.radians(angle)
                 velocity = speed * np.array([math.cos(turn), math.sin(turn)])
@@ -136,28 +126,11 @@ def main() -> int:
                 flow = np.array([patch_error(cv2, texture, velocity, seed) for seed in seeds])
                 measured = lines[np.isfinite(lines)]
                 case = f"{kind}_{angle:.0f}_{speed:g}"
-                rmse = math.sqrt(float(np.mean(measured**2))) if len(measured) else math.nan
-                patch_rmse = math.sqrt(float(np.mean(flow**2)))
-                metrics[f"patch_rmse.{case}"] = {"value": patch_rmse, "unit": "m/s"}
+                metrics[f"patch_rmse.{case}"] = math.sqrt(float(np.mean(flow**2))), "m/s"
                 if len(measured):
-                    metrics[f"line_rmse.{case}"] = {"value": rmse, "unit": "m/s"}
-                metrics[f"line_measured.{case}"] = {
-                    "value": len(measured) / len(lines),
-                    "unit": "1",
-                }
-                share = (
-                    ""
-                    if len(measured) == len(lines)
-                    else f" ({100 * len(measured) // len(lines)} %)"
-                )
-                cells.append(f"{1e3 * rmse:.3g}{share} | {1e3 * patch_rmse:.3g}")
-            if not options.json:
-                print(f"{kind + f', {angle:.0f} deg':28}" + "".join(f"{c:>24}" for c in cells))
-                sys.stdout.flush()
-    if options.json:
-        print(json.dumps({"name": "flow_patch", "metrics": metrics}, indent=2, allow_nan=False))
-    else:
-        print("line | patch; in brackets the batches that the line camera calls measured")
+                    metrics[f"line_rmse.{case}"] = math.sqrt(float(np.mean(measured**2))), "m/s"
+                metrics[f"line_measured.{case}"] = len(measured) / len(lines), "1"
+    output.publish("flow_patch", metrics, as_json=options.json)
     return 0
 
 

@@ -5,16 +5,16 @@ simulated over elapsed time (the loop alone, without start and stop) for each va
 standard experiment, the two ways of running in turn, and the ratio of their times.
 """
 
-import argparse
 import json
 import statistics
 import tempfile
 import time
 from pathlib import Path
 
+import output
+
 from omni_bringup.graph.run_variant import finish_runs, run_variant
-from omni_bringup.workspace import workspace_folder
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.loop import run_closed_loop
 from omni_sim.simulator import Simulator
 
@@ -36,14 +36,10 @@ def process_factor(configuration: ExperimentConfiguration) -> float:
 
 def main() -> None:
     """Run the comparison and print a line per variant."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=5, help="runs of each kind")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    options = parser.parse_args()
+    options = output.options(__doc__, repeats=5)
     results: dict[str, float] = {}
-    library = ExperimentLibrary(workspace_folder() / "config")
-    for variant in library.variants("straight_line"):
-        configuration = library.load("straight_line", variant)
+    for variant in ("unassisted", "allocation", "assisted"):
+        configuration = output.load("straight_line", variant)
         process_factor(configuration)  # loads the kernels
         pairs = [
             (graph_factor(configuration, variant), process_factor(configuration))

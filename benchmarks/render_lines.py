@@ -10,14 +10,13 @@ generated there), sets up cameras and turns them once around.
 """
 
 import argparse
-import json
 import math
 import subprocess
 import sys
 import time
-from typing import Any
 
 import numpy as np
+import output
 from numpy.typing import NDArray
 
 from omni_platform.sensors import LineSensor
@@ -39,12 +38,9 @@ THREE_GENERIC = {
     "right": LineSensor(x=0.0, y=-0.5, heading_deg=0.0),
     "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0),
 }
-LEAST_RATE = {"generic": 15e3, "s3901": 100e3}  # lines/s
-GREATEST_ERROR = 0.15  # gray levels, of the same cameras
-FINE_DPI = 2400.0
-BATCH = 25
-PERIOD = 0.01
-SPEED = 10.0
+LIMITS = {"generic": ((15e3,), (0.15,)), "s3901": ((100e3,), (0.15,))}
+"""Least rate [lines/s] and largest error [gray levels] of cameras."""
+SPEED = 10.0  # [m/s]
 
 
 def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
@@ -61,11 +57,7 @@ def throughput(
     array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed)
     poses = path(lines, heading, 0.0)
     array.render({"one": poses})
-    best = math.inf
-    for _ in range(15):
-        start = time.process_time()
-        array.render({"one": poses})
-        best = min(best, time.process_time() - start)
+    best = output.fastest(lambda: array.render({"one": poses}), 15)
     camera = array.cameras["one"]
     picked = poses[:: lines // 3]
     errors = [
@@ -82,17 +74,17 @@ def share_of_core(texture: GroundTexture, turn: float) -> float:
     """Return CPU time [s] per simulated second, three sensors in batches of 25 lines."""
     seed = np.random.SeedSequence(1)
     array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed)
-    batches = np.split(path(200 * BATCH, 0.3, turn), 200)
+    batches = np.split(path(5000, 0.3, turn), 200)  # of 10 ms
     array.render(dict.fromkeys(THREE_GENERIC, batches[0]))
     cpu = time.process_time()
     for batch in batches:
         array.render(dict.fromkeys(THREE_GENERIC, batch))
-    return (time.process_time() - cpu) / (len(batches) * PERIOD)
+    return (time.process_time() - cpu) / (0.01 * len(batches))
 
 
 def turn_around(kind: str, names: list[str]) -> float:
     """Render a turn of 360 deg over a ground of 2400 dpi; return the process's peak memory [GB]."""
-    texture = TextureCache.of_user().texture(TextureConfiguration(kind=kind, dpi=FINE_DPI))
+    texture = TextureCache.of_user().texture(TextureConfiguration(kind=kind, dpi=2400.0))
     sensors = {name: SENSORS[name] for name in names}
     array = LineCameraArray(sensors, texture, CameraConfiguration(), np.random.SeedSequence(1))
     array.render(dict.fromkeys(sensors, path(720, 0.0, math.radians(0.5) * 2500.0)))
@@ -109,32 +101,26 @@ def peak_memory(kind: str, names: list[str]) -> float:
     return float(output)
 
 
-def measure(kind: str, texels: int, dpi: float) -> dict[str, dict[str, Any]]:
+def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
     """Return all metrics by name."""
-    metrics: dict[str, dict[str, Any]] = {}
-
-    def note(name: str, value: float, unit: str, **more: float) -> None:
-        metrics[name] = {"value": value, "unit": unit, **more}
-
+    metrics: output.Metrics = {}
     for name in KINDS:  # the first one small, to compile
         generate_texture(TextureConfiguration(kind=name, texels=256))
         start = time.perf_counter()
         generate_texture(TextureConfiguration(kind=name, texels=texels))
-        note(f"generation.{name}", time.perf_counter() - start, "s", limit=3.0)
+        metrics[f"generation.{name}"] = time.perf_counter() - start, "s", 3.0
     texture = generate_texture(TextureConfiguration(kind=kind, texels=texels, dpi=dpi))
     for name, sensor in SENSORS.items():
         for heading in HEADINGS_DEG:
             rate, error = throughput(sensor, texture, math.radians(heading))
-            limited = name in LEAST_RATE
-            limit = {"limit": LEAST_RATE[name]} if limited else {}
-            note(f"throughput.{name}_{heading}_deg", rate, "1/s", **limit)
-            limit = {"limit": GREATEST_ERROR} if limited else {}
-            note(f"rms_error.{name}_{heading}_deg", error, "1", **limit)
+            least, largest = LIMITS.get(name, ((), ()))
+            metrics[f"throughput.{name}_{heading}_deg"] = rate, "1/s", *least
+            metrics[f"rms_error.{name}_{heading}_deg"] = error, "1", *largest
     for names in (["generic"], ["lis_770i"], ["s3901"], list(SENSORS)):
         case = names[0] if len(names) == 1 else "all_three"
-        note(f"peak_memory.{case}", peak_memory(kind, names), "GB", limit=1.0)
+        metrics[f"peak_memory.{case}"] = peak_memory(kind, names), "GB", 1.0
     for case, turn in (("straight", 0.0), ("turning", math.radians(60.0))):
-        note(f"cpu_per_second.{case}", share_of_core(texture, turn), "1")
+        metrics[f"cpu_per_second.{case}"] = share_of_core(texture, turn), "1"
     return metrics
 
 
@@ -151,12 +137,7 @@ def main() -> None:
         print(turn_around(arguments.ground, arguments.turn_around))
         return
     metrics = measure(arguments.ground, arguments.texels, arguments.dpi)
-    if arguments.json:
-        print(json.dumps({"name": "render_lines", "metrics": metrics}, indent=2))
-        return
-    for name, metric in metrics.items():
-        limit = f"  (limit {metric['limit']:g})" if "limit" in metric else ""
-        print(f"{name:42} {metric['value']:12.4g} {metric['unit']}{limit}")
+    output.publish("render_lines", metrics, as_json=arguments.json)
 
 
 if __name__ == "__main__":

@@ -14,9 +14,7 @@ comparison is left out:
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """
 
-import argparse
 import importlib
-import json
 import math
 import statistics
 import sys
@@ -25,6 +23,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import output
 from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
@@ -42,54 +41,38 @@ except ImportError:
     cv2 = None
 
 LINES = 25
-SPEED = 10.0  # m/s
-LINE_RATE = 2500.0
+Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
-def record(pixels: int, lines: int, dtype: type) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return noisy lines of a fine random ground, moving at `SPEED` over 50 mm of view."""
+def record(pixels: int, lines: int, dtype: type) -> Lines:
+    """Return noisy lines of a fine random ground, moving by 4 mm a line under 50 mm of view."""
     generator = np.random.default_rng(1)
-    step = SPEED / LINE_RATE / (0.05 / pixels)
+    step = 4e-3 / (0.05 / pixels)
     grains = 4 * int(step * lines + pixels + 4)
     integral = np.cumsum(generator.standard_normal(grains))
     edges = 4.0 * (step * np.arange(lines)[:, None] + np.arange(pixels + 1))
     profile = np.diff(np.interp(edges, np.arange(grains), integral))
     levels = 128.0 + 30.0 * profile / profile.std() + 2.0 * generator.standard_normal(profile.shape)
     scale = np.iinfo(dtype).max / 255.0
-    exposed: NDArray[np.uint8] | NDArray[np.uint16]
-    exposed = np.clip(np.rint(levels * scale), 0, np.iinfo(dtype).max).astype(dtype)
+    exposed: Lines = np.clip(np.rint(levels * scale), 0, np.iinfo(dtype).max).astype(dtype)
     return exposed
 
 
-def median_time(action: Callable[[], object], repetitions: int) -> float:
-    """Return the median duration of an action [s]."""
-    action()
+def median_times(repetitions: int, *actions: Callable[[], object]) -> list[float]:
+    """Return the median durations of actions that take turns [s]; the first turn does not count."""
     durations = []
-    for _ in range(repetitions):
-        start = time.perf_counter()
-        action()
-        durations.append(time.perf_counter() - start)
-    return statistics.median(durations)
-
-
-def median_times_in_turn(
-    first: Callable[[], object], second: Callable[[], object], repetitions: int
-) -> tuple[float, float]:
-    """Return the median durations of two actions that take turns [s]."""
-    durations: tuple[list[float], list[float]] = ([], [])
-    for action in (first, second):
-        action()
-    for _ in range(repetitions):
-        for action, taken in zip((first, second), durations, strict=True):
-            start = time.perf_counter()
+    for _ in range(repetitions + 1):
+        times = [time.perf_counter()]
+        for action in actions:
             action()
-            taken.append(time.perf_counter() - start)
-    return statistics.median(durations[0]), statistics.median(durations[1])
+            times.append(time.perf_counter())
+        durations.append(np.diff(times))
+    return [statistics.median(column) for column in zip(*durations[1:], strict=True)]
 
 
-def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
+def measure(repetitions: int) -> output.Metrics:
     """Return the metrics by name."""
-    metrics: dict[str, dict[str, float | str]] = {}
+    metrics: output.Metrics = {}
     for dtype, bits in ((np.uint8, 8), (np.uint16, 16)):
         for pixels in (1024, 335, 128):
             lines = record(pixels, LINES + 1, dtype)
@@ -102,28 +85,21 @@ def measure(repetitions: int) -> dict[str, dict[str, float | str]]:
                 search.match(lines, shift, similarity)  # noqa: B023
                 refiner.refine(lines, shift, displacement, variance)  # noqa: B023
 
-            alone = median_time(lambda: search.match(lines, shift, similarity), repetitions)  # noqa: B023
+            (alone,) = median_times(repetitions, lambda: search.match(lines, shift, similarity))  # noqa: B023
             case = f"{pixels}px_{bits}bit"
-            metrics[f"search_rate.{case}"] = {"value": LINES / alone, "unit": "1/s"}
-            if (pixels, bits) == (1024, 8):
-                metrics[f"search_rate.{case}"]["limit"] = 60e3
-            metrics[f"displacement_rate.{case}"] = {
-                "value": LINES / median_time(both, repetitions),
-                "unit": "1/s",
-            }
+            limit = (60e3,) if (pixels, bits) == (1024, 8) else ()
+            metrics[f"search_rate.{case}"] = LINES / alone, "1/s", *limit
+            (refined,) = median_times(repetitions, both)
+            metrics[f"displacement_rate.{case}"] = LINES / refined, "1/s"
     metrics |= other_searches(repetitions)
     metrics |= compared_with_opencv(repetitions)
-    metrics["update_time.3x25x1024px"] = {
-        "value": 1e3 * update_time(repetitions),
-        "unit": "ms",
-        "limit": 1.5,
-    }
+    metrics["update_time.3x25x1024px"] = 1e3 * update_time(repetitions), "ms", 1.5
     return metrics
 
 
-def other_searches(repetitions: int) -> dict[str, dict[str, float | str]]:
+def other_searches(repetitions: int) -> output.Metrics:
     """Return the rates of the other metrics and of windows, and the ratios to `pdist`."""
-    metrics: dict[str, dict[str, float | str]] = {}
+    metrics: output.Metrics = {}
     shift, similarity = np.empty(LINES, np.int64), np.empty(LINES)
     for pixels in (1024, 335, 128):
         lines = record(pixels, LINES + 1, np.uint8)
@@ -134,19 +110,12 @@ def other_searches(repetitions: int) -> dict[str, dict[str, float | str]]:
                 search = make_search(name, pixels, pixels // 2, window)
                 # Ranks take long: fewer repetitions do.
                 count = max(3, repetitions // (20 if name == "spearman" else 2))
-                duration = median_time(lambda: search.match(lines, shift, similarity), count)  # noqa: B023
-                metrics[f"search_rate.{pixels}px_{case}"] = {
-                    "value": LINES / duration,
-                    "unit": "1/s",
-                }
+                (spent,) = median_times(count, lambda: search.match(lines, shift, similarity))  # noqa: B023
+                metrics[f"search_rate.{pixels}px_{case}"] = LINES / spent, "1/s"
         full = METRICS["pearson"](pixels, pixels // 2)
-        direct = median_time(lambda: pdist_search(lines[0], lines[1]), 3)  # noqa: B023
-        fast = median_time(lambda: full.match(lines, shift, similarity), repetitions) / LINES  # noqa: B023
-        metrics[f"ratio_to_pdist.{pixels}px"] = {
-            "value": direct / fast,
-            "unit": "1",
-            "limit": 1000.0,
-        }
+        (direct,) = median_times(3, lambda: pdist_search(lines[0], lines[1]))  # noqa: B023
+        (fast,) = median_times(repetitions, lambda: full.match(lines, shift, similarity))  # noqa: B023
+        metrics[f"ratio_to_pdist.{pixels}px"] = LINES * direct / fast, "1", 1000.0
     return metrics
 
 
@@ -164,9 +133,7 @@ class MatchTemplateSearch:
         self._padded = np.zeros((lines, pixels + 2 * self._half), np.float32)
         self._products = np.empty((lines - 1, 2 * self._half + 1), np.float32)
 
-    def match(
-        self, lines: NDArray[np.uint8] | NDArray[np.uint16], shift: NDArray[np.int64]
-    ) -> None:
+    def match(self, lines: Lines, shift: NDArray[np.int64]) -> None:
         """Set the best shift of each line against the one before it."""
         inner = self._padded[:, self._half : self._half + self._pixels]
         inner[:] = lines
@@ -177,11 +144,7 @@ class MatchTemplateSearch:
 
 
 @njit(cache=True, fastmath=True)
-def best_correlation(
-    lines: NDArray[np.uint8] | NDArray[np.uint16],
-    products: NDArray[np.float32],
-    shift: NDArray[np.int64],
-) -> None:
+def best_correlation(lines: Lines, products: NDArray[np.float32], shift: NDArray[np.int64]) -> None:
     """Set the shifts of the largest correlation (81) over the true overlaps."""
     rows, pixels = lines.shape
     half = products.shape[1] // 2
@@ -228,7 +191,7 @@ def best_correlation(
         shift[row] = best_shift
 
 
-def compared_with_opencv(repetitions: int) -> dict[str, dict[str, float | str]]:
+def compared_with_opencv(repetitions: int) -> output.Metrics:
     """Return how many times faster the full search is than with OpenCV.
 
     Raises:
@@ -238,26 +201,20 @@ def compared_with_opencv(repetitions: int) -> dict[str, dict[str, float | str]]:
         print("no OpenCV: ratio_to_match_template is left out", file=sys.stderr)
         return {}
     cv2.setNumThreads(1)
-    metrics: dict[str, dict[str, float | str]] = {}
+    metrics: output.Metrics = {}
     for pixels, count, limit in ((1024, 25, 2.5), (335, 30, 5.0), (128, 156, 5.0)):
         lines = record(pixels, count + 1, np.uint8)
-        own, theirs = (
-            METRICS["pearson"](pixels, pixels // 2),
-            MatchTemplateSearch(pixels, len(lines)),
-        )
+        own = METRICS["pearson"](pixels, pixels // 2)
+        theirs = MatchTemplateSearch(pixels, len(lines))
         shift, other, similarity = np.empty(count, int), np.empty(count, int), np.empty(count)
-        fast, slow = median_times_in_turn(
+        fast, slow = median_times(
+            repetitions,
             lambda: own.match(lines, shift, similarity),  # noqa: B023
             lambda: theirs.match(lines, other),  # noqa: B023
-            repetitions,
         )
         if not np.array_equal(shift, other):
             raise RuntimeError(f"OpenCV finds {other}, the search {shift}")
-        metrics[f"ratio_to_match_template.{pixels}px"] = {
-            "value": slow / fast,
-            "unit": "1",
-            "limit": limit,
-        }
+        metrics[f"ratio_to_match_template.{pixels}px"] = slow / fast, "1", limit
     return metrics
 
 
@@ -287,7 +244,7 @@ def update_time(repetitions: int) -> float:
     durations = []
     for i in range(repetitions):
         first = LINES * (i % 8)
-        stamp_ns = round((i + 1) * LINES * 1e9 / LINE_RATE)
+        stamp_ns = (i + 1) * 10_000_000
         batch = LineBatch(stamp_ns, lines[first : first + LINES])
         start = time.perf_counter()
         odometry.update(dict.fromkeys(sensors, batch))
@@ -297,17 +254,8 @@ def update_time(repetitions: int) -> float:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
-    parser.add_argument("--repetitions", type=int, default=200, help="batches per figure")
-    arguments = parser.parse_args()
-    metrics = measure(arguments.repetitions)
-    if arguments.json:
-        print(json.dumps({"name": "search_displacement", "metrics": metrics}))
-        return
-    for name, metric in metrics.items():
-        limit = f"  (limit {metric['limit']:g})" if "limit" in metric else ""
-        print(f"{name:36} {metric['value']:12.4g} {metric['unit']}{limit}")
+    options = output.options(__doc__, repetitions=200)
+    output.publish("search_displacement", measure(options.repetitions), as_json=options.json)
 
 
 if __name__ == "__main__":

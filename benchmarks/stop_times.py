@@ -3,9 +3,7 @@
 ``./omni exec python benchmarks/stop_times.py`` prints median and worst of 20, in seconds.
 """
 
-import argparse
 import dataclasses
-import json
 import os
 import signal
 import statistics
@@ -14,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import output
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -21,29 +20,15 @@ from sensor_msgs.msg import JointState
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, find_executable
-from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 
-CONFIG = Path(__file__).resolve().parents[1] / "config"
 SETTLING = 6.0  # [s] after which a node that has appeared is at work
-OVERRIDES = ["feedback=velocity_sensor", "simulation.render_lines=false"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """A node and the topic by which one sees that it lives."""
-
-    process: NodeProcess
-    publishes: str
 
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--repetitions", type=int, default=20)
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    metrics = {}
+    options = output.options(__doc__, repetitions=20)
+    metrics: output.Metrics = {}
     with tempfile.TemporaryDirectory() as scratch:
         for subscribed in (False, True):
             for name in ("simulator", "linescan_odometry", "brake_assist", "recorder"):
@@ -52,28 +37,20 @@ def main() -> None:
                     for i in range(options.repetitions)
                 ]
                 case = f"{name}_{'subscribed' if subscribed else 'alone'}"
-                metrics[f"stop_time_median.{case}"] = statistics.median(times)
-                metrics[f"stop_time_worst.{case}"] = max(times)
-    if options.json:
-        entries = {key: {"value": value, "unit": "s"} for key, value in metrics.items()}
-        print(json.dumps({"name": "stop_times", "metrics": entries}, indent=2))
-    else:
-        for key, value in metrics.items():
-            print(f"{key:50} {value:.3f} s")
+                metrics[f"stop_time_median.{case}"] = statistics.median(times), "s"
+                metrics[f"stop_time_worst.{case}"] = max(times), "s"
+    output.publish("stop_times", metrics, as_json=options.json)
 
 
 def node_of(name: str, scratch: Path) -> NodeProcess:
     """Return a node of a graph that runs in real time."""
-    configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted", OVERRIDES)
+    endless = ("simulation.duration_limit=600", "maneuver.brake_time=500")
+    configuration = output.load("straight_line", "assisted", *output.BLIND, *endless)
     if name == "simulator":
-        endless = ["simulation.duration_limit=600", "maneuver.brake_time=500"]
-        configuration = ExperimentLibrary(CONFIG).load(
-            "straight_line", "assisted", [*OVERRIDES, *endless]
-        )
         return graph.simulator(configuration, scratch, lockstep=False, listeners=0)
     if name == "brake_assist":
         return graph.brake_assist(configuration, scratch, lockstep=False, listeners=0)
-    optical = ExperimentLibrary(CONFIG).load("straight_line", "assisted")
+    optical = output.load("straight_line", "assisted")
     if name == "recorder":
         return graph.recorder(optical, scratch / "bag", scratch)
     process = graph.odometry(optical, scratch, lockstep=False, listeners=1)

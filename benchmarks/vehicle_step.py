@@ -1,60 +1,44 @@
 """Measure the cost of a physics step of the Mecanum forklift: driving, braking, releasing.
 
-Prints the fastest of several runs, in microseconds per step and as real-time factor.
+Prints the fastest of several runs, in microseconds per step and as real-time factor, of calls of 20
+steps and of one call.
 """
 
-import time
-from pathlib import Path
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
-import yaml
+import output
 
-from omni_platform.configuration import from_mapping
-from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.vehicle import Vehicle
 
-CONFIG = Path(__file__).parents[1] / "config"
-STEPS = 20
-PERIODS = 100
-REPEATS = 40
 
-
-def forklift() -> VehicleConfiguration:
-    mapping = yaml.safe_load((CONFIG / "vehicles" / "mecanum_forklift.yaml").read_text())
-    mapping["tire"] = yaml.safe_load((CONFIG / "tires" / f"{mapping['tire']}.yaml").read_text())
-    return from_mapping(VehicleConfiguration, mapping)
-
-
-def seconds(vehicle: Vehicle, pedal: float, enables: list[np.ndarray], steps: int) -> float:
-    best = float("inf")
-    for _ in range(REPEATS):
-        vehicle.place((0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
-        start = time.process_time()
-        for enable in enables:
-            vehicle.advance(steps, pedal, enable, (10.0, 0.0, 0.0))
-        best = min(best, time.process_time() - start)
-    return best
+def brake(vehicle: Vehicle, pedal: float, enables: Sequence[FloatArray], steps: int) -> None:
+    vehicle.place((0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
+    for enable in enables:
+        vehicle.advance(steps, pedal, enable, (10.0, 0.0, 0.0))
 
 
 def main() -> None:
-    vehicle = Vehicle(forklift())
+    options = output.options(__doc__, repeats=40)
+    vehicle = Vehicle(output.load("straight_line", "unassisted").vehicle)
     random = np.random.default_rng(1)
-    on = [np.ones(4)] * PERIODS
-    patterns = [random.integers(0, 2, 4).astype(np.float64) for _ in range(PERIODS)]
-    cases = {
-        "drive": (0.0, on),
-        "brake": (1.0, on),
-        "release and brake": (1.0, patterns),
-    }
+    on = [np.ones(4)] * 100
+    patterns = [random.integers(0, 2, 4).astype(np.float64) for _ in on]
     vehicle.advance(1, 0.0, np.ones(4), np.zeros(3))
-    for name, (pedal, enables) in cases.items():
-        for label, used, steps in (
-            (f"{STEPS} steps a call", enables, STEPS),
-            ("one call", enables[:1], STEPS * PERIODS),
-        ):
-            cost = seconds(vehicle, pedal, used, steps) / (len(used) * steps)
-            factor = vehicle.physics_step / cost
-            print(f"{name:18s} {label:16s} {1e6 * cost:6.3f} us/step, {factor:6.0f} x real time")
+    metrics: output.Metrics = {}
+    for name, pedal, enables in (
+        ("drive", 0.0, on),
+        ("brake", 1.0, on),
+        ("release_and_brake", 1.0, patterns),
+    ):
+        for label, used, steps in (("20_steps", enables, 20), ("one_call", enables[:1], 2000)):
+            stop = partial(brake, vehicle, pedal, used, steps)
+            cost = output.fastest(stop, options.repeats) / (len(used) * steps)
+            metrics[f"step_time.{name}_{label}"] = 1e6 * cost, "us"
+            metrics[f"times_real_time.{name}_{label}"] = vehicle.physics_step / cost, "1"
+    output.publish("vehicle_step", metrics, as_json=options.json)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,55 @@
+"""Options and results that the benchmarks share."""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+
+BLIND = ("feedback=velocity_sensor", "simulation.render_lines=false")
+_CONFIG = Path(__file__).resolve().parents[1] / "config"
+
+Metrics = dict[str, tuple[Any, ...]]
+"""Value, unit and limit, if there is one, by ``quantity.case``."""
+
+
+def options(words: str | None, **defaults: Any) -> argparse.Namespace:
+    """Return the command line: ``--json``, and one option for each default value."""
+    parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    for name, default in defaults.items():
+        parser.add_argument(f"--{name}", type=type(default), default=default)
+    return parser.parse_args()
+
+
+def load(experiment: str, variant: str, *changes: str) -> ExperimentConfiguration:
+    """Return a variant of an experiment of this workspace."""
+    return ExperimentLibrary(_CONFIG).load(experiment, variant, changes)
+
+
+def fastest(action: Callable[[], object], repeats: int) -> float:
+    """Return the least CPU time that an action takes [s]."""
+
+    def spent() -> float:
+        begun = time.process_time()
+        action()
+        return time.process_time() - begun
+
+    return min(spent() for _ in range(repeats))
+
+
+def publish(name: str, metrics: Metrics, *, as_json: bool) -> None:
+    """Print metrics as rows or as one JSON document."""
+    if as_json:
+        entries = {
+            key: dict(zip(("value", "unit", "limit"), entry, strict=False))
+            for key, entry in metrics.items()
+        }
+        print(json.dumps({"name": name, "metrics": entries}, indent=2, allow_nan=False))
+        return
+    for key, (value, unit, *limit) in metrics.items():
+        note = f"  (limit {limit[0]:g})" if limit else ""
+        print(f"{key:46} {value:12.4g} {unit}{note}")
