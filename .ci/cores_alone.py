@@ -16,7 +16,7 @@ def import_all() -> int:
         package = importlib.import_module(core)
         for module in pkgutil.walk_packages(package.__path__, core + "."):
             last = module.name.rpartition(".")[2]
-            if not (last.endswith("_node") or last == "messages" or last.startswith("start_")):
+            if not (last.endswith("_node") or last == "messages"):
                 importlib.import_module(module.name)
                 count += 1
     assert "rclpy" not in sys.modules

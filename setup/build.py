@@ -9,29 +9,22 @@ import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
+from setup import workspace as places
 from setup.failures import SetupError
 from setup.pythons import say
 from setup.steps import Steps
-from setup.workspace import (
-    Workspace,
-    build_identity,
-    build_inputs,
-    files_state,
-    final_environment,
-    read_stamp,
-    venv_environment,
-    write_stamp,
-)
 
 
-def build(workspace: Workspace, steps: Steps) -> None:
+def build(workspace: places.Workspace, steps: Steps) -> None:
     """Build the packages from scratch; compile kernels where none have been compiled yet."""
-    state = files_state(build_inputs(workspace.root))  # taken first: an edit meanwhile builds again
-    environment_stamp = read_stamp(workspace.venv)
+    state = places.files_state(
+        places.build_inputs(workspace.root)
+    )  # taken first: an edit meanwhile builds again
+    environment_stamp = places.read_stamp(workspace.venv)
     libraries = environment_stamp["libraries"]
-    environment = venv_environment(workspace, libraries)
+    environment = places.venv_environment(workspace, libraries)
     if not workspace.kernels.exists():
-        compile_in_background(workspace, final_environment(workspace, libraries))
+        compile_in_background(workspace, places.final_environment(workspace, libraries))
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
     say(f"building {len(packages)} packages with colcon")
     # From nothing, so that no file of a deleted package stays; the stamp goes first.
@@ -62,10 +55,10 @@ def build(workspace: Workspace, steps: Steps) -> None:
                 f"(details in {workspace.log})."
             )
         mend_first_lines(prefix / "lib")
-    write_stamp(workspace.install, build_identity(environment_stamp), state=state)
+    places.write_stamp(workspace.install, places.build_identity(environment_stamp), state=state)
 
 
-def compile_in_background(workspace: Workspace, environment: Mapping[str, str]) -> None:
+def compile_in_background(workspace: places.Workspace, environment: Mapping[str, str]) -> None:
     """Start to compile all kernels, in a process that outlives this one."""
     if not (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
         return

@@ -9,89 +9,81 @@ import sys
 import time
 from collections.abc import Mapping
 
-from setup.failures import (
-    SetupError,
-    check_platform,
-    check_space,
-    check_venv_module,
-    explain_install,
-)
+from setup import failures
+from setup import workspace as places
 from setup.pythons import find_python, say
 from setup.steps import Steps
-from setup.workspace import (
-    Workspace,
-    base_environment,
-    environment_identity,
-    final_environment,
-    write_stamp,
-)
 
 DISK_SPACE = 1.5e9  # bytes: the environment takes 0.9 GB, downloads and kernels the rest
 
 
-def make_environment(workspace: Workspace, steps: Steps) -> None:
+def make_environment(workspace: places.Workspace, steps: Steps) -> None:
     """Fill the environment folder with the packages of the lock file."""
     python = choose_python(workspace)
-    check_venv_module(python)
+    failures.check_venv_module(python)
     if not workspace.ros:
         import platform
 
         libc = os.confstr("CS_GNU_LIBC_VERSION") if hasattr(os, "confstr") else ""
         bits = 64 if sys.maxsize > 2**32 else 32
-        check_platform(platform.system(), platform.machine(), libc or "", bits)
+        failures.check_platform(platform.system(), platform.machine(), libc or "", bits)
     marker = workspace.venv / "made-by-omni"
     if workspace.venv.exists():
         if not marker.exists() and any(workspace.venv.iterdir()):
-            raise SetupError(
+            raise failures.SetupError(
                 f"{workspace.venv} exists and was not made by this program: move it away and "
                 f"start again."
             )
         shutil.rmtree(workspace.venv)
     shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled by other packages
-    check_space(workspace.root, DISK_SPACE)
+    failures.check_space(workspace.root, DISK_SPACE)
     say(f"setting up in {workspace.venv} (about 1 GB, once, one minute; log: {workspace.log})")
     workspace.venv.mkdir()
     marker.touch()
-    environment = base_environment(os.environ, workspace)
+    environment = places.base_environment(os.environ, workspace)
     environment.pop("PYTHONPATH", None)
     code, output = steps.run([python, "-m", "venv", workspace.venv], environment)
     if code:
-        raise SetupError(explain_install(output, workspace.log, "making the environment"))
+        raise failures.SetupError(
+            failures.explain_install(output, workspace.log, "making the environment")
+        )
     install_packages(workspace, steps, environment)
     site = next((workspace.venv / "lib").glob("python3.*")) / "site-packages"
     libraries = [str(path) for path in sorted(site.glob("ros_*.libs"))]
     libraries = [str(workspace.venv / "lib"), *libraries]
     check = "import rclpy, numba, sensor_msgs.msg, matplotlib.font_manager"
-    ready = final_environment(workspace, libraries)
+    ready = places.final_environment(workspace, libraries)
     code, output = steps.run([workspace.python, "-c", check], ready)
     if code:
-        raise SetupError(
+        raise failures.SetupError(
             "ROS 2 and its packages are installed but do not start here ({}): see {} for the "
             "cause.".format((output.splitlines() or ["signal"])[-1], workspace.log)
         )
-    write_stamp(
+    places.write_stamp(
         workspace.venv,
-        environment_identity(workspace),
+        places.environment_identity(workspace),
         libraries=libraries,
         made=time.time_ns(),
     )
 
 
-def choose_python(workspace: Workspace) -> str:
+def choose_python(workspace: places.Workspace) -> str:
     """Return the Python for the environment: that of the sourced ROS, if there is one."""
     if not workspace.ros or workspace.ros.python == sys.version_info[:2]:
         # Not the Python of an active environment: that may be the one about to be replaced.
         return str(getattr(sys, "_base_executable", sys.executable))
     python = find_python((workspace.ros.python,))
     if not python:
-        raise SetupError(
+        raise failures.SetupError(
             "the sourced ROS 2 needs Python {0}.{1}: install python{0}.{1} and "
             "python{0}.{1}-venv, or start with OMNI_ROS=wheels.".format(*workspace.ros.python)
         )
     return python
 
 
-def install_packages(workspace: Workspace, steps: Steps, environment: Mapping[str, str]) -> None:
+def install_packages(
+    workspace: places.Workspace, steps: Steps, environment: Mapping[str, str]
+) -> None:
     """Install exactly what the lock file says, every file checked against its hash."""
     lock = workspace.lock_file.read_text()
     pip = [workspace.python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
@@ -128,4 +120,4 @@ def install_packages(workspace: Workspace, steps: Steps, environment: Mapping[st
         every = wheels + sources + ["-r", workspace.lock_file]
         code, output = steps.run(install + every, environment, note)
     if code:
-        raise SetupError(explain_install(output, workspace.log))
+        raise failures.SetupError(failures.explain_install(output, workspace.log))

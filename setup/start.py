@@ -10,20 +10,13 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from setup import workspace as places
 from setup.build import build
 from setup.environment import make_environment
 from setup.failures import SetupError, explain_file_error
 from setup.lock import open_lock, take_lock
 from setup.pythons import say
 from setup.steps import Steps
-from setup.workspace import (
-    Workspace,
-    build_ready,
-    environment_ready,
-    final_environment,
-    find_sourced_ros,
-    read_stamp,
-)
 
 
 def main(words: Sequence[str], door: str, usage: str) -> int:
@@ -60,10 +53,10 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
 def start(words: Sequence[str], root: Path, usage: str) -> int:
     """Make the workspace ready and hand over to the command."""
     asks_help = not words or words[0] in ("-h", "--help", "help")
-    workspace = Workspace(root, find_sourced_ros(os.environ, root))
+    workspace = places.Workspace(root, places.find_sourced_ros(os.environ, root))
     if asks_help:
         print(usage.rstrip())
-        if not (environment_ready(workspace) and build_ready(workspace)):
+        if not (places.environment_ready(workspace) and places.build_ready(workspace)):
             return 0
         print(flush=True)
         words = ["--help"]
@@ -73,14 +66,14 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
     if not within:
         lock = open_lock(workspace)
         make_ready(workspace, lock)
-    libraries = read_stamp(workspace.venv).get("libraries", [])
-    environment = final_environment(workspace, libraries)
+    libraries = places.read_stamp(workspace.venv).get("libraries", [])
+    environment = places.final_environment(workspace, libraries)
     if within or words[0] != "exec":
         environment["OMNI_RUNNING"] = str(root)
     return hand_over(workspace, environment, words, lock)
 
 
-def make_ready(workspace: Workspace, lock: int | None) -> None:
+def make_ready(workspace: places.Workspace, lock: int | None) -> None:
     """Bring environment and build up to date; return with the lock shared.
 
     Commands keep the lock shared while they run, so that no other start rebuilds the packages
@@ -88,14 +81,14 @@ def make_ready(workspace: Workspace, lock: int | None) -> None:
     """
     while True:
         take_lock(lock, fcntl.LOCK_SH)
-        if environment_ready(workspace) and build_ready(workspace):
+        if places.environment_ready(workspace) and places.build_ready(workspace):
             return
         take_lock(lock, fcntl.LOCK_EX)
-        if environment_ready(workspace) and build_ready(workspace):
+        if places.environment_ready(workspace) and places.build_ready(workspace):
             continue
         begun = time.monotonic()
         steps = Steps(workspace, lock)
-        if not environment_ready(workspace):
+        if not places.environment_ready(workspace):
             make_environment(workspace, steps)
         build(workspace, steps)
         say(f"ready after {time.monotonic() - begun:.0f} s")
@@ -104,7 +97,7 @@ def make_ready(workspace: Workspace, lock: int | None) -> None:
 
 
 def hand_over(
-    workspace: Workspace, environment: dict[str, str], words: Sequence[str], lock: int | None
+    workspace: places.Workspace, environment: dict[str, str], words: Sequence[str], lock: int | None
 ) -> int:
     """Replace this process by the command; return only if the command is not found."""
     python = str(workspace.python)

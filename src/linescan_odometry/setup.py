@@ -7,8 +7,8 @@ from ament_package import install
 
 install(
     requires=["numpy", "omni_platform", "rocket-fft", "scipy"],
-    programs=[
-        "odometry = linescan_odometry.start_odometry_node:main",
-        "camera = linescan_odometry.start_camera_node:main",
-    ],
+    nodes={
+        "odometry": "linescan_odometry.odometry_node",
+        "camera": "linescan_odometry.camera.camera_node",
+    },
 )

@@ -7,5 +7,5 @@ from ament_package import install
 
 install(
     requires=["numpy", "omni_platform"],
-    programs=["brake_assist = omni_brake_assist.start_brake_assist_node:main"],
+    nodes={"brake_assist": "omni_brake_assist.brake_assist_node"},
 )

@@ -10,11 +10,11 @@ from ament_package import install
 CONFIG = sorted(path for path in Path("../../config").iterdir() if path.is_dir())
 
 install(
-    programs=[
-        "driver = omni_bringup.start_driver_node:main",
-        "omni = omni_bringup.cli:main",
-        "player = omni_bringup.start_player_node:main",
-    ],
+    nodes={
+        "driver": "omni_bringup.drive.driver_node",
+        "player": "omni_bringup.replay.player_node",
+    },
+    programs=["omni = omni_bringup.cli:main"],
     data=["drive/page/*"],
     shared=[
         ("launch", sorted(map(str, Path("launch").glob("*.launch.py")))),

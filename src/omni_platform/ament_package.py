@@ -1,6 +1,6 @@
 """Shared part of the ``setup.py`` of all packages."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
@@ -8,6 +8,7 @@ from setuptools import find_packages, setup
 
 def install(
     requires: Iterable[str] = (),
+    nodes: Mapping[str, str] = {},
     programs: Iterable[str] = (),
     data: Iterable[str] = (),
     shared: Iterable[tuple[str, list[str]]] = (),
@@ -16,7 +17,8 @@ def install(
 
     Args:
         requires: packages that pip installs for the core; the nodes need ROS too.
-        programs: entry points of executables, as ``name = module:function``.
+        nodes: modules of nodes by executable, see `omni_ros.start`.
+        programs: entry points of other executables, as ``name = module:function``.
         data: patterns of files next to the modules.
         shared: files by folder below ``share/<package>``.
     """
@@ -38,5 +40,8 @@ def install(
         ],
         extras_require={"test": ["pytest"]},  # by which `colcon test` finds the tests
         zip_safe=False,
-        entry_points={"console_scripts": list(programs)},
+        entry_points={
+            "console_scripts": [*programs, *(f"{name} = omni_ros.start:main" for name in nodes)],
+            "omni_nodes": [f"{name} = {module}" for name, module in nodes.items()],
+        },
     )

@@ -5,4 +5,4 @@ import sys
 sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
-install(programs=["recorder = omni_recording.start_recorder_node:main"])
+install(nodes={"recorder": "omni_recording.recorder_node"})

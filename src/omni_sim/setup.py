@@ -7,5 +7,5 @@ from ament_package import install
 
 install(
     requires=["llvmlite", "numba", "numpy", "omni_platform", "pillow"],
-    programs=["simulator = omni_sim.start_simulator_node:main"],
+    nodes={"simulator": "omni_sim.simulator_node"},
 )

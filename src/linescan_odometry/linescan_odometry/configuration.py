@@ -10,7 +10,13 @@ from linescan_odometry.matching.subpixel import FEWEST_PIXELS
 from linescan_odometry.sideslip.angle import SideslipWheel, check_axis
 from linescan_odometry.twist.kinematics import KinematicsConfiguration
 from linescan_odometry.twist.least_squares import check_placement
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    check_choice,
+    parameter,
+    section,
+)
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
@@ -206,11 +212,7 @@ class OdometryConfiguration(Configuration):
 
     def _check_sideslip(self) -> None:
         for name, wheel in self.sideslip.items():
-            if wheel.sensor not in self.sensors:
-                raise ConfigurationError(
-                    f"sideslip.{name}.sensor",
-                    f"{wheel.sensor!r} is not one of the sensors {', '.join(self.sensors)}",
-                )
+            check_choice(f"sideslip.{name}.sensor", wheel.sensor, self.sensors)
             try:
                 check_axis(wheel, self.sensors[wheel.sensor])
             except ConfigurationError as error:

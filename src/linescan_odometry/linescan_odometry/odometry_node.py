@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import sys
 from collections.abc import Mapping
 from functools import partial
 
@@ -36,10 +35,10 @@ from omni_ros.messages import (
     read_line_image,
 )
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
+from omni_ros.process import Spinner, run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, subscribe
 from omni_ros.startup import StartupConfiguration
-from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
+from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 from omni_ros.transforms import MISSING, TransformPublisher
 
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
@@ -87,9 +86,7 @@ class OdometryNode(Node):
             self._transforms = self._make_transforms(configuration.all_sensors)
         sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
-            self,
-            declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(ERROR, f"no lines yet; one batch each is needed of {sensors}"),
+            self, Status(ERROR, f"no lines yet; one batch each is needed of {sensors}")
         )
         self._sideslip = SideslipMonitor(configuration)
         self._angles = None
@@ -197,21 +194,18 @@ class OdometryNode(Node):
         self._status.update(estimate.stamp_ns, key, status)
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
+def run(node: OdometryNode, spinner: Spinner) -> None:
+    """Estimate the twist until a signal asks to stop."""
+    node.startup.await_subscribers(node.outputs, spinner)
+    # Some of the subscribers found at the start may be those of pose and angles.
+    for publisher in node.further_outputs:
+        listeners = node.count_subscribers(publisher.topic_name)
+        node.startup.await_subscribers((publisher,), spinner, listeners)
+    spin_until_stopped(node, spinner)
 
-    def run(node: OdometryNode, spinner: Spinner) -> None:
-        await_subscribers(
-            node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
-        )
-        # Some of the subscribers found at the start may be those of pose and angles.
-        for publisher in node.further_outputs:
-            listeners = node.count_subscribers(publisher.topic_name)
-            await_subscribers((publisher,), listeners, spinner, node.startup.match_timeout)
-        spin_until_stopped(node, spinner)
 
-    sys.exit(run_process(OdometryNode, run))
+main = partial(run_process, OdometryNode, run)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -8,8 +8,8 @@ from __future__ import annotations
 import dataclasses
 import gc
 import math
-import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,11 +33,11 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
 from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import Spinner, await_subscribers, run_process, spin_until_stopped
+from omni_ros.process import Spinner, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_ros.startup import StartupConfiguration
-from omni_ros.status import Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_ros.status import Status, StatusReporter, steady_clock
 
 _SWITCH = "enabled"  # may be changed at any time
 # May be changed while the pedal is up.
@@ -119,9 +119,7 @@ class BrakeAssistNode(Node):
         self._error = advertise(self, JointState, "brake_assist/error")
         self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
         self._status = StatusReporter(
-            self,
-            declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET),
+            self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
         )
         self.outputs = (self._enable, self._error)
         # In lockstep no message may be lost; in real time only the newest one counts.
@@ -292,20 +290,17 @@ def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
     return {given.name: given.value for given in parameters if given.name in TUNABLE}
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
+def run(node: BrakeAssistNode, spinner: Spinner) -> None:
+    """Assist until a signal asks to stop."""
+    node.startup.await_subscribers(node.outputs, spinner)
+    # Objects that exist at this point stay: exclude them from garbage collection in a stop.
+    gc.collect()
+    gc.freeze()
+    spin_until_stopped(node, spinner)
 
-    def run(node: BrakeAssistNode, spinner: Spinner) -> None:
-        await_subscribers(
-            node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
-        )
-        # Objects that exist at this point stay: exclude them from garbage collection in a stop.
-        gc.collect()
-        gc.freeze()
-        spin_until_stopped(node, spinner)
 
-    sys.exit(run_process(BrakeAssistNode, run))
+main = partial(run_process, BrakeAssistNode, run)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -7,6 +7,7 @@ Ctrl-C (143 by SIGTERM).
 """
 
 import argparse
+import dataclasses
 import json
 import os
 import re
@@ -73,6 +74,7 @@ def _run(words: Sequence[str]) -> int:
         # What a law of the user's prints is no part of the document.
         with work, redirect_stdout(sys.stderr if as_json else sys.stdout):
             report = command.run(options, Workspace(workspace_folder(), program))
+            report = dataclasses.replace(report, name=report.name or _name(program))
         return _publish(report, program, as_json=as_json)
     except BrokenPipeError:
         raise
@@ -131,8 +133,12 @@ def _complain(program: str, problem: str) -> None:
 
 def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
     """Return the document of a command without a result."""
-    name = program.removeprefix("omni ").replace(" ", "_")
-    return {"name": name, "error": problem, "exit_code": code}
+    return {"name": _name(program), "error": problem, "exit_code": code}
+
+
+def _name(program: str) -> str:
+    """Return the name of the document of a command, such as ``bag_info``."""
+    return program.removeprefix("omni ").replace(" ", "_")
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:

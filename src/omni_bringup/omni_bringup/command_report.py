@@ -1,11 +1,15 @@
 """The result of a command, as `omni_bringup.cli` prints it for people and for programs."""
 
+from __future__ import annotations
+
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-_LONGEST_LINE = 1000  # characters of a message, which may quote a damaged recording
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,7 +17,7 @@ class Report:
     """The result of a command.
 
     Attributes:
-        name: name of the JSON document.
+        name: name of the JSON document; that of the command if empty.
         metrics: entries of the document by ``quantity.case``.
         details: further entries of the document.
         text: lines, and tables of rich, that are printed without ``--json``; read only then.
@@ -24,7 +28,7 @@ class Report:
         ok: whether the result is what the options ask for; otherwise the exit code is 1.
     """
 
-    name: str
+    name: str = ""
     metrics: Mapping[str, Any] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
     text: Iterable[Any] = ()
@@ -45,17 +49,63 @@ def entries(values: Mapping[str, tuple[float, str]]) -> dict[str, dict[str, Any]
     return {key: {"value": value, "unit": unit} for key, (value, unit) in values.items()}
 
 
+def entries_by_case(
+    cases: Mapping[str, Mapping[str, tuple[float, str]]],
+) -> dict[str, dict[str, Any]]:
+    """Return metrics of the JSON document for (value, unit) by case and quantity."""
+    return entries(
+        {f"{key}.{case}": value for case, row in cases.items() for key, value in row.items()}
+    )
+
+
+def in_words(row: Mapping[str, tuple[float, str]]) -> str:
+    """Return quantities with (value, unit) in one line."""
+    return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
+
+
+def estimate(value: float, unit: str, error: float, *, bounded: bool = False) -> dict[str, Any]:
+    """Return the entry of an estimated quantity, which may be on its bound."""
+    known = None if math.isnan(error) else float(error)
+    entry = {"value": float(value), "unit": unit, "standard_error": known}
+    return entry | ({"note": "on its bound"} if bounded else {})
+
+
+def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
+    """Return a table of the metrics that have a standard error, beside the described values."""
+    from rich.table import Table
+
+    described = any("described" in entry for entry in metrics.values())
+    heads = ["quantity", "unit", "value", "standard error", *(["described"] if described else [])]
+    table = Table(*heads, pad_edge=False)
+    for key, entry in metrics.items():
+        if "standard_error" in entry:
+            quantity, case = key.split(".")
+            words = quantity.replace("_", " ") + ("" if case == "all" else f", {case}")
+            error = entry["standard_error"]
+            cells = ["" if error is None else f"{error:.2g}", entry.get("note", "")]
+            found = f"{entry['value']:.6g}"
+            row = [words, entry["unit"], found, ", ".join(filter(None, cells))]
+            row += [f"{entry['described']:.5g}"] if "described" in entry else []
+            table.add_row(*row)
+    return table
+
+
 def write_text(path: Path, text: str) -> Path:
-    """Write a file, and its folder where it is missing; return its absolute path."""
+    """Write a file completely or not at all, and its folder; return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    scratch = path.with_name(f".{path.name}.part")
+    try:
+        scratch.write_text(text, encoding="utf-8")
+        scratch.replace(path)
+    finally:
+        scratch.unlink(missing_ok=True)
     return path.resolve()
 
 
-def printable(text: str) -> str:
-    """Return text without control characters, shortened to fit a terminal."""
-    if len(text) > _LONGEST_LINE:
-        text = f"{text[:_LONGEST_LINE]}... ({len(text)} characters)"
+def printable(text: str, longest: int = 1000) -> str:
+    """Return the text of a recording, shortened and without control characters."""
+    if len(text) > longest:
+        text = f"{text[:longest]}... ({len(text)} characters)"
     return "".join(
         letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text
     )

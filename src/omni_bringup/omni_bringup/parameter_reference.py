@@ -13,14 +13,7 @@ from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_loop.experiment import ExperimentConfiguration
-from omni_platform.configuration import (
-    Configuration,
-    ParameterInfo,
-    declared_parameters,
-    element_configuration,
-    is_configuration,
-    join_key,
-)
+from omni_platform import configuration
 from omni_sim.configuration import SimulatorConfiguration
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
 from omni_vehicle.flow_chips import FlowChipConfiguration
@@ -39,7 +32,7 @@ are listed in `wheels.names`, `sensors.names` and so on.
 def reference() -> str:
     """Return the reference as Markdown."""
     parts = [_HEAD]
-    sections: list[tuple[str, str, type[Configuration]]] = [
+    sections: list[tuple[str, str, type[configuration.Configuration]]] = [
         (
             "Experiment",
             "The keys of `config/experiments/*.yaml` and of `--set`.",
@@ -59,20 +52,20 @@ def reference() -> str:
     return "\n".join(parts)
 
 
-def _rows(cls: type[Configuration], prefix: str) -> Iterator[str]:
+def _rows(cls: type[configuration.Configuration], prefix: str) -> Iterator[str]:
     defaults = {field.name: field for field in dataclasses.fields(cls)}
-    for name, kind, info in declared_parameters(cls):
-        key = join_key(prefix, name)
-        element = element_configuration(kind)
-        if is_configuration(kind):
+    for name, kind, info in configuration.declared_parameters(cls):
+        key = configuration.join_key(prefix, name)
+        element = configuration.element_configuration(kind)
+        if configuration.is_configuration(kind):
             yield from _rows(kind, key)
         elif element is not None:
-            yield from _rows(element, join_key(key, "<name>"))
+            yield from _rows(element, configuration.join_key(key, "<name>"))
         else:
             yield _row(key, kind, info, defaults[name].default)
 
 
-def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
+def _row(key: str, kind: Any, info: configuration.ParameterInfo, default: Any) -> str:
     shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
     if info.choices is not None:
         permitted = ", ".join(f"`{choice}`" for choice in info.choices)

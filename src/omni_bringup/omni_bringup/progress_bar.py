@@ -6,9 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-_PERIOD = 5.0  # [s] between lines where there is no terminal
-_SPARSER = 0.2  # of the time elapsed, which the period is at least
-
 Progress = Callable[[float, str], None]
 """Function that receives the completed share, 0..1, and a short text."""
 
@@ -36,7 +33,7 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
 
 @contextmanager
-def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
+def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
     """Print every few seconds that a command of unknown duration is running.
 
     Args:
@@ -60,19 +57,22 @@ def at_work(program: str, words: str, every: float = _PERIOD) -> Iterator[None]:
         thread.join()
 
 
-def progress_lines(name: str, clock: Callable[[], float] = time.monotonic) -> Progress:
+def progress_lines(
+    name: str, clock: Callable[[], float] = time.monotonic, period: float = 5.0
+) -> Progress:
     """Return a function that prints a line at intervals, with an estimate of the time left.
 
     Args:
         name: name at the beginning of each line.
         clock: returns the time [s].
+        period: shortest interval [s]; it grows to a fifth of the time elapsed.
     """
     begun = last = clock()
 
     def report(share: float, words: str) -> None:
         nonlocal last
         now = clock()
-        if now - last < max(_PERIOD, _SPARSER * (last - begun)):
+        if now - last < max(period, 0.2 * (last - begun)):
             return
         last = now
         left = f", about {(now - begun) * (1.0 / share - 1.0):.0f} s left" if share > 0.01 else ""

@@ -17,9 +17,7 @@ from omni_loop import compiled, experiment, loop
 from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"
-_DURATION = 0.1  # [s] simulated; long enough to brake
 _OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # as one from outside is asked
-_LOW_PRIORITY = 10  # added to the nice value
 
 
 def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
@@ -45,7 +43,7 @@ def standard_run() -> experiment.ExperimentConfiguration:
     """Return a short part of the standard experiment."""
     library = experiment.ExperimentLibrary(workspace_folder() / "config")
     variant = library.variants(_EXPERIMENT)[-1]
-    short = (f"simulation.duration_limit={_DURATION}", f"maneuver.brake_time={_DURATION / 2}")
+    short = ("simulation.duration_limit=0.1", "maneuver.brake_time=0.05")
     return library.load(_EXPERIMENT, variant, short)
 
 
@@ -53,5 +51,5 @@ if __name__ == "__main__":
     configuration = standard_run()
     compile_for_run(configuration)
     if "--in-background" in sys.argv:
-        os.nice(_LOW_PRIORITY)
+        os.nice(10)
     compile_others(configuration)

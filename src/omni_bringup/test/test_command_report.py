@@ -17,7 +17,7 @@ from omni_bringup.cli import main
         (["run", "--jsn", "--json"], "run", "unrecognized arguments: --jsn"),
         (["run", "--json", "--set", "vehicle.load.mass=-1"], "run", "-1 kg is out of range"),
         (["bag", "info", "nowhere", "--json"], "bag_info", "nowhere: there is no such"),
-        (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "no.yaml: cannot be"),
+        (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "cannot read no.yaml"),
         (["study", "tabel2", "--json"], "study", "'tabel2' is not one of"),
     ],
 )

@@ -78,10 +78,7 @@ def test_what_is_not_there_is_named(prefix: Path, package: str, executable: str)
         find_executable(package, executable)
 
 
-def test_stubborn_processes_are_killed_and_gone(
-    prefix: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("omni_bringup.graph.process_group._STOP_TIMEOUT", 0.2)
+def test_stubborn_processes_are_killed_and_gone(prefix: Path) -> None:
     body = (
         "import signal, time\n"
         "from omni_ros.report import report\n"
@@ -89,7 +86,7 @@ def test_stubborn_processes_are_killed_and_gone(
         "report({})\n"
         "time.sleep(60)"
     )
-    with process_group(os.environ) as group:
+    with process_group(os.environ, stop_timeout=0.2) as group:
         processes = [group.start(add_program(prefix, f"mule{i}", body)) for i in range(2)]
         deadline = time.monotonic() + 20.0
         for process in processes:

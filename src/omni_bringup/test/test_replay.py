@@ -180,7 +180,7 @@ def test_what_cannot_be_replayed_is_refused_by_name(
             f"compare the results with on {TWIST}",
         ),
         ([blind], "holds no message on /line_scan/left/lines"),
-        ([twisted], "configuration: is not valid YAML"),
+        ([twisted], "configuration.yaml is not valid YAML"),
         ([SAMPLE, "--nodes", "simulator"], "'simulator' is not one of"),
         ([SAMPLE, "--set", "odometry.median=1"], "odometry.median: is not a known key"),
         ([tmp_path / "nowhere"], "there is no such folder"),

@@ -13,17 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.assist_step import (
-    Asked,
-    Constants,
-    Inputs,
-    Memory,
-    act,
-    assist_step,
-    listen,
-    make_constants,
-    new_memory,
-)
+from omni_brake_assist import assist_step
 from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
 from omni_brake_assist.laws.registry import own_law
@@ -33,30 +23,14 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.kernels import inlined, kernel, lean
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_platform.signals import MISSING, VALID, ImuSample, TwistSample, WheelSample
+from omni_sim import run_progress, velocity_sensor
 from omni_sim.driver.scripted import ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
-from omni_sim.run_progress import (
-    RUNNING,
-    STOPPED,
-    End,
-    rest_memory,
-    rim_speed,
-    run_end,
-    run_outcome,
-)
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, Log, State
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_sim.velocity_sensor import (
-    SensorConstants,
-    read,
-    samples_now,
-    sensor_constants,
-    sensor_memory,
-    state_covariance,
-)
 
 _CHUNK = 512  # stamps that are run, and noise that is drawn, at once
 
@@ -173,13 +147,13 @@ class _Loop(NamedTuple):
     clutch_stiffness: float
     measures: bool  # whether IMU and encoders are simulated: they are used, or a fault is injected
     enabled: bool
-    end: End
+    end: run_progress.End
 
 
 class _Sensors(NamedTuple):
     """Sensors with their state and noise; K stamps of a chunk of the run."""
 
-    velocity: SensorConstants
+    velocity: velocity_sensor.SensorConstants
     held: NDArray[np.void]  # last sample of the velocity sensor
     draws: FloatArray  # uniform noise of the velocity sensor by sample, -1..1, (T or 1, 3)
     drawn: IntArray  # number of samples taken so far, (1,)
@@ -212,8 +186,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     loop = _loop(configuration, driver)
     stamps = len(loop.pedal)
     record = _new_record(stamps, len(vehicle.wheel_names))
-    assist = make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
-    memory = new_memory(len(vehicle.wheel_names))
+    assist = assist_step.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
+    memory = assist_step.new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     if loop.measures:
@@ -221,8 +195,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         noise = np.random.default_rng(seed)
     scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
     run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
-    used, outcome = 0, RUNNING
-    while outcome == RUNNING and used < stamps:
+    used, outcome = 0, run_progress.RUNNING
+    while outcome == run_progress.RUNNING and used < stamps:
         time = used * loop.period_ns * 1e-9
         later = vehicle.brake_fault_onsets[vehicle.brake_fault_onsets > time]
         vehicle.apply_brake_faults(time)
@@ -239,7 +213,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         period_ns=loop.period_ns,
         pedal=loop.pedal[:used],
         record=record._replace(**{name: rows[:used].copy() for name, rows in written}),
-        stopped=outcome == STOPPED,
+        stopped=outcome == run_progress.STOPPED,
         tipping_steps=vehicle.tipping_steps,
     )
 
@@ -282,7 +256,7 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
         or bool(configuration.faults)
         or configuration.brake_assist.law != "sliding_mode",
         enabled=configuration.brake_assist.enabled,
-        end=run_end(simulation, configuration.maneuver.earliest_end),
+        end=run_progress.run_end(simulation, configuration.maneuver.earliest_end),
     )
 
 
@@ -293,8 +267,8 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
         seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # as the simulator's
         uniform = np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
     return _Sensors(
-        velocity=sensor_constants(sensor),
-        held=sensor_memory(),
+        velocity=velocity_sensor.sensor_constants(sensor),
+        held=velocity_sensor.sensor_memory(),
         draws=uniform,
         drawn=np.zeros(1, np.int64),
         instruments=build_instruments(
@@ -305,7 +279,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
             configuration.simulation.control_period,
         ),
         noise=np.zeros((_CHUNK, draws(wheels))),
-        rest=rest_memory(),
+        rest=run_progress.rest_memory(),
     )
 
 
@@ -361,8 +335,8 @@ class _Run(NamedTuple):
     """State of a run in progress."""
 
     state: State
-    assist: Constants
-    memory: Memory
+    assist: assist_step.Constants
+    memory: assist_step.Memory
     sensors: _Sensors
     loop: _Loop
     scratch: _Scratch
@@ -370,17 +344,17 @@ class _Run(NamedTuple):
 
 
 @inlined
-def _listen(run: _Run, stamp: int) -> Inputs:
+def _listen(run: _Run, stamp: int) -> assist_step.Inputs:
     """Return the inputs of the assistant at a stamp; record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
     base_motion(state.body[0], state.plant.center, motion)
     velocity, held = sensors.velocity, sensors.held
-    due = samples_now(velocity, held, now_ns)
+    due = velocity_sensor.samples_now(velocity, held, now_ns)
     draw = sensors.draws[min(sensors.drawn[0], sensors.draws.shape[0] - 1)]
     sensors.drawn[0] += due
-    taken_ns = read(velocity, held, now_ns, motion[3:6], draw, feedback)
+    taken_ns = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
         for i in range(scratch.angle.size):
             scratch.angle[i], scratch.speed[i] = state.wheels[i].angle, state.wheels[i].speed
@@ -396,9 +370,9 @@ def _listen(run: _Run, stamp: int) -> Inputs:
         measure(
             sensors.instruments, truth, noise, Readings(feedback, scratch.imu, scratch.wheel_speed)
         )
-    state_covariance(velocity, feedback, scratch.covariance)
+    velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
     validity = VALID if loop.measures else MISSING
-    return Inputs(
+    return assist_step.Inputs(
         now_ns,
         loop.pedal[stamp],
         loop.enabled,
@@ -414,11 +388,13 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     """Run the loop from a stamp; fill the records and return the next stamp and the outcome."""
     for stamp in range(first, last):
         inputs = _listen(run, stamp)
-        assist_step(run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable)
+        assist_step.assist_step(
+            run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
+        )
         outcome = _record_and_advance(run, stamp)
-        if outcome != RUNNING:
+        if outcome != run_progress.RUNNING:
             return stamp + 1, outcome
-    return last, RUNNING
+    return last, run_progress.RUNNING
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
@@ -427,19 +403,21 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     for stamp in range(first, last):
         inputs, ready, motion = _receive(run, stamp)
         answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
-        act(run.assist, run.memory, inputs, Asked(ready, motion, answer), error, enable)
+        assist_step.act(
+            run.assist, run.memory, inputs, assist_step.Asked(ready, motion, answer), error, enable
+        )
         outcome = _record_and_advance(run, stamp)
-        if outcome != RUNNING:
+        if outcome != run_progress.RUNNING:
             return stamp + 1, outcome
-    return last, RUNNING
+    return last, run_progress.RUNNING
 
 
 @kernel
-def _receive(run: _Run, stamp: int) -> tuple[Inputs, bool, Motion]:
+def _receive(run: _Run, stamp: int) -> tuple[assist_step.Inputs, bool, Motion]:
     """Return the inputs of the assistant, whether the law is to be called, and its input."""
     inputs = _listen(run, stamp)
     run.scratch.error[:] = 0.0
-    ready, motion = listen(run.assist, run.memory, inputs)
+    ready, motion = assist_step.listen(run.assist, run.memory, inputs)
     return inputs, ready, motion
 
 
@@ -458,8 +436,10 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
         record.enable[stamp, i] = scratch.enable[i]
         record.error[stamp, i] = scratch.error[i]
     motion = record.motion[stamp]
-    now_ns, speed = stamp * loop.period_ns, rim_speed(motion[3:6])
-    outcome: int = run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
-    if outcome == RUNNING:
+    now_ns, speed = stamp * loop.period_ns, run_progress.rim_speed(motion[3:6])
+    outcome: int = run_progress.run_outcome(
+        loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed
+    )
+    if outcome == run_progress.RUNNING:
         _advance(state, loop, scratch, stamp, motion[2])
     return outcome

@@ -59,17 +59,11 @@ def _number(row: dict[str, str], name: str, line: int) -> float:
 def _read_recording(path: Path) -> quantities.FloatArray:
     from omni_recording import decode, folder
 
-    decoder = decode.MessageDecoder()
     found: dict[str, dict[int, Any]] = {topic: {} for topic in (*_COMMANDS, _PEDAL)}
-    for recorded in folder.bag_messages(folder.open_vehicle(path)):
-        if recorded.channel.topic in found:
-            try:
-                message = decoder.decode(recorded)
-            except decode.DecodeError as error:
-                raise ValueError(f"{recorded.channel.topic}: {error}") from None
-            stamp = decode.header_stamp_ns(message)
-            if stamp is not None:
-                found[recorded.channel.topic][stamp] = message
+    for recorded, message in decode.decoded_messages(folder.open_vehicle(path), found):
+        stamp = decode.header_stamp_ns(message)
+        if stamp is not None:
+            found[recorded.channel.topic][stamp] = message
     commands = next((found[topic] for topic in _COMMANDS if found[topic]), {})
     stamps = sorted(commands.keys() & found[_PEDAL].keys())
     if not stamps:

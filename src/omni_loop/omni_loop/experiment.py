@@ -9,7 +9,6 @@ part, that part is read first, and the other values for it are merged into it.
 
 import dataclasses
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.registry import own_law
 from omni_loop.demands import read_demands
+from omni_loop.yaml_files import load_yaml, read_mapping
 from omni_platform import geometry, plugins
 from omni_platform.configuration import (
     Configuration,
@@ -40,8 +40,6 @@ from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 # file. A nested part comes after the one that contains it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # key whose value may be a table or a recording
-_DEEPEST = 20  # levels of a dotted key
-_LONGEST_BATCH = 0.4  # [s], twice the largest `feedback_delay`
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 # Files of a vehicle's own folder, by kind.
 _IN_FOLDER = {"vehicles": "vehicle.yaml", "experiments": "experiment.yaml"}
@@ -143,12 +141,6 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _VehicleAlone(Configuration):
-    vehicle: VehicleConfiguration = parameter()
-    """Vehicle"""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _SensorsAlone(Configuration):
     sensors: Mapping[str, LineSensor] = parameter()
     """Line cameras by name"""
@@ -247,7 +239,7 @@ class ExperimentLibrary:
         Raises:
             ConfigurationError: the name, a key or a value does not fit.
         """
-        return from_mapping(_VehicleAlone, {"vehicle": self.vehicle_values(name)}).vehicle
+        return from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
 
     def vehicle_values(self, name: str) -> dict[str, Any]:
         """Return the values in the file of a vehicle, with the content of files that it names.
@@ -312,35 +304,20 @@ class ExperimentLibrary:
                     key,
                     f"{name!r} is not known{hint or ';'} known: {', '.join(known)}",
                 )
-        try:
-            document = load_yaml(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
-        except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
-            problem = " ".join(str(error).split())
-            raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
-        if not isinstance(document, dict):
-            raise ConfigurationError(key, f"{path} must contain a mapping of names to values")
-        return document
+        return read_mapping(path, key)
 
 
-def recorded_experiment(text: str, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
+def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
     """Return the effective configuration stored with a recording, with overrides.
 
     Args:
-        text: text of a ``configuration.yaml`` as a run writes it.
+        path: a ``configuration.yaml`` as a run writes it.
         overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
 
     Raises:
         ConfigurationError: it is no such file, or a key or value does not fit.
     """
-    try:
-        tree = load_yaml(text)
-    except (yaml.YAMLError, ValueError) as error:
-        problem = " ".join(str(error).split())[:200]
-        raise ConfigurationError("configuration", f"is not valid YAML: {problem}") from None
-    if not isinstance(tree, dict):
-        raise ConfigurationError("configuration", "must contain a mapping of names to values")
+    tree = read_mapping(path, "configuration")
     for override in overrides:
         tree = merge(tree, parse_override(override))
     return from_mapping(ExperimentConfiguration, tree)
@@ -379,7 +356,7 @@ def parse_override(text: str) -> dict[str, Any]:
     """
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
-    if not equals or not all(parts) or len(parts) > _DEEPEST:
+    if not equals or not all(parts) or len(parts) > 20:
         raise ConfigurationError(
             "--set", f"{text[:200]!r} must have the form key=value, such as vehicle.load.mass=400"
         )
@@ -413,45 +390,6 @@ def _take_names(
             nested = isinstance(value, Mapping)
             rest[key] = _take_names(value, named, path) if nested else value
     return rest
-
-
-LARGEST_YAML = 1 << 20
-"""Largest number of characters of a configuration; reading it takes up to half a minute."""
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and refuses repeated keys."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
-        repeated = next((name for name, n in names.items() if n > 1 and name != "<<"), None)
-        if repeated is not None:
-            raise yaml.constructor.ConstructorError(
-                None, None, f"the key {repeated!r} is given twice", node.start_mark
-            )
-        return super().construct_mapping(node, deep)
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)[eE][-+]?[0-9]+\Z"),
-    list("-+.0123456789"),
-)
-
-
-def load_yaml(text: str) -> Any:
-    """Return the content of a YAML text, with numbers such as 1e-3 as numbers.
-
-    Raises:
-        yaml.YAMLError: it is no YAML.
-        ValueError: it is too large, or a value such as a date is invalid.
-    """
-    if len(text) > LARGEST_YAML:
-        raise ValueError(f"it has {len(text)} characters, and at most {LARGEST_YAML} are read")
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
 
 
 def _has_law(variant: Any) -> bool:
@@ -491,7 +429,8 @@ def _twist_delay(tree: Mapping[str, Any]) -> float | None:
     simulation = tree.get("simulation", {})
     configured = simulation.get("control_period") if isinstance(simulation, Mapping) else None
     period = SimulationConfiguration().control_period if configured is None else configured
-    usable = isinstance(period, int | float) and 0.0 < period <= _LONGEST_BATCH
+    longest = 0.4  # [s], twice the largest `feedback_delay`
+    usable = isinstance(period, int | float) and 0.0 < period <= longest
     return 0.5 * period if usable else None
 
 

@@ -9,7 +9,7 @@ period older than the control stamp).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from omni_recording.error import BagError
 
 if TYPE_CHECKING:
     from omni_recording.folder import Bag
+    from omni_recording.mcap import RecordedChannel
 
 __all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
 
@@ -37,11 +38,10 @@ _TOPICS = (
     topics.TWIST,
     topics.DIAGNOSTICS,
 )
-_TYPES = {topic.name: topic.type for topic in _TOPICS}
-_TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = _TYPES
+_TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
 _ASSISTANT = "brake_assist"  # the name of its status, after its namespace
 # A run without odometry or without brake assistant is still a run: their values become NaN.
-_REQUIRED = (_WHEELS, _PEDAL)
+_REQUIRED = (topics.WHEEL_STATES, topics.PEDAL)
 
 # Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
 _VARIANCES = [0, 7, 35]
@@ -77,7 +77,7 @@ def read_run(bag_folder: Path | str) -> RunHistory:
     from omni_recording.folder import open_vehicle
 
     bag = open_vehicle(bag_folder)
-    streams = read_streams(bag, _TYPES, _REQUIRED)
+    streams = read_streams(bag, _TOPICS, _REQUIRED)
     assistant = f"{bag.namespace}/{_ASSISTANT}".removeprefix("/")
     try:
         return _to_history(streams, assistant)
@@ -85,53 +85,47 @@ def read_run(bag_folder: Path | str) -> RunHistory:
         raise BagError(bag.path, f"does not hold one run: {error}") from error
 
 
-def read_streams(bag: Bag, types: Mapping[str, str], required: Sequence[str]) -> dict[str, Stream]:
+def read_streams(
+    bag: Bag, chosen: Iterable[topics.Topic], required: Collection[topics.Topic] = ()
+) -> dict[str, Stream]:
     """Return the messages of some small topics by topic name below the vehicle's namespace.
 
     Args:
         bag: the recording of a vehicle.
-        types: types of the topics, by name.
-        required: topics that must exist.
+        chosen: the topics.
+        required: those that must exist.
 
     Raises:
         BagError: the bag cannot be read, lacks a topic, or one is of another type.
     """
-    from omni_recording.decode import DecodeError, MessageDecoder, header_stamp_ns
-    from omni_recording.folder import bag_messages, bag_summary
+    from omni_recording import decode, folder
 
-    folder = bag.path
-    names = {f"/{name}": name for name in types}
-    channels = [entry for entry in bag_summary(bag).channels if entry.topic in names]
-    found = {names[channel.topic]: channel.type_name for channel in channels}
-    missing = [f"/{name}" for name in required if name not in found]
+    known = {topic.path: topic for topic in chosen}
+    channels = [entry for entry in folder.bag_summary(bag).channels if entry.topic in known]
+    missing = {topic.path for topic in required} - {channel.topic for channel in channels}
     if missing:
-        raise BagError(folder, f"not a recording of a run, it lacks {', '.join(missing)}")
-    _require_types(folder, found, types)
-    decoder = MessageDecoder()
+        lacking = ", ".join(sorted(missing))
+        raise BagError(bag.path, f"not a recording of a run, it lacks {lacking}")
+    for channel in channels:
+        _require_type(bag, channel, known)
     messages: dict[str, list[tuple[int, Any]]] = {}
-    for recorded in bag_messages(bag):
-        name = names.get(recorded.channel.topic)
-        if name is None:
-            continue
-        _require_types(folder, {name: recorded.channel.type_name}, types)
-        try:
-            message = decoder.decode(recorded)
-        except DecodeError as error:
-            raise BagError(folder, f"{recorded.channel.topic}: {error}") from None
-        stamp_ns = header_stamp_ns(message)
+    for recorded, message in decode.decoded_messages(bag, known):
+        _require_type(bag, recorded.channel, known)
+        stamp_ns = decode.header_stamp_ns(message)
         if stamp_ns is None:
-            raise BagError(folder, f"{recorded.channel.topic} has no stamp")
-        messages.setdefault(name, []).append((stamp_ns, message))
-    for name in required:
-        if name not in messages:
-            raise BagError(folder, f"there is no message on /{name}")
+            raise BagError(bag.path, f"{recorded.channel.topic} has no stamp")
+        messages.setdefault(known[recorded.channel.topic].name, []).append((stamp_ns, message))
+    for topic in required:
+        if topic.name not in messages:
+            raise BagError(bag.path, f"there is no message on {topic.path}")
     return {name: Stream.of(entries) for name, entries in messages.items()}
 
 
-def _require_types(folder: Path, found: Mapping[str, str], types: Mapping[str, str]) -> None:
-    for name, kind in found.items():
-        if kind != types[name]:
-            raise BagError(folder, f"/{name} is of type {kind}, must be {types[name]}")
+def _require_type(bag: Bag, channel: RecordedChannel, known: Mapping[str, topics.Topic]) -> None:
+    needed = known[channel.topic].type
+    if channel.type_name != needed:
+        problem = f"{channel.topic} is of type {channel.type_name}, must be {needed}"
+        raise BagError(bag.path, problem)
 
 
 def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:

@@ -7,9 +7,7 @@ import numpy as np
 
 from omni_loop.history import SIGNALS, RunHistory
 from omni_loop.metrics import RestCriterion
-
-_BEFORE, _AFTER = 1_000_000_000, 500_000_000  # [ns] that are shown around a stop
-_MOVING = 0.2  # [m/s] and [rad/s] below which pressing the pedal is parking
+from omni_platform.quantities import SECOND_NS
 
 
 def cut(history: RunHistory, first: int, last: int) -> RunHistory:
@@ -36,9 +34,10 @@ def stops_of(history: RunHistory, rest: RestCriterion | None = None) -> tuple[Ru
     return tuple(cut(history, first, last) for first, last in spans)
 
 
-def _moves(history: RunHistory, index: int) -> bool:
+def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
+    """Return whether a stamp is in motion; pressing the pedal below [m/s] or [rad/s] is parking."""
     twist = history.twist[index]
-    return math.hypot(twist[0], twist[1]) > _MOVING or abs(twist[2]) > _MOVING
+    return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
 
 
 def _spans(history: RunHistory, rest: RestCriterion) -> list[tuple[int, int]]:
@@ -51,8 +50,8 @@ def _spans(history: RunHistory, rest: RestCriterion) -> list[tuple[int, int]]:
     for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
         still = rest.first_stamp(history.twist[:up], down) if _moves(history, down) else None
         if still is not None:
-            first = int(np.searchsorted(stamps, stamps[down] - _BEFORE))
-            last = int(np.searchsorted(stamps, stamps[still] + _AFTER, side="right")) - 1
+            first = int(np.searchsorted(stamps, stamps[down] - SECOND_NS))
+            last = int(np.searchsorted(stamps, stamps[still] + SECOND_NS // 2, side="right")) - 1
             spans.append((max(free, first), min(max(last, still), up - 1)))
         free = up
     return spans

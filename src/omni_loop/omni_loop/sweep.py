@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from omni_loop import experiment, history
 from omni_loop.metrics import Metric, run_metrics
+from omni_loop.yaml_files import load_yaml
 from omni_platform.configuration import ConfigurationError
 
 MOST = 1000
@@ -94,5 +95,5 @@ def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistor
 
 def number(text: str) -> float | None:
     """Return a value as a number, None for a text."""
-    value = experiment.load_yaml(text)
+    value = load_yaml(text)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -9,11 +9,11 @@ import pytest
 import yaml
 
 from omni_loop.experiment import (
-    LARGEST_YAML,
     ExperimentConfiguration,
     ExperimentLibrary,
     parse_override,
 )
+from omni_loop.yaml_files import LARGEST_YAML
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"

@@ -63,9 +63,12 @@ def option(
     return field
 
 
-def json_option() -> Any:
-    """Declare ``--json``, an option of every command that computes metrics."""
-    return parameter(False, description="print the results as JSON")
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CommandOptions(Configuration):
+    """Options of every command that computes metrics."""
+
+    json: bool = parameter(False)
+    """print the results as JSON"""
 
 
 def overrides_option(example: str = "vehicle.load.mass=400") -> Any:

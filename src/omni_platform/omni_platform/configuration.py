@@ -285,6 +285,18 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
+def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
+    """Refuse a value that is none of the known ones.
+
+    Raises:
+        ConfigurationError: names the known values, and a similar one.
+    """
+    names = list(known)
+    if value not in names:
+        hint = did_you_mean(str(value), names)
+        raise ConfigurationError(key, f"{value!r} is not one of {', '.join(names)}{hint}")
+
+
 def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
     hint = did_you_mean(name, known)
     return f"is not a known key{hint or ';'} known here: {', '.join(sorted(known))}"
@@ -337,9 +349,8 @@ def _check_value(name: str, value: Any, kind: Any, info: ParameterInfo) -> None:
         raise ConfigurationError(name, f"{_described(value)}, must be {_type_in_words(kind)}")
     if isinstance(value, int | float) and not isinstance(value, bool):
         _check_range(name, value, info)
-    if info.choices is not None and value not in info.choices:
-        hint = did_you_mean(str(value), info.choices)
-        raise ConfigurationError(name, f"{value!r} is not one of {', '.join(info.choices)}{hint}")
+    if info.choices is not None:
+        check_choice(name, value, info.choices)
 
 
 def _check_names(name: str, value: Any) -> None:

@@ -5,12 +5,15 @@ into Python code and runs it. A recording whose own definition of a type differs
 because its bytes would be decoded wrongly.
 """
 
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from omni_platform.quantities import SECOND_NS
+from omni_recording.error import BagError
+from omni_recording.folder import Bag, bag_messages, in_time_order
+from omni_recording.limits import LIMITS
 from omni_recording.mcap import RecordedChannel, RecordedMessage
 
-_LARGEST_DEFINITION = 1 << 17  # [B]; the largest of ROS 2's own have some 20 KiB
 _ENCODING = "cdr"
 
 
@@ -67,7 +70,7 @@ class MessageDecoder:
             return f"its type {channel.type_name[:80]!r} is not one of ROS 2 Jazzy's"
         if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
             return ""  # nothing to compare with; the bytes must show
-        if len(channel.definition) > _LARGEST_DEFINITION:
+        if len(channel.definition) > LIMITS.definition:
             return f"the definition of its type has {len(channel.definition)} characters"
         return self._difference(channel)
 
@@ -82,6 +85,29 @@ class MessageDecoder:
             if not self.is_known(name) or fields != self.fields(name):
                 return f"its definition of {name} differs from that of ROS 2 Jazzy"
         return ""
+
+
+def decoded_messages(
+    bag: Bag, topics: Collection[str], *, ordered: bool = False
+) -> Iterator[tuple[RecordedMessage, Any]]:
+    """Yield the messages of some topics, as recorded and decoded.
+
+    Args:
+        bag: the recording.
+        topics: names of the topics.
+        ordered: whether to sort them by time, see `in_time_order`.
+
+    Raises:
+        BagError: the recording or a message cannot be read.
+    """
+    decoder = MessageDecoder()
+    chosen = (m for m in bag_messages(bag) if m.channel.topic in topics)
+    for recorded in in_time_order(chosen) if ordered else chosen:
+        try:
+            message = decoder.decode(recorded)
+        except DecodeError as error:
+            raise BagError(bag.path, f"{recorded.channel.topic}: {error}") from None
+        yield recorded, message
 
 
 def header_stamp_ns(message: Any) -> int | None:

@@ -6,6 +6,7 @@ yields exactly the types of the running system, and needs no parser of the messa
 """
 
 import dataclasses
+import enum
 import json
 import os
 import re
@@ -16,9 +17,16 @@ from typing import Any
 
 _TYPE_NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)")
 _SEPARATOR = "=" * 80
-# type_description_interfaces/msg/FieldType
-_NESTED_TYPE = 1
-_LIST_OF_NESTED = 145  # unbounded
+
+
+class _FieldType(enum.IntEnum):
+    """Values of type_description_interfaces/msg/FieldType."""
+
+    NESTED = 1
+    NESTED_SEQUENCE = 145
+    """Unbounded"""
+
+
 _TIME = "builtin_interfaces/msg/Time"
 
 
@@ -80,7 +88,7 @@ def find_message_definition(
     nested = {entry["type_name"]: entry for entry in whole["referenced_type_descriptions"]}
     outer = whole["type_description"]
     first = outer["fields"][0]["type"]
-    of_stamped = first["type_id"] == _LIST_OF_NESTED and _begins_with_time(
+    of_stamped = first["type_id"] == _FieldType.NESTED_SEQUENCE and _begins_with_time(
         nested[first["nested_type_name"]], nested
     )
     stamped = _begins_with_time(outer, nested)
@@ -91,7 +99,7 @@ def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> 
     """Return whether the first bytes of a message are a `builtin_interfaces/Time`."""
     while current["type_name"] != _TIME:
         first = current["fields"][0]["type"]
-        if first["type_id"] != _NESTED_TYPE:
+        if first["type_id"] != _FieldType.NESTED:
             return False
         current = nested[first["nested_type_name"]]
     return True

@@ -15,21 +15,18 @@ from typing import Any
 import yaml
 
 from omni_platform.quantities import SECOND_NS
-from omni_recording import mcap
+from omni_recording import mcap, metadata
 from omni_recording.error import BagError
+from omni_recording.limits import LIMITS
 
 METADATA = "metadata.yaml"
 
-_LARGEST_METADATA = 1 << 22  # [B]
-_NEWEST_VERSION = 9
 # What one vehicle publishes; what stands before it is the vehicle's namespace.
 _VEHICLE_TOPIC = re.compile(
     r"(?P<namespace>.*?)/(wheel_states|brake/(pedal|enable)|odometry/twist|ground_truth/odom"
     r"|line_scan/[^/]+/lines)"
 )
 _INFORMATION = "rosbag2_bagfile_information"
-_WINDOW_NS = SECOND_NS  # [ns] by which a message may be out of order in the file
-_MOST_WAITING = 1 << 27  # [B] of messages held back at a time
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,8 +237,8 @@ def _from_metadata(folder: Path) -> Bag:
         return value
 
     version = get("version", int, None)
-    if version > _NEWEST_VERSION:
-        raise BagError(folder, f"metadata.yaml: version {version} is newer than {_NEWEST_VERSION}")
+    if version > metadata.VERSION:
+        raise BagError(folder, f"metadata.yaml: version {version} is newer than {metadata.VERSION}")
     storage = get("storage_identifier", str, None)
     if storage != "mcap":
         raise BagError(
@@ -328,8 +325,8 @@ def read_plain_yaml(text: str) -> Any:
 def _read_information(folder: Path) -> Mapping[str, Any]:
     path = folder / METADATA
     _require_regular(folder, path)
-    if path.stat().st_size > _LARGEST_METADATA:
-        raise BagError(folder, f"metadata.yaml is larger than {_LARGEST_METADATA} bytes")
+    if path.stat().st_size > LIMITS.metadata:
+        raise BagError(folder, f"metadata.yaml is larger than {LIMITS.metadata} bytes")
     try:
         document = read_plain_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -356,7 +353,7 @@ def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.Rec
         heapq.heappush(waiting, (message.log_ns, number, message))
         size += len(message.data)
         newest_ns = max(newest_ns, message.log_ns)
-        while waiting[0][0] < newest_ns - _WINDOW_NS or size > _MOST_WAITING:
+        while waiting[0][0] < newest_ns - SECOND_NS or size > LIMITS.waiting:
             _, _, oldest = heapq.heappop(waiting)
             size -= len(oldest.data)
             yield oldest

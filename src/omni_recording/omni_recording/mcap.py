@@ -19,15 +19,14 @@ from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
 
+from omni_platform.quantities import SECOND_NS
+from omni_recording.limits import LIMITS
+
 MAGIC = b"\x89MCAP0\r\n"
 
-LARGEST_RECORD = 1 << 28  # [B] of a record, and of a chunk when it is unpacked
-_LARGEST_DESCRIPTION = 1 << 26  # [B] of all schemas and channels of a file together
-_MOST_CHUNKS = 1 << 20  # that an index may list
-_END_OF_TIME = (1 << 31) * 1_000_000_000  # [ns] of what a stamp of ROS can hold
 _HEAD = struct.Struct("<BQ")
 _FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)
-_MESSAGE_HEAD = 22  # [B] of a message record before the message itself
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapError(ValueError):
@@ -203,8 +202,8 @@ def _summary(records: Iterator[tuple[int, bytes]]) -> McapSummary | None:
         elif opcode == Opcode.CHUNK_INDEX:
             compressions.add(_parsed(ChunkIndex, content).compression)
             chunks += 1
-            if chunks > _MOST_CHUNKS:
-                raise McapError(f"lists more than {_MOST_CHUNKS} chunks")
+            if chunks > LIMITS.chunks:
+                raise McapError(f"lists more than {LIMITS.chunks} chunks")
         else:
             tables.add(opcode, content)
     if statistics is None:
@@ -256,15 +255,15 @@ class _Tables:
                 raise McapError(f"is damaged: channel {channel.id} is described in two ways")
 
     def message(self, content: bytes) -> RecordedMessage:
-        if len(content) < _MESSAGE_HEAD:
+        if len(content) < _MESSAGE_HEAD.size:
             raise McapError("is damaged: a message is shorter than its header")
-        number, sequence, log_ns, publish_ns = struct.unpack_from("<HIQQ", content)
+        number, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >= _END_OF_TIME:
+        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # what a stamp of ROS cannot hold
             raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
-        return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD:])
+        return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD.size :])
 
     def _make(self, channel: Any) -> RecordedChannel:
         schema = self._schemas.get(channel.schema_id)
@@ -280,8 +279,8 @@ class _Tables:
 
     def _grow(self, content: bytes) -> None:
         self._size += len(content)
-        if self._size > _LARGEST_DESCRIPTION:
-            raise McapError(f"describes its topics in more than {_LARGEST_DESCRIPTION} bytes")
+        if self._size > LIMITS.description:
+            raise McapError(f"describes its topics in more than {LIMITS.description} bytes")
 
 
 def _check_head(file: IO[bytes]) -> None:
@@ -323,9 +322,9 @@ def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tupl
                 unfinished=True,
             )
         if opcode in wanted:
-            if length > LARGEST_RECORD:
+            if length > LIMITS.record:
                 raise McapError(
-                    f"has a record of {length} bytes, and more than {LARGEST_RECORD} are not read"
+                    f"has a record of {length} bytes, and more than {LIMITS.record} are not read"
                 )
             yield opcode, file.read(length)
         else:
@@ -361,9 +360,9 @@ def _parsed(kind: Any, content: bytes) -> Any:
 
 def _unpacked(chunk: Any) -> bytes:
     size = chunk.uncompressed_size
-    if size > LARGEST_RECORD:
+    if size > LIMITS.record:
         raise McapError(
-            f"has a chunk of {size} bytes unpacked, and more than {LARGEST_RECORD} are not read"
+            f"has a chunk of {size} bytes unpacked, and more than {LIMITS.record} are not read"
         )
     unpack = _UNPACKERS.get(chunk.compression)
     if unpack is None:

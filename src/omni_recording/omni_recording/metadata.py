@@ -7,6 +7,7 @@ from typing import Any
 from omni_recording.definitions import MessageDefinition
 
 SERIALIZATION = "cdr"
+VERSION = 9
 UNSET_TIME = 2**63 - 1  # [ns] rosbag2's start of a recording without messages
 
 
@@ -51,7 +52,7 @@ def bag_information(
 ) -> dict[str, Any]:
     """Return the content of ``rosbag2_bagfile_information`` for a recording of one file."""
     return {
-        "version": 9,
+        "version": VERSION,
         "storage_identifier": "mcap",
         **extent.information(),
         "topics_with_message_count": [

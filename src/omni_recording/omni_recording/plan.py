@@ -4,7 +4,7 @@ import dataclasses
 import heapq
 from collections.abc import Mapping
 
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, check_choice, parameter
 from omni_platform.quantities import SECOND_NS
 from omni_recording.definitions import MessageDefinition
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
@@ -63,14 +63,9 @@ class RecorderConfiguration(Configuration):
                 "types", f"has {len(self.types)} entries for {len(self.topics)} topics"
             )
         for topic in self.latched_topics:
-            if topic not in self.topics:
-                raise ConfigurationError(
-                    "latched_topics", f"names {topic!r}, which is not one of the topics"
-                )
-        if self.transforms_from and self.transforms_from not in self.topics:
-            raise ConfigurationError(
-                "transforms_from", f"names {self.transforms_from!r}, which is not one of the topics"
-            )
+            check_choice("latched_topics", topic, self.topics)
+        if self.transforms_from:
+            check_choice("transforms_from", self.transforms_from, self.topics)
         if len(self.fixed_poses) != 3 * len(self.fixed_frames):
             raise ConfigurationError(
                 "fixed_poses",

@@ -6,7 +6,6 @@ SIGTERM the node stores the messages received so far, closes the recording, and 
 """
 
 import contextlib
-import sys
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -23,12 +22,6 @@ from omni_ros import parameters, process, publisher_guard
 from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED, RELIABLE
 from omni_ros.report import report
-
-_PAUSE = 0.02  # [s] in which messages gather: to wake up for each took ten times as long
-_POLL = 0.05  # [s] how soon a signal is seen while nothing arrives
-_QUIET = 0.2  # [s] without a message, after which nothing more is on its way
-_LONGEST_WAIT = 1.0  # [s] for that silence
-_LONGEST_DRAIN = 5.0  # [s] for full queues and a slow disk
 
 
 class RecorderNode(Node):
@@ -72,8 +65,8 @@ class RecorderNode(Node):
         for topic, kind in kinds.items():
             qos = QoSProfile(
                 depth=configuration.queue_depth,
-                reliability=_reliability(configuration.reliability),
-                durability=_durability(topic in latched),
+                reliability=ReliabilityPolicy[configuration.reliability.upper()],
+                durability=DurabilityPolicy[_durability(topic in latched).upper()],
             )
             callback = partial(self._on_message, topic)
             subscription = self.create_subscription(classes[kind], topic, callback, qos, raw=True)
@@ -150,11 +143,12 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
         report({"recorded": node.writer.counts})
 
 
-def _take(node: RecorderNode, spinner: process.Spinner) -> None:
+def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
+    """Store messages, which gather for a pause [s]: waking up for each took ten times as long."""
     # A timer of the node would queue behind the messages of a busy graph; this does not.
     due = time.monotonic() + node.flush_period
     while not spinner.stop and node.failure is None:
-        time.sleep(min(_PAUSE, node.flush_period))
+        time.sleep(min(pause, node.flush_period))
         _take_arrived(node, spinner, due)
         if time.monotonic() >= due:
             node.judge()
@@ -169,18 +163,30 @@ def _take_arrived(node: RecorderNode, spinner: process.Spinner, deadline: float)
         spinner.spin_once(0.0)
 
 
-def _drain(node: RecorderNode, spinner: process.Spinner) -> None:
-    """Store the messages received so far, so that the recording is complete."""
-    _take_arrived(node, spinner, time.monotonic() + _LONGEST_DRAIN)
-    # The queues are empty; wait for messages in transit. Publishers that continue must not hold
-    # the recorder up for long.
-    deadline = time.monotonic() + _LONGEST_WAIT
-    quiet_end = time.monotonic() + _QUIET
+def _drain(
+    node: RecorderNode,
+    spinner: process.Spinner,
+    longest: float = 5.0,
+    longest_wait: float = 1.0,
+    quiet: float = 0.2,
+) -> None:
+    """Store the messages received so far, so that the recording is complete.
+
+    Args:
+        node: the recorder.
+        spinner: takes messages.
+        longest: time for full queues and a slow disk [s].
+        longest_wait: time for messages in transit [s], also if publishers continue.
+        quiet: time without a message after which nothing more is in transit [s].
+    """
+    _take_arrived(node, spinner, time.monotonic() + longest)
+    deadline = time.monotonic() + longest_wait
+    quiet_end = time.monotonic() + quiet
     while time.monotonic() < min(deadline, quiet_end):
         before = node.received
-        spinner.spin_once(_POLL)
+        spinner.spin_once()
         if node.received != before:
-            quiet_end = time.monotonic() + _QUIET
+            quiet_end = time.monotonic() + quiet
 
 
 def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> RecordedTopic:
@@ -191,26 +197,17 @@ def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> R
     qos = RecordedQos(
         depth=(LATCHED if latched else RELIABLE).depth,
         reliability=reliability,
-        durability="transient_local" if latched else "volatile",
+        durability=_durability(latched),
     )
     return RecordedTopic(topic, definition, qos)
 
 
-def _reliability(word: str) -> ReliabilityPolicy:
-    return {
-        "reliable": ReliabilityPolicy.RELIABLE,
-        "best_effort": ReliabilityPolicy.BEST_EFFORT,
-    }[word]
+def _durability(latched: bool) -> str:
+    return "transient_local" if latched else "volatile"
 
 
-def _durability(latched: bool) -> DurabilityPolicy:
-    return DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-
-
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    sys.exit(process.run_process(RecorderNode, record))
+main = partial(process.run_process, RecorderNode, record)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

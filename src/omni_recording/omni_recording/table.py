@@ -2,7 +2,7 @@
 
 ``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds), ``covariance[7]``; the
 arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``. A message that
-would need more than `MOST_COLUMNS` columns, such as an image, is not converted.
+would need more than `Limits.columns` columns, such as an image, is not converted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,15 +10,13 @@ from typing import Any
 
 from omni_platform.quantities import SECOND_NS
 from omni_recording.decode import MessageDecoder
-
-MOST_COLUMNS = 256
+from omni_recording.limits import LIMITS
 
 # Places of the parts of a rosbags field: (kind, what it consists of).
-_BASE, _NAME = 1, 2
+_BASE, _NAME = range(1, 3)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = ("position", "velocity", "effort")
-_LONGEST_LABEL = 60
 
 Value = bool | int | float | str
 Cell = tuple[str, str, Value]
@@ -40,13 +38,13 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
         Name, kind (a ROS base type such as ``float64``) and value of each column.
 
     Raises:
-        TooWideError: there are more than `MOST_COLUMNS`.
+        TooWideError: there are more than `Limits.columns`.
     """
     cells: list[Cell] = []
     for cell in _cells(decoder, type_name, message, ""):
         cells.append(cell)
-        if len(cells) > MOST_COLUMNS:
-            raise TooWideError(f"a message holds more than {MOST_COLUMNS} values")
+        if len(cells) > LIMITS.columns:
+            raise TooWideError(f"a message holds more than {LIMITS.columns} values")
     return cells
 
 
@@ -80,8 +78,8 @@ def _elements(
     path: str,
     labels: Sequence[str] | None,
 ) -> Iterator[Cell]:
-    if len(values) > MOST_COLUMNS:
-        raise TooWideError(f"{path} holds more than {MOST_COLUMNS} values")
+    if len(values) > LIMITS.columns:
+        raise TooWideError(f"{path} holds more than {LIMITS.columns} values")
     kind, parts = element
     for index, value in enumerate(values):
         labeled = labels is not None and len(labels) == len(values)
@@ -97,8 +95,8 @@ def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
     if type_name != _JOINT_STATE:
         return None
     names: Sequence[str] = message.name
-    fit = all(name.isprintable() and 0 < len(name) <= _LONGEST_LABEL for name in names)
-    return names if fit and len(set(names)) == len(names) <= MOST_COLUMNS else None
+    fit = all(name.isprintable() and 0 < len(name) <= LIMITS.label for name in names)
+    return names if fit and len(set(names)) == len(names) <= LIMITS.columns else None
 
 
 def _plain(value: Any) -> Value:

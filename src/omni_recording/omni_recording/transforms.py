@@ -21,7 +21,6 @@ MOVING_TOPIC = "/tf"
 STATIC_TOPIC = "/tf_static"
 
 _TYPE = "tf2_msgs/msg/TFMessage"
-_DEPTH = 100  # of the queues that tf2 itself offers
 
 
 class RecordedTransforms:
@@ -49,7 +48,7 @@ class RecordedTransforms:
         self._serializer = TransformSerializer()
         definition = self._serializer.definition
         if odometry:
-            self.topics.append(RecordedTopic(MOVING_TOPIC, definition, RecordedQos(_DEPTH)))
+            self.topics.append(RecordedTopic(MOVING_TOPIC, definition, RecordedQos(100)))
         if frames:
             latched = RecordedQos(1, durability="transient_local")
             self.topics.append(RecordedTopic(STATIC_TOPIC, definition, latched))

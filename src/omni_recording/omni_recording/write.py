@@ -29,8 +29,6 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
 }
 
-_NEVER_FULL = 2**62  # [B] chunks are ended here, not by the MCAP writer
-_MESSAGE_OVERHEAD = 31  # [B] of a record around a message
 
 # Data end without a checksum, a footer that promises no summary, and the closing magic bytes.
 _END_WITHOUT_SUMMARY = (
@@ -92,7 +90,7 @@ class Rosbag2Writer:
         with self._ending_on_failure():
             self._writer = Writer(
                 self._file,
-                chunk_size=_NEVER_FULL,
+                chunk_size=2**62,  # chunks are ended here, not by the MCAP writer
                 compression=COMPRESSIONS[compression],
                 index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
             )
@@ -136,7 +134,7 @@ class Rosbag2Writer:
         self._counts[topic] = count + 1
         self._first_ns = min(self._first_ns, stamp_ns)
         self._last_ns = max(self._last_ns, stamp_ns)
-        self._pending += len(data) + _MESSAGE_OVERHEAD
+        self._pending += len(data) + 31  # the head of a record
         if self._pending >= self._chunk_size:
             self.flush()
 

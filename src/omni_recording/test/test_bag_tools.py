@@ -26,7 +26,8 @@ from omni_recording.actions.check import check_bag
 from omni_recording.actions.export import FORMATS, ExportError, export_bag
 from omni_recording.error import BagError
 from omni_recording.folder import bag_files, bag_messages, bag_summary, open_bag
-from omni_recording.mcap import LARGEST_RECORD, MAGIC
+from omni_recording.limits import LIMITS
+from omni_recording.mcap import MAGIC
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINTS, IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
@@ -351,7 +352,7 @@ def test_foreign_and_lying_files_are_refused(tmp_path: Path, content: bytes, wor
         ([described(), message(b"x", log_time=2**31 * 10**9)], "impossible time"),
         ([described(), chunk(b"\x05" + struct.pack("<Q", 2**60))], "longer than the chunk"),
         ([described(), chunk(b"\x05abc")], "ends within a record"),
-        ([chunk(b"", claimed=2**62)], f"more than {LARGEST_RECORD} are not read"),
+        ([chunk(b"", claimed=2**62)], f"more than {LIMITS.record} are not read"),
         (
             [chunk(b"")[:-8] + struct.pack("<Q", 2**64 - 1)],
             "a chunk record is invalid",
@@ -371,7 +372,7 @@ def test_records_that_make_no_sense_are_refused(
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-@pytest.mark.parametrize("claimed", [1000, LARGEST_RECORD + 1])
+@pytest.mark.parametrize("claimed", [1000, LIMITS.record + 1])
 def test_a_decompression_bomb_does_not_go_off(
     tmp_path: Path, compression: str, claimed: int
 ) -> None:

@@ -116,7 +116,7 @@ def test_the_types_are_those_that_ros_knows(bag: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"transforms_from": "/odom"}, r"^transforms_from: names '/odom'"),
+        ({"transforms_from": "/odom"}, r"^transforms_from: '/odom' is not one of"),
         ({"fixed_frames": ("front",), "fixed_poses": (1.0,)}, r"^fixed_poses: has 1 entries"),
     ],
 )

@@ -9,25 +9,18 @@ import typing
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from omni_platform.configuration import (
-    Configuration,
-    ConfigurationError,
-    ParameterInfo,
-    declared_parameters,
-    element_configuration,
-    from_mapping,
-    is_configuration,
-    join_key,
-)
+from omni_platform import configuration as declared
 
 NAMES = "names"
 
-C = TypeVar("C", bound=Configuration)
-ReadParameter = Callable[[str, Any, Any, ParameterInfo], Any]
+C = TypeVar("C", bound=declared.Configuration)
+ReadParameter = Callable[[str, Any, Any, declared.ParameterInfo], Any]
 
 
 def flatten(
-    configuration: Configuration, prefix: str = "", part: type[Configuration] | None = None
+    configuration: declared.Configuration,
+    prefix: str = "",
+    part: type[declared.Configuration] | None = None,
 ) -> dict[str, Any]:
     """Return every value of a configuration by its dotted parameter name.
 
@@ -40,17 +33,19 @@ def flatten(
         bool, int, float, str, or list of float or str, by parameter name.
     """
     flat: dict[str, Any] = {}
-    for name, kind, _ in declared_parameters(part or type(configuration)):
+    for name, kind, _ in declared.declared_parameters(part or type(configuration)):
         value = getattr(configuration, name)
-        key = join_key(prefix, name)
-        if is_configuration(kind):
+        key = declared.join_key(prefix, name)
+        if declared.is_configuration(kind):
             flat.update(flatten(value, key))
-        elif element_configuration(kind) is not None:
-            flat[join_key(key, NAMES)] = list(value)
+        elif declared.element_configuration(kind) is not None:
+            flat[declared.join_key(key, NAMES)] = list(value)
             for entry in value:
                 if entry == NAMES:
-                    raise ConfigurationError(key, f"{NAMES!r} is reserved and names no entry")
-                flat.update(flatten(value[entry], join_key(key, entry)))
+                    raise declared.ConfigurationError(
+                        key, f"{NAMES!r} is reserved and names no entry"
+                    )
+                flat.update(flatten(value[entry], declared.join_key(key, entry)))
         else:
             flat[key] = list(value) if isinstance(value, tuple) else value
     return flat
@@ -67,36 +62,38 @@ def unflatten(cls: type[C], read: ReadParameter) -> C:
     Raises:
         ConfigurationError: a value is missing or invalid.
     """
-    return from_mapping(cls, _read_mapping(cls, None, read, ""))
+    return declared.from_mapping(cls, _read_mapping(cls, None, read, ""))
 
 
 def _read_mapping(
-    cls: type[Configuration], default: Any, read: ReadParameter, prefix: str
+    cls: type[declared.Configuration], default: Any, read: ReadParameter, prefix: str
 ) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for name, kind, info in declared_parameters(cls):
-        key = join_key(prefix, name)
+    for name, kind, info in declared.declared_parameters(cls):
+        key = declared.join_key(prefix, name)
         preset = getattr(default, name) if default is not None else _default_of(cls, name)
-        element = element_configuration(kind)
-        if is_configuration(kind):
+        element = declared.element_configuration(kind)
+        if declared.is_configuration(kind):
             values[name] = _read_mapping(kind, preset, read, key)
         elif element is not None:
-            names_info = ParameterInfo(f"Names of: {info.description}")
+            names_info = declared.ParameterInfo(f"Names of: {info.description}")
             known = tuple(preset) if preset else ()
-            names = read(join_key(key, NAMES), tuple[str, ...], known, names_info)
+            names = read(declared.join_key(key, NAMES), tuple[str, ...], known, names_info)
             values[name] = {
-                entry: _read_mapping(element, (preset or {}).get(entry), read, join_key(key, entry))
+                entry: _read_mapping(
+                    element, (preset or {}).get(entry), read, declared.join_key(key, entry)
+                )
                 for entry in names
             }
         else:
             value = read(key, kind, preset, info)
             if value is None:
-                raise ConfigurationError(key, "is required and has no value")
+                raise declared.ConfigurationError(key, "is required and has no value")
             values[name] = list(value) if typing.get_origin(kind) is tuple else value
     return values
 
 
-def _default_of(cls: type[Configuration], name: str) -> Any:
+def _default_of(cls: type[declared.Configuration], name: str) -> Any:
     """Return a field's default, or None where a value is required."""
     field = cls.__dataclass_fields__[name]
     if callable(field.default_factory):
@@ -104,5 +101,5 @@ def _default_of(cls: type[Configuration], name: str) -> Any:
     return (
         field.default
         if isinstance(field.default, bool | int | float | str | tuple)
-        else (field.default if isinstance(field.default, Configuration) else None)
+        else (field.default if isinstance(field.default, declared.Configuration) else None)
     )

@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import (
-    Point,
-    Pose,
-    Quaternion,
-    TransformStamped,
-    TwistStamped,
-    TwistWithCovarianceStamped,
-)
+from geometry_msgs import msg as geometry
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
@@ -33,8 +26,6 @@ LineArray = NDArray[Any]  # uint8 or uint16
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
-# A status is published again after this time even if unchanged, for late subscriptions.
-DIAGNOSTICS_PERIOD_NS = SECOND_NS
 
 _ENCODINGS: dict[str, np.dtype[Any]] = {"mono8": np.dtype("<u1"), "mono16": np.dtype("<u2")}
 _STAMP_OFFSET = 4  # after the encapsulation header
@@ -116,16 +107,16 @@ def joint_state(
     return message
 
 
-def planar_twist(stamp_ns: int, twist: FloatArray) -> TwistStamped:
+def planar_twist(stamp_ns: int, twist: FloatArray) -> geometry.TwistStamped:
     """Return a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] in `base_link`."""
-    message = TwistStamped(header=header(stamp_ns, BASE_FRAME))
+    message = geometry.TwistStamped(header=header(stamp_ns, BASE_FRAME))
     _set_planar(message.twist, twist)
     return message
 
 
 def planar_twist_with_covariance(
     stamp_ns: int, twist: FloatArray, covariance: FloatArray
-) -> TwistWithCovarianceStamped:
+) -> geometry.TwistWithCovarianceStamped:
     """Return a body twist and its covariance in `base_link`.
 
     Args:
@@ -133,7 +124,7 @@ def planar_twist_with_covariance(
         twist: (v_x, v_y, yaw rate) [m/s, m/s, rad/s], shape (3,).
         covariance: covariance of the twist, in the squares of its units, shape (3, 3).
     """
-    message = TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
+    message = geometry.TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
     _set_planar(message.twist.twist, twist)
     message.twist.covariance = _spatial(covariance)
     return message
@@ -163,24 +154,26 @@ def planar_odometry(
     return message
 
 
-def planar_pose(pose: FloatArray) -> Pose:
+def planar_pose(pose: FloatArray) -> geometry.Pose:
     """Return x, y [m] and yaw [rad] as a pose on the ground."""
     x, y, yaw = (float(value) for value in pose)
-    turn = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
-    return Pose(position=Point(x=x, y=y), orientation=turn)
+    turn = geometry.Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+    return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=turn)
 
 
-def fixed_transform(frame: str, pose: FloatArray, parent: str = BASE_FRAME) -> TransformStamped:
+def fixed_transform(
+    frame: str, pose: FloatArray, parent: str = BASE_FRAME
+) -> geometry.TransformStamped:
     """Return the transform of a fixed frame at x, y [m] and yaw [rad] in its parent."""
     place = planar_pose(pose)
-    message = TransformStamped(header=header(0, parent), child_frame_id=frame)
+    message = geometry.TransformStamped(header=header(0, parent), child_frame_id=frame)
     message.transform.translation.x = place.position.x
     message.transform.translation.y = place.position.y
     message.transform.rotation = place.orientation
     return message
 
 
-def planar_twist_of(message: TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
+def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
     """Return the body twist, shape (3,), and its covariance, shape (3, 3), of a message."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])

@@ -7,11 +7,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import (
-    InvalidParameterTypeException,
-    InvalidParameterValueException,
-    ParameterUninitializedException,
-)
+from rclpy import exceptions
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -103,11 +99,11 @@ def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: Paramete
         else:
             node.declare_parameter(key, default, descriptor)
         value = node.get_parameter(key).value
-    except ParameterUninitializedException:
+    except exceptions.ParameterUninitializedException:
         value = None
-    except InvalidParameterTypeException as error:
+    except exceptions.InvalidParameterTypeException as error:
         raise ConfigurationError(key, f"has the wrong type: {error}") from None
-    except InvalidParameterValueException as error:
+    except exceptions.InvalidParameterValueException as error:
         raise ConfigurationError(key, f"is out of range: {error}") from None
     return default if value is None else value
 

@@ -29,9 +29,6 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.exit_codes import ExitCode
 from omni_ros import environment, parameters
 
-_PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
-_LONGEST_FLUSH = 5.0  # [s] for all publishers of a node together
-_INTERRUPTED_FLUSH = 0.3  # [s] for all publishers after SIGINT: a person waits for the end
 _POLL = 0.05  # [s] longest time until a signal is noticed while no message arrives
 
 
@@ -219,20 +216,23 @@ def _end_with_parent() -> None:
     parent = os.environ.get(environment.PARENT_PID_VARIABLE)
     if parent is None:
         return
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    pr_set_pdeathsig = 1  # <linux/prctl.h>
+    ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGTERM)
     if os.getppid() != int(parent):  # the parent died before the request was made
         sys.exit(ExitCode.FAILED)
 
 
-def _flush_publishers(node: Node, stop: StopFlag) -> None:
+def _flush_publishers(
+    node: Node, stop: StopFlag, longest: float = 5.0, interrupted: float = 0.3
+) -> None:
     """Let reliable data reach its readers before the process exits.
 
     A retransmission takes 3 s with the middleware's defaults, and a dead reader never
     acknowledges. A writer cannot distinguish these two cases. So a process that knows that no
     reader is left sends SIGTERM once more to end the wait.
     """
-    longest = _INTERRUPTED_FLUSH if stop.is_interrupt else _LONGEST_FLUSH
-    deadline = time.monotonic() + longest
+    # After SIGINT a person waits for the end.
+    deadline = time.monotonic() + (interrupted if stop.is_interrupt else longest)  # [s]
     step = Duration(nanoseconds=int(_POLL * 1e9))  # short, so that signals are noticed
     for publisher in node.publishers:
         while not publisher.wait_for_all_acked(step):

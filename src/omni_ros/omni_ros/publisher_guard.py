@@ -8,7 +8,6 @@ from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
 _NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's name of a new publisher's node
-_PERIOD = 0.1  # [s] between two checks of the graph; counting a subscription's matches is cheaper
 
 
 class PublisherGuard:
@@ -18,15 +17,20 @@ class PublisherGuard:
         node: the node that watches the graph.
         subscribed: subscriptions that must have one publisher.
         published: publishers that must be the only ones of their topics.
+        period: time between two checks of the graph [s]; a check of the subscriptions costs less.
     """
 
     def __init__(
-        self, node: Node, subscribed: Sequence[Subscription], published: Sequence[Publisher] = ()
+        self,
+        node: Node,
+        subscribed: Sequence[Subscription],
+        published: Sequence[Publisher] = (),
+        period: float = 0.1,
     ) -> None:
-        self._node = node
+        self._node, self._period = node, period
         self._subscribed = subscribed
         self._published = published
-        self._looked = -_PERIOD
+        self._looked = -period
         self._rival: str | None = None
 
     def second(self) -> str | None:
@@ -35,7 +39,7 @@ class PublisherGuard:
             if subscription.get_publisher_count() > 1:
                 return self._sentence(subscription.topic_name)
         now = time.monotonic()
-        if now - self._looked >= _PERIOD:
+        if now - self._looked >= self._period:
             self._looked = now
             topics = (publisher.topic_name for publisher in self._published)
             rivals = (topic for topic in topics if self._node.count_publishers(topic) > 1)

@@ -3,54 +3,54 @@
 from collections.abc import Callable
 from typing import Any
 
+from rclpy import qos as policies
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSPolicyKind,
-    QoSProfile,
-    ReliabilityPolicy,
-)
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 # At 100 Hz a recorder may stall for two seconds without a loss.
-RELIABLE = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE
+RELIABLE = policies.QoSProfile(
+    history=policies.HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=policies.ReliabilityPolicy.RELIABLE,
 )
 
 # For topics of which only the newest message counts: a stalled node then has 0.1 s to process.
-RECENT = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
+RECENT = policies.QoSProfile(
+    history=policies.HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=policies.ReliabilityPolicy.RELIABLE,
 )
 
 # Also matches cameras whose drivers offer best effort, as most sensor drivers do; may lose lines.
-BEST_EFFORT = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.BEST_EFFORT
+BEST_EFFORT = policies.QoSProfile(
+    history=policies.HistoryPolicy.KEEP_LAST,
+    depth=20,
+    reliability=policies.ReliabilityPolicy.BEST_EFFORT,
 )
 
 # For messages that are published once: later subscriptions receive them too.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
+LATCHED = policies.QoSProfile(
+    history=policies.HistoryPolicy.KEEP_LAST,
     depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    reliability=policies.ReliabilityPolicy.RELIABLE,
+    durability=policies.DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
 
 # Policies that a parameter may set; deadline and liveliness report a silent node to others.
 _OVERRIDABLE = (
-    QoSPolicyKind.HISTORY,
-    QoSPolicyKind.DEPTH,
-    QoSPolicyKind.RELIABILITY,
-    QoSPolicyKind.DEADLINE,
-    QoSPolicyKind.LIVELINESS,
-    QoSPolicyKind.LIVELINESS_LEASE_DURATION,
+    policies.QoSPolicyKind.HISTORY,
+    policies.QoSPolicyKind.DEPTH,
+    policies.QoSPolicyKind.RELIABILITY,
+    policies.QoSPolicyKind.DEADLINE,
+    policies.QoSPolicyKind.LIVELINESS,
+    policies.QoSPolicyKind.LIVELINESS_LEASE_DURATION,
 )
 
 
-def advertise(node: Node, kind: Any, topic: str, qos: QoSProfile = RELIABLE) -> Publisher:
+def advertise(node: Node, kind: Any, topic: str, qos: policies.QoSProfile = RELIABLE) -> Publisher:
     """Return a publisher whose quality of service can be overridden by parameters.
 
     The parameters have the names of ROS, such as ``qos_overrides./TOPIC.publisher.depth``: history,
@@ -65,7 +65,7 @@ def subscribe(
     kind: Any,
     topic: str,
     take: Callable[[Any], None],
-    qos: QoSProfile = RELIABLE,
+    qos: policies.QoSProfile = RELIABLE,
     *,
     raw: bool = False,
 ) -> Subscription:

@@ -9,8 +9,6 @@ from rosgraph_msgs.msg import Clock
 from omni_ros.qos import advertise
 
 _TOPIC = "/clock"
-_DISCOVERY = 0.5  # [s] in which the nodes of a ROS domain find each other
-_PERIOD = 0.1  # [s] between two checks of the publishers
 
 
 class SharedClock:
@@ -21,18 +19,22 @@ class SharedClock:
     Args:
         node: the node that publishes.
         alone: whether to publish at once, as in a ROS domain without other simulators.
+        discovery: time in which the nodes of a ROS domain find each other [s].
+        period: time between two checks of the publishers [s].
     """
 
-    def __init__(self, node: Node, alone: bool) -> None:
-        self._node = node
+    def __init__(
+        self, node: Node, alone: bool, discovery: float = 0.5, period: float = 0.1
+    ) -> None:
+        self._node, self._period = node, period
         self._publisher: Publisher | None = advertise(node, Clock, _TOPIC) if alone else None
-        self._due = time.monotonic() + (0.0 if alone else _DISCOVERY)
+        self._due = time.monotonic() + (0.0 if alone else discovery)
 
     def publisher(self) -> Publisher | None:
         """Return the publisher of the time, None while another node publishes it."""
         now = time.monotonic()
         if now >= self._due:
-            self._due = now + _PERIOD
+            self._due = now + self._period
             self._check_publishers()
         return self._publisher
 

@@ -1,9 +1,15 @@
-"""Start of a node's process; a signal during the imports ends it without a traceback."""
+"""Start of a node's process; a signal during the imports ends it without a traceback.
+
+The executables of the packages start the modules that their entry points of the group
+``omni_nodes`` name.
+"""
 
 import importlib
 import os
 import signal
 import sys
+from importlib.metadata import entry_points
+from pathlib import Path
 
 
 def start_lightly() -> None:
@@ -17,7 +23,7 @@ def start_lightly() -> None:
 
 
 def start_node(module: str) -> None:
-    """Import the module of a node and run its ``main``.
+    """Import the module of a node, run its ``main`` and exit with the code that it returns.
 
     Imports take a second, in which Ctrl-C would print a traceback.
 
@@ -27,12 +33,14 @@ def start_node(module: str) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))
     start_lightly()
-    try:
-        importlib.import_module(module).main()
-    except SystemExit as end:
-        if isinstance(end.code, int):
-            # All is flushed and closed. The clean-up of the interpreter would take a second.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(end.code)
-        raise
+    code = importlib.import_module(module).main()
+    # All is flushed and closed. The clean-up of the interpreter would take a second.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def main() -> None:
+    """Run the node of the executable that was started."""
+    (entry,) = entry_points(group="omni_nodes", name=Path(sys.argv[0]).name)
+    start_node(entry.module)

@@ -10,9 +10,10 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from omni_platform.configuration import Configuration, parameter
-from omni_ros import messages, qos
+from omni_platform.quantities import SECOND_NS
+from omni_ros import messages, parameters, qos
 
-OK, WARN, ERROR = 0, 1, 2  # levels
+OK, WARN, ERROR = range(3)  # levels
 _SILENCE = 1.0  # [s] without an update, after which the last status no longer holds
 
 
@@ -52,12 +53,11 @@ class StatusReporter:
     simulated time is paused.
 
     Args:
-        node: the node.
-        period: period of the steady clock [s], 0 for none.
+        node: the node, which gets the parameter of `StatusConfiguration`.
         first: status until the first update.
     """
 
-    def __init__(self, node: Node, period: float, first: Status) -> None:
+    def __init__(self, node: Node, first: Status) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.RELIABLE)
         self._name = node.get_fully_qualified_name().removeprefix("/")
@@ -67,6 +67,7 @@ class StatusReporter:
         self._logged = OK  # level that was logged last
         self._published = False  # whether a status was published since the last call of the timer
         self._updated: float | None = None  # time of the last update on the steady clock [s]
+        period = parameters.declare_configuration(node, StatusConfiguration).diagnostics_period
         if period > 0.0:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
@@ -76,7 +77,8 @@ class StatusReporter:
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0
         self._status = status
-        if changed or not 0 <= age_ns < messages.DIAGNOSTICS_PERIOD_NS:
+        # An unchanged status is published again after a second, for late subscriptions.
+        if changed or not 0 <= age_ns < SECOND_NS:
             if changed and key != self._key:
                 self._log(status)
             self._key = key

@@ -11,7 +11,6 @@ package.
 
 import dataclasses
 import math
-import sys
 import time
 from functools import partial
 
@@ -339,9 +338,9 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         NodeError: in lockstep a reply does not come within the limit; names the node.
     """
     simulator = node.simulator
-    expected, timeout = node.startup.subscribers, node.startup.match_timeout
-    process.await_subscribers(node.outputs, expected, spinner, timeout)
-    process.await_subscribers(node.recorded_outputs, max(0, expected - 1), spinner, timeout)
+    node.startup.await_subscribers(node.outputs, spinner)
+    recorders = max(0, node.startup.subscribers - 1)
+    node.startup.await_subscribers(node.recorded_outputs, spinner, recorders)
     node.publish_descriptions()
     progress = run_progress.RunProgress(node.configuration)
     started = time.monotonic()
@@ -395,10 +394,8 @@ def _pace(spinner: process.Spinner, deadline: float) -> None:
         spinner.spin_once(remaining)
 
 
-def main() -> None:
-    """Run the node to its end or until SIGINT or SIGTERM."""
-    sys.exit(process.run_process(SimulatorNode, run))
+main = partial(process.run_process, SimulatorNode, run)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

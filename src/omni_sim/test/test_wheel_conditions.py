@@ -113,5 +113,5 @@ def test_power_ends_no_torque_at_standstill(forklift: VehicleConfiguration) -> N
 
 
 def test_a_condition_of_no_wheel_is_refused(forklift: VehicleConfiguration) -> None:
-    with pytest.raises(ConfigurationError, match=r"conditions.front_lift: .* 'front_left'"):
+    with pytest.raises(ConfigurationError, match=r"conditions: 'front_lift' .* 'front_left'"):
         in_condition(forklift, "front_lift")

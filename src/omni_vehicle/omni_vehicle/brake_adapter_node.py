@@ -5,8 +5,8 @@ The contract (topics, types, parameters, timeouts) is in the README of this pack
 
 import dataclasses
 import math
-import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import RECENT, advertise, subscribe
-from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter, steady_clock
+from omni_ros.status import ERROR, OK, Status, StatusReporter, steady_clock
 from omni_vehicle.brake_adapter import (
     BrakeAdapter,
     BrakeAdapterConfiguration,
@@ -79,11 +79,7 @@ class BrakeAdapterNode(Node):
         subscribe(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
         if topics.estop:
             subscribe(self, Bool, "estop", self._on_estop, RECENT)
-        self._status = StatusReporter(
-            self,
-            declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(ERROR, "no enables yet: all brakes on"),
-        )
+        self._status = StatusReporter(self, Status(ERROR, "no enables yet: all brakes on"))
         self._stepped = time.monotonic()
         self.create_timer(topics.period, self._step, clock=steady_clock())
 
@@ -181,10 +177,8 @@ class BrakeAdapterNode(Node):
         self._status.update(stamp_ns, problem, Status(ERROR if problem else OK, words))
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    sys.exit(run_process(BrakeAdapterNode, spin_until_stopped))
+main = partial(run_process, BrakeAdapterNode, spin_until_stopped)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -12,6 +12,7 @@ imported when a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gp
 from __future__ import annotations
 
 import dataclasses
+import enum
 import importlib
 import math
 import struct
@@ -23,14 +24,27 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import FloatArray
 
 PMW3901, PAA5100, OTOS = CHIPS = ("pmw3901", "paa5100", "otos")
-_COUNT_DEVIATION = 1.0 / math.sqrt(12.0)  # standard deviation by rounding to whole counts
-_ORIENTATION_REGISTER = 0x5B
-_MOTION_REGISTER = 0x16
-_PRODUCT = 0x49  # product id of both chips
-_DARK = 0x1F  # upper byte of the longest exposure
-_MOVED = 0x80  # bit of the motion register
-_OTOS_FAULTS = 0xC0  # status bits: the optical chip or the IMU has failed
-_OTOS_WARNINGS = 0x03  # status bits: the chip is tilted, or its optical tracking is poor
+
+
+class _Pixart(enum.IntEnum):
+    """Registers and values of the PMW3901 and the PAA5100."""
+
+    PRODUCT = 0x49
+    MOTION_REGISTER = 0x16
+    ORIENTATION_REGISTER = 0x5B
+    MOVED = 0x80
+    """Bit of the motion register"""
+    DARK = 0x1F
+    """Upper byte of the longest exposure"""
+
+
+class _OtosStatus(enum.IntEnum):
+    """Bits of the status of an OTOS."""
+
+    FAULTS = 0xC0
+    """The optical chip or the IMU has failed"""
+    WARNINGS = 0x03
+    """The chip is tilted, or its optical tracking is poor"""
 
 
 class FlowChipError(Exception):
@@ -144,7 +158,7 @@ class CountingChip:
             invert_y=configuration.invert_y,
             swap_xy=configuration.swap_xy,
         )
-        self._orientation = self._register(_ORIENTATION_REGISTER)
+        self._orientation = self._register(_Pixart.ORIENTATION_REGISTER)
         self._time: float | None = None
         self.counts = [0, 0]
 
@@ -152,26 +166,26 @@ class CountingChip:
         """Return the mean velocity since the last reading."""
         try:
             # One transfer, so that all values belong together; the chip then counts from zero.
-            burst = self._chip.spi_dev.xfer2([_MOTION_REGISTER] + [0] * 12)
-            product, orientation = self._register(0), self._register(_ORIENTATION_REGISTER)
+            burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)
+            product, orientation = self._register(0), self._register(_Pixart.ORIENTATION_REGISTER)
         except OSError as error:
             raise FlowChipError(f"the bus failed: {error}") from None
-        if product != _PRODUCT or orientation != self._orientation:
+        if product != _Pixart.PRODUCT or orientation != self._orientation:
             raise FlowChipError("the chip was lost or has been reset")
         _, motion, _, x, y, quality, *_, shutter, _ = struct.unpack("<BBBhhBBBBBB", bytes(burst))
         before, self._time = self._time, time
         if before is None or time <= before:
             return FlowSample.unmeasured("first reading")
         limits, elapsed = self._configuration, time - before
-        if quality < limits.minimum_quality or shutter == _DARK:
+        if quality < limits.minimum_quality or shutter == _Pixart.DARK:
             return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
-        moved = np.array([x, y] if motion & _MOVED else [0, 0])
+        moved = np.array([x, y] if motion & _Pixart.MOVED else [0, 0])
         self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
         velocity = moved / (limits.counts_per_meter * elapsed)
         speed = math.hypot(*velocity)
         if speed > limits.maximum_speed > 0.0:
             return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
-        rounding = _COUNT_DEVIATION / (limits.counts_per_meter * elapsed)
+        rounding = 1.0 / math.sqrt(12.0) / (limits.counts_per_meter * elapsed)
         deviation = math.hypot(rounding, limits.relative_deviation * speed)
         return FlowSample(
             np.array([*velocity, math.nan]), np.array([deviation, deviation, math.nan]), ""
@@ -203,9 +217,9 @@ class OtosChip:
             position, velocity, _, _, deviation, _ = self._chip.getPosVelAccAndStdDev()
         except OSError as error:
             raise FlowChipError(f"the bus failed: {error}") from None
-        if status == 0xFF or status & _OTOS_FAULTS:
+        if status == 0xFF or status & _OtosStatus.FAULTS:
             raise FlowChipError(f"the board reports a failure, status {status:#04x}")
-        if status & _OTOS_WARNINGS:
+        if status & _OtosStatus.WARNINGS:
             return FlowSample.unmeasured(f"tilted or poor tracking, status {status:#04x}")
         # The board reports the velocity in the frame in which it tracks its pose.
         cos, sin = math.cos(position.h), math.sin(position.h)

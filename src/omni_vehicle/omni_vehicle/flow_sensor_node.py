@@ -4,8 +4,9 @@ The contract (topics, types, parameters, timeouts) is in the README of this pack
 """
 
 import dataclasses
-import sys
+import math
 import time
+from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -13,30 +14,12 @@ from rclpy.node import Node
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.signals import UNMEASURED_VARIANCE
-from omni_ros.messages import header
+from omni_ros.messages import planar_twist_with_covariance
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import advertise
-from omni_ros.status import (
-    ERROR,
-    OK,
-    WARN,
-    Status,
-    StatusConfiguration,
-    StatusReporter,
-    steady_clock,
-)
-from omni_vehicle.flow_chips import (
-    CountingChip,
-    FlowChip,
-    FlowChipConfiguration,
-    FlowChipError,
-    FlowSample,
-    open_chip,
-)
-
-_RETRY = 1.0  # [s] between two attempts to open a chip
-_PLACES = (0, 1, 5)  # indices of v_x, v_y and yaw rate in a twist of six components
+from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter, steady_clock
+from omni_vehicle import flow_chips
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,6 +30,8 @@ class FlowNodeConfiguration(Configuration):
     """Name of the sensor, as under flow_sensors"""
     period: float = parameter(0.01, unit="s", minimum=0.002, maximum=0.5)
     """Time between two readings"""
+    retry_period: float = parameter(1.0, unit="s", above=0.0)
+    """Time between two attempts to open the chip"""
 
 
 class FlowSensorNode(Node):
@@ -54,17 +39,13 @@ class FlowSensorNode(Node):
 
     def __init__(self) -> None:
         super().__init__("flow_sensor")
-        self._configuration = declare_configuration(self, FlowChipConfiguration)
+        self._configuration = declare_configuration(self, flow_chips.FlowChipConfiguration)
         node = declare_configuration(self, FlowNodeConfiguration)
-        self._frame = node.sensor
-        self._chip: FlowChip | None = None
-        self._attempted = -_RETRY
+        self._frame, self._retry_period = node.sensor, node.retry_period
+        self._chip: flow_chips.FlowChip | None = None
+        self._attempted = -math.inf
         self._twist = advertise(self, TwistWithCovarianceStamped, f"flow/{node.sensor}/twist")
-        self._status = StatusReporter(
-            self,
-            declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(ERROR, "no reading yet"),
-        )
+        self._status = StatusReporter(self, Status(ERROR, "no reading yet"))
         self.create_timer(node.period, self._step, clock=steady_clock())
 
     def _step(self) -> None:
@@ -72,41 +53,38 @@ class FlowSensorNode(Node):
         stamp_ns = self.get_clock().now().nanoseconds
         try:
             if self._chip is None:
-                if now - self._attempted < _RETRY:
+                if now - self._attempted < self._retry_period:
                     return
                 self._attempted = now
-                self._chip = open_chip(self._configuration)
+                self._chip = flow_chips.open_chip(self._configuration)
             sample = self._chip.read(time.monotonic())
-        except FlowChipError as error:
+        except flow_chips.FlowChipError as error:
             # Publish nothing: subscribers brake all wheels after their timeout.
             self._chip = None
             self._status.update(stamp_ns, "lost", Status(ERROR, f"{error}; trying again"))
             return
         self._twist.publish(_message(stamp_ns, self._frame, sample))
         values = {"sensor": self._frame}
-        if isinstance(self._chip, CountingChip):
+        if isinstance(self._chip, flow_chips.CountingChip):
             values["counts"] = " ".join(map(str, self._chip.counts))
         words = sample.problem or "measures"
         level = WARN if sample.problem else OK
         self._status.update(stamp_ns, bool(sample.problem), Status(level, words, values))
 
 
-def _message(stamp_ns: int, frame: str, sample: FlowSample) -> TwistWithCovarianceStamped:
-    message = TwistWithCovarianceStamped(header=header(stamp_ns, frame))
+def _message(
+    stamp_ns: int, frame: str, sample: flow_chips.FlowSample
+) -> TwistWithCovarianceStamped:
     measured = np.isfinite(sample.velocity) & np.isfinite(sample.deviation)
-    values = np.where(measured, sample.velocity, 0.0)
-    twist = message.twist.twist
-    twist.linear.x, twist.linear.y, twist.angular.z = map(float, values)
-    variance = np.full(6, UNMEASURED_VARIANCE)
-    variance[list(_PLACES)] = np.where(measured, sample.deviation**2, UNMEASURED_VARIANCE)
-    message.twist.covariance = np.diag(variance).ravel()
+    velocity = np.where(measured, sample.velocity, 0.0)
+    variance = np.where(measured, sample.deviation**2, UNMEASURED_VARIANCE)
+    message = planar_twist_with_covariance(stamp_ns, velocity, np.diag(variance))
+    message.header.frame_id = frame
     return message
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    sys.exit(run_process(FlowSensorNode, spin_until_stopped))
+main = partial(run_process, FlowSensorNode, spin_until_stopped)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

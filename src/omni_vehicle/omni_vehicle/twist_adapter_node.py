@@ -4,7 +4,7 @@ The contract (topics, types, parameters) is in the README of this package.
 """
 
 import dataclasses
-import sys
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, advertise, subscribe
-from omni_ros.status import ERROR, OK, Status, StatusConfiguration, StatusReporter
+from omni_ros.status import ERROR, OK, Status, StatusReporter
 
 _TYPES = {
     "odometry": Odometry,
@@ -56,11 +56,7 @@ class TwistAdapterNode(Node):
         # Best effort matches publishers of either reliability.
         kind = _TYPES[self._configuration.input_type]
         subscribe(self, kind, "input", self._on_input, BEST_EFFORT)
-        self._status = StatusReporter(
-            self,
-            declare_configuration(self, StatusConfiguration).diagnostics_period,
-            Status(ERROR, "no twist yet"),
-        )
+        self._status = StatusReporter(self, Status(ERROR, "no twist yet"))
 
     def _on_input(self, message: Any) -> None:
         stamp_ns = to_nanoseconds(message.header.stamp)
@@ -87,10 +83,8 @@ class TwistAdapterNode(Node):
         self._status.update(stamp_ns, problem, words)
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    sys.exit(run_process(TwistAdapterNode, spin_until_stopped))
+main = partial(run_process, TwistAdapterNode, spin_until_stopped)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -5,10 +5,10 @@ The contract (topics, types, QoS, parameters) is in the README of this package.
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections import deque
+from functools import partial
 
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
@@ -22,10 +22,10 @@ from omni_platform.configuration import ConfigurationError
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import camera_info, line_image
 from omni_ros.parameters import declare_configuration
-from omni_ros.process import NodeError, Spinner, await_subscribers, run_process
+from omni_ros.process import NodeError, Spinner, run_process
 from omni_ros.qos import LATCHED, advertise
 from omni_ros.startup import StartupConfiguration
-from omni_ros.status import ERROR, OK, WARN, Status, StatusConfiguration, StatusReporter
+from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 
 _MOST_WAITING = 64  # frames that wait to be published; beyond, they are lost
 _OFF_RATE = 0.01  # largest deviation of the rate from the configured one [1]
@@ -41,14 +41,13 @@ class CameraNode(Node):
         self.startup = declare_configuration(self, StartupConfiguration)
         self._configuration = configuration = declare_configuration(self, CameraConfiguration)
         self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
-        period = declare_configuration(self, StatusConfiguration).diagnostics_period
         self._assembler = LineAssembler(configuration)
         self._source = open_source(configuration)
         name = configuration.sensor
         self._lines = advertise(self, Image, f"line_scan/{name}/lines")
         self._info = self.create_publisher(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
         self._status = StatusReporter(
-            self, period, Status(ERROR, f"no frame yet of {configuration.source}")
+            self, Status(ERROR, f"no frame yet of {configuration.source}")
         )
         self.outputs = (self._lines,)
         self._frames: deque[tuple[Frame, int]] = deque()
@@ -168,17 +167,14 @@ class CameraNode(Node):
         self._status.update(stamp_ns, key, Status(level, "; ".join(words) or "delivering", values))
 
 
-def main() -> None:
-    """Run the node until the end of a file, SIGINT or SIGTERM."""
+def run(node: CameraNode, spinner: Spinner) -> None:
+    """Publish lines until the end of a file or a signal."""
+    node.startup.await_subscribers(node.outputs, spinner)
+    node.run(spinner)
 
-    def run(node: CameraNode, spinner: Spinner) -> None:
-        await_subscribers(
-            node.outputs, node.startup.subscribers, spinner, node.startup.match_timeout
-        )
-        node.run(spinner)
 
-    sys.exit(run_process(CameraNode, run))
+main = partial(run_process, CameraNode, run)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -12,7 +12,7 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import LineBatch, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.sideslip.angle import SideslipEstimate, WheelSideslip
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, check_choice
 from omni_platform.quantities import FloatArray
 
 
@@ -44,9 +44,7 @@ class SideslipMeter:
         Raises:
             ConfigurationError: the wheel is not one of them.
         """
-        if wheel not in configuration.sideslip:
-            known = ", ".join(configuration.sideslip) or "none"
-            raise ConfigurationError("sideslip", f"{wheel!r} is not one of the wheels: {known}")
+        check_choice("sideslip", wheel, configuration.sideslip)
         settings = configuration.sideslip[wheel]
         sensor = configuration.sensors[settings.sensor]
         self._camera = SensorOdometry(sensor, configuration)

@@ -11,12 +11,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from omni_bringup.command_report import Report, write_text
+from omni_bringup.command_report import Report, estimate, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.sensors import velocity_row
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ WORK = "matching lines and fitting"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni calibrate-sensors``."""
 
     drives: tuple[Path, ...] = option(positional=True, metavar="DRIVE")
@@ -36,25 +36,23 @@ class Options(Configuration):
     simulation (default: ground truth if it was recorded)"""
     out: Path | None = option(None, metavar="DIR")
     """folder of sensors.yaml and the picture (default: results/calibrate-sensors)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Calibrate the cameras, write the calibration and draw the residuals."""
     from omni_bringup.replay.lines import read_batches
-    from omni_bringup.replay.plan import replay_configuration
+    from omni_bringup.replay.plan import recorded_configuration
     from omni_bringup.replay.reference import read_reference
     from omni_figures.style import save_figure
     from omni_recording.folder import open_vehicle
     from omni_tools.line_files.calibration import calibrate, draw_residuals, observe
 
-    library = workspace.experiment_library()
     seen: dict[str, list[Any]] = {}
     nominal: Mapping[str, Any] = {}
     kinds = set()
     for path in options.drives:
         bag = open_vehicle(path)
-        configuration = replay_configuration(bag, library, None, ())
+        configuration = recorded_configuration(bag)
         sensors = configuration.odometry.sensors
         if nominal and sensors != nominal:
             raise ConfigurationError(
@@ -72,7 +70,6 @@ def run(options: Options, workspace: Workspace) -> Report:
     file = write_text(folder / "sensors.yaml", _yaml(found))
     picture = save_figure(draw_residuals(found, title), folder.resolve() / "residuals.png")
     return Report(
-        name="calibrate-sensors",
         metrics=_metrics(found),
         details={"files": [str(file), str(picture)]},
         text=_text(found),
@@ -81,29 +78,38 @@ def run(options: Options, workspace: Workspace) -> Report:
     )
 
 
+class _Row(NamedTuple):
+    """A calibrated quantity of a camera."""
+
+    quantity: str
+    unit: str
+    nominal: float
+    found: float
+    error: float
+
+
+def _rows(one: Calibration) -> Iterator[_Row]:
+    nominal, sensor, error = one.nominal, one.sensor, one.error
+    side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
+    before, lever = (velocity_row(at.x, at.y, at.heading)[2] for at in (nominal, sensor))
+    yield _Row("pitch", "m", nominal.pixel_pitch, sensor.pixel_pitch, error["pitch"])
+    yield _Row("length", "m", nominal.length, sensor.length, error["pitch"] * sensor.pixels)
+    turned = math.degrees(error["heading"])
+    yield _Row("heading", "deg", nominal.heading_deg, sensor.heading_deg, turned)
+    yield _Row("x", "m", nominal.x, sensor.x, error["lever"] * side)
+    yield _Row("y", "m", nominal.y, sensor.y, error["lever"] * ahead)
+    yield _Row("lever", "m", before, lever, error["lever"])
+    yield _Row("line_rate", "1/s", nominal.line_rate, sensor.line_rate, error["line_rate"])
+
+
 def _metrics(found: Mapping[str, Calibration]) -> dict[str, Any]:
     metrics: dict[str, Any] = {}
     for name, one in found.items():
-        sensor, error = one.sensor, one.error
         residual = math.sqrt(sum(float(r @ r) for r in one.residual) / sum(map(len, one.residual)))
-        side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
-        _, _, lever = velocity_row(sensor.x, sensor.y, sensor.heading)
-        for quantity, value, unit, uncertain in (
-            ("pitch", sensor.pixel_pitch, "m", error["pitch"]),
-            ("length", sensor.length, "m", error["pitch"] * sensor.pixels),
-            ("heading", sensor.heading_deg, "deg", math.degrees(error["heading"])),
-            ("x", sensor.x, "m", error["lever"] * side),
-            ("y", sensor.y, "m", error["lever"] * ahead),
-            ("lever", lever, "m", error["lever"]),
-            ("line_rate", sensor.line_rate, "1/s", error["line_rate"]),
-            ("mirrored", float(one.mirrored), "1", 0.0),
-            ("residual", residual, "m/s", 0.0),
-        ):
-            metrics[f"{quantity}.{name}"] = {
-                "value": value,
-                "unit": unit,
-                "standard_error": uncertain,
-            }
+        for row in _rows(one):
+            metrics[f"{row.quantity}.{name}"] = estimate(row.found, row.unit, row.error)
+        metrics[f"mirrored.{name}"] = estimate(one.mirrored, "1", 0.0)
+        metrics[f"residual.{name}"] = estimate(residual, "m/s", 0.0)
     return metrics
 
 
@@ -141,22 +147,11 @@ def _text(found: Mapping[str, Calibration]) -> Iterator[Any]:
         "camera", "quantity", "unit", "nominal", "found", "standard error", pad_edge=False
     )
     for name, one in found.items():
-        nominal, sensor, error = one.nominal, one.sensor, one.error
-        side, ahead = abs(math.sin(sensor.heading)), abs(math.cos(sensor.heading))
-        rows = (
-            ("length", "mm", 1e3 * nominal.length, 1e3 * sensor.length,
-             1e3 * error["pitch"] * sensor.pixels),
-            ("heading", "deg", nominal.heading_deg, sensor.heading_deg,
-             math.degrees(error["heading"])),
-            ("x", "mm", 1e3 * nominal.x, 1e3 * sensor.x, 1e3 * error["lever"] * side),
-            ("y", "mm", 1e3 * nominal.y, 1e3 * sensor.y, 1e3 * error["lever"] * ahead),
-            ("line rate", "1/s", nominal.line_rate, sensor.line_rate, error["line_rate"]),
-        )  # fmt: skip
-        for i, (quantity, unit, before, after, uncertain) in enumerate(rows):
-            table.add_row(
-                name if i == 0 else "", quantity, unit, f"{before:.6g}", f"{after:.6g}",
-                f"{uncertain:.2g}",
-            )  # fmt: skip
+        for row in _rows(one):
+            scale, unit = (1e3, "mm") if row.unit == "m" else (1.0, row.unit)
+            before, after = f"{scale * row.nominal:.6g}", f"{scale * row.found:.6g}"
+            words = row.quantity.replace("_", " ")
+            table.add_row(name, words, unit, before, after, f"{scale * row.error:.2g}")
     yield table
     for name, one in found.items():
         if one.unseen:

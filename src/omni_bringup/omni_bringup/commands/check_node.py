@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import parameter
 
 if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration
@@ -28,7 +28,7 @@ WORK = "checking the node"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni check-node``."""
 
     node: str = option(
@@ -42,7 +42,6 @@ class Options(Configuration):
     ROS_DOMAIN_ID)"""
     duration: float = parameter(10.0, unit="s", above=1.0, maximum=600.0)
     """time for which messages of a simulator are checked"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -52,8 +51,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_recording.folder import open_vehicle
 
     recording = options.recording or workspace.folder / "bags" / "small_stop" / "assisted"
-    remedy = "give a recording that ./omni run has made"
-    configuration = recorded_configuration(open_vehicle(recording), (), "BAG", remedy)
+    configuration = recorded_configuration(open_vehicle(recording))
     with _node(options.start) as (domain, alive), closing(Partner(domain)) as partner:
         if options.node == "simulator":
             values, breaches = _check_simulator(partner, configuration, options.duration)
@@ -62,7 +60,6 @@ def run(options: Options, workspace: Workspace) -> Report:
                 partner, recording, configuration, options.node, alive
             )
     return Report(
-        name="check-node",
         metrics=entries({**values, "breaches.all": (len(breaches), "1")}),
         details={"node": options.node, "breaches": breaches},
         text=breaches or [f"the {options.node} keeps its contract"],

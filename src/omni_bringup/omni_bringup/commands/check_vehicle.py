@@ -19,8 +19,8 @@ import yaml
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import parameter
 
 if TYPE_CHECKING:
     from omni_tools.commissioning.signals import Signals
@@ -31,7 +31,7 @@ _LIVE = Path("live")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni check-vehicle``."""
 
     recording: Path = option(positional=True, metavar="RECORDING")
@@ -49,7 +49,6 @@ class Options(Configuration):
     """time within which a live drive must be complete"""
     out: Path | None = option(None, metavar="FILE")
     """corrected file of the vehicle (default: results/check-vehicle/RECORDING.yaml)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -85,7 +84,6 @@ def run(options: Options, workspace: Workspace) -> Report:
         text = yaml.safe_dump(changed, sort_keys=False, default_flow_style=None)
         files.append(write_text(path, head + text))
     return Report(
-        name="check-vehicle",
         metrics={"mistakes.all": {"value": len(mistakes), "unit": "1"}},
         details={"mistakes": [{"name": one.name, "remedy": one.remedy} for one in mistakes]},
         text=[f"{one.name}: {one.remedy}" for one in mistakes] or ["no mistake found"],

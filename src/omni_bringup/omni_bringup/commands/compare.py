@@ -9,16 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from omni_bringup import command_report, workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration
+from omni_platform.command_options import CommandOptions, option
 
 WORK = "measuring the recordings"
 
-_SHOWN = 3  # values of a part that are named
-
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni compare``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
@@ -29,7 +26,6 @@ class Options(Configuration):
     """largest permitted change of orientation"""
     csv: Path | None = option(None, metavar="FILE")
     """write the table here too"""
-    json: bool = json_option()
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
@@ -74,13 +70,13 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     )
 
 
-def _in_words(differences: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Yield a line for each part of the configuration that is not the same in all recordings."""
+def _in_words(differences: Mapping[str, Sequence[str]], most: int = 3) -> Iterator[str]:
+    """Yield a line for each part of the configuration that differs, with its first values."""
     parts: dict[str, list[str]] = {}
     for key, values in differences.items():
         part, _, name = key.partition(".")
         shown = " | ".join(value or "none" for value in values)
         parts.setdefault(part, []).append(f"{name} {shown}".strip())
     for part, words in parts.items():
-        more = f" and {len(words) - _SHOWN} more" if len(words) > _SHOWN else ""
-        yield command_report.printable(f"{part} differs: {', '.join(words[:_SHOWN])}{more}")
+        more = f" and {len(words) - most} more" if len(words) > most else ""
+        yield command_report.printable(f"{part} differs: {', '.join(words[:most])}{more}")

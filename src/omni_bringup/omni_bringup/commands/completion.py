@@ -46,7 +46,7 @@ def run(_options: Options, workspace: Workspace) -> Report:
     cases.sort(key=lambda case: -len(case[0]))
     lines = [f'    "{path}"{"*" if path else ""}) choices="{words}" ;;' for path, words in cases]
     script = _SCRIPT.format(cases="\n".join(lines), values="\n".join(values))
-    return Report(name="completion", text=script.splitlines())
+    return Report(text=script.splitlines())
 
 
 def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:

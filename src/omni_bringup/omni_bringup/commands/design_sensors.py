@@ -14,23 +14,20 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
+from omni_platform.command_options import CommandOptions, option
 from omni_tools.placement.options import PlacementOptions
 
 if TYPE_CHECKING:
     from omni_tools.placement import evaluation, trials
     from omni_tools.placement.design import Design, DesignTask
 
-_DRAWN = 4  # placements in the figure
-
 
 @dataclass(frozen=True, kw_only=True)
-class Options(PlacementOptions):
+class Options(PlacementOptions, CommandOptions):
     """Options of ``omni design-sensors``."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of placement and figure (default: results/design-sensors/VEHICLE)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -52,7 +49,6 @@ def run(options: Options, workspace: Workspace) -> Report:
     figure = placement_figure(_drawn(result, task), result.criterion, task.area, title)
     singular = [name for name in task.given if result.placement(name).singular]
     return Report(
-        name="design-sensors",
         metrics=entries(task, result, driven),
         text=_text(task, result, driven, _conditions(task, options)),
         files=(placement, save_figure(figure, folder.resolve() / "placements.png")),
@@ -69,7 +65,7 @@ def _conditions(task: DesignTask, options: Options) -> str:
 def _drawn(result: Design, task: DesignTask) -> list[evaluation.EvaluatedPlacement]:
     """Return the best placement and up to three others for comparison."""
     names = [*task.given, "tangential", "radial", "condition"]
-    return [result.best, *(result.placement(name) for name in names[: _DRAWN - 1])]
+    return [result.best, *(result.placement(name) for name in names[:3])]
 
 
 def _text(

@@ -21,22 +21,17 @@ import yaml
 
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration
-
-_NEEDED = 0.2e9  # [B] of disk space for a run with its recordings
-_PATIENCE = 30.0  # [s] until two nodes must have met
+from omni_platform.command_options import CommandOptions, option
 
 WORK = "checking"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni doctor``."""
 
     parameters: Path | None = option(None, metavar="DIR")
     """folder of ./omni ros-params, whose warning about the source of the twist is shown"""
-    json: bool = json_option()
 
 
 class TroubleError(Exception):
@@ -64,7 +59,6 @@ def run(options: Options, workspace: Workspace) -> Report:
         except TroubleError as trouble:
             found[name] = {"ok": False, "words": str(trouble)}
     return Report(
-        name="doctor",
         details={"checks": found},
         text=(
             f"{'ok' if one['ok'] else 'wrong':<7} {name}: {one['words']}"
@@ -78,24 +72,23 @@ def _python(_: Path) -> str:
     return f"{platform.python_version()} on {platform.system()} {platform.machine()}"
 
 
+def _imported(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except Exception as error:
+        raise TroubleError(
+            f"{name} cannot be imported ({error}); delete .venv and start again"
+        ) from None
+
+
 def _packages(_: Path) -> str:
-    for name in ("numpy", "numba", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
-        try:
-            importlib.import_module(name)
-        except Exception as error:
-            raise TroubleError(
-                f"{name} cannot be imported ({error}); delete .venv and start again"
-            ) from None
-    return f"numba {importlib.import_module('numba').__version__} and all others are there"
+    for name in ("numpy", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
+        _imported(name)
+    return f"numba {_imported('numba').__version__} and all others are there"
 
 
 def _ros(_: Path) -> str:
-    try:
-        path = importlib.import_module("rclpy").__file__ or ""
-    except Exception as error:
-        raise TroubleError(
-            f"rclpy cannot be imported ({error}); delete .venv and start again"
-        ) from None
+    path = _imported("rclpy").__file__ or ""
     source = "from the wheels" if path.startswith(sys.prefix) else "sourced"
     middleware = os.environ.get("RMW_IMPLEMENTATION", "the default middleware")
     return f"{os.environ.get('ROS_DISTRO', 'jazzy')}, {source}, {middleware}"
@@ -133,7 +126,7 @@ def _dds(_: Path) -> str:
                 for names in (("a", "b"), ("b", "a"))
             ]
             try:
-                codes = [talker.wait(_PATIENCE) for talker in talkers]
+                codes = [talker.wait(30.0) for talker in talkers]
             except subprocess.TimeoutExpired:
                 codes = [1]
             finally:
@@ -178,13 +171,14 @@ def _configuration(workspace: Path) -> str:
     return f"all {len(names)} experiments can be loaded"
 
 
-def _disk(workspace: Path) -> str:
+def _disk(workspace: Path, needed: float = 0.2e9) -> str:
+    """Check that there is space for a run with its recordings, `needed` [B]."""
     with tempfile.TemporaryFile(dir=workspace):
         pass
     free = shutil.disk_usage(workspace).free
-    if free < _NEEDED:
+    if free < needed:
         raise TroubleError(
-            f"{free / 1e9:.1f} GB are left in {workspace}; a run may need {_NEEDED:.1g} B"
+            f"{free / 1e9:.1f} GB are left in {workspace}; a run may need {needed:.1g} B"
         )
     return f"{free / 1e9:.1f} GB are left"
 

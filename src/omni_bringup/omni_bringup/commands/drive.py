@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
-_POLL = 0.05  # [s]
 # Under the left wheels only, straight ahead: where an unassisted stop swerves most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
@@ -257,4 +256,4 @@ def _follow(
                     "Ctrl-C ends",
                     file=sys.stderr,
                 )
-        wait_for(driver, _POLL)
+        wait_for(driver)

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report, write_text
+from omni_bringup.command_report import Report, estimate, estimate_table, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import parameter
 
 if TYPE_CHECKING:
     from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -27,7 +27,7 @@ WORK = "reading stops and fitting the brakes"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni fit-brakes``."""
 
     recordings: tuple[Path, ...] = option(positional=True, metavar="RECORDING")
@@ -41,7 +41,6 @@ class Options(Configuration):
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")
     """folder of brake and figure (default: results/fit-brakes/RECORDING)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -63,7 +62,6 @@ def run(options: Options, workspace: Workspace) -> Report:
     brake = write_text(folder / "brake.yaml", _brake_file(fit, vehicle.brake.kind, names))
     figure = brake_figure(fit, names, "Brakes fitted to recorded stops")
     return Report(
-        name="fit-brakes",
         metrics=entries,
         text=_text(entries, fit, len(stops)),
         files=(brake, save_figure(figure, folder.resolve() / "fit.png")),
@@ -78,27 +76,19 @@ def _vehicle(options: Options, workspace: Workspace) -> VehicleConfiguration:
     if options.vehicle is not None:
         return workspace.experiment_library().vehicle(options.vehicle)
     bag = open_vehicle(options.recordings[0])
-    return recorded_configuration(bag, (), "--vehicle", "name the vehicle").vehicle
+    return recorded_configuration(bag, option="--vehicle", remedy="name the vehicle").vehicle
 
 
 def _entries(fit: BrakeFit, vehicle: VehicleConfiguration) -> dict[str, Any]:
-    entries: dict[str, Any] = {}
-    for (key, unit), value, error in zip(
-        _UNITS.items(), fit.values, fit.standard_errors, strict=True
-    ):
-        entry: dict[str, Any] = {
-            "value": float(value),
-            "unit": unit,
-            "standard_error": float(error),
-            "described": getattr(vehicle.brake, key),
-        }
-        if math.isnan(error):
-            entry |= {"standard_error": None, "note": "on its bound"}
-        entries[f"{key}.all"] = entry
+    errors = fit.standard_errors
+    entries = {
+        f"{key}.all": estimate(value, unit, error, bounded=math.isnan(error))
+        | {"described": getattr(vehicle.brake, key)}
+        for (key, unit), value, error in zip(_UNITS.items(), fit.values, errors, strict=True)
+    }
     for wheel, value, error in zip(vehicle.wheels, fit.wheel_torque, fit.wheel_error, strict=True):
         if not math.isnan(value):  # where the stops do not distinguish the wheels
-            entry = {"value": float(value), "unit": "N m", "standard_error": float(error)}
-            entries[f"max_torque.{wheel}"] = entry
+            entries[f"max_torque.{wheel}"] = estimate(value, "N m", error)
     entries["residual.all"] = {"value": fit.residual, "unit": "m/s"}
     entries["intervals.all"] = {"value": float(fit.intervals), "unit": "1"}
     return entries
@@ -122,18 +112,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
 
 def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
     """Yield table and remarks; one is that the relative error of the torque exceeds `vague`."""
-    import numpy as np
-    from rich.table import Table
-
-    table = Table("brake", "unit", "value", "standard error", "described", pad_edge=False)
-    for key, entry in entries.items():
-        if "standard_error" in entry:
-            quantity, case = key.split(".")
-            words = quantity.replace("_", " ") + ("" if case == "all" else f", {case}")
-            error = entry.get("note") or f"{entry['standard_error']:.2g}"
-            described = f"{entry['described']:.5g}" if "described" in entry else ""
-            table.add_row(words, entry["unit"], f"{entry['value']:.5g}", error, described)
-    yield table
+    yield estimate_table(entries)
     yield (
         f"a wheel turned under its brake in {fit.intervals} intervals of {stops} recorded, "
         f"differences of {1e3 * fit.residual:.2g} mm/s"
@@ -144,5 +123,5 @@ def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1
             f"note: the torque is uncertain by {100.0 * share:.0f} %; before you use it, record "
             "more stops with the pedal halfway, so that the wheels turn on under their brakes"
         )
-    if np.all(np.isnan(fit.wheel_torque)):
+    if all(map(math.isnan, fit.wheel_torque)):
         yield "these stops do not distinguish the wheels"

@@ -6,14 +6,14 @@ use and a figure of data against curve.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report, write_text
+from omni_bringup.command_report import Report, estimate, estimate_table, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform import command_options, configuration
+from omni_platform.command_options import CommandOptions
 
 if TYPE_CHECKING:
     from omni_tools.tires.data import TireData
@@ -23,7 +23,7 @@ WORK = "fitting the tire"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(configuration.Configuration):
+class Options(CommandOptions):
     """Options of ``omni fit-tire``."""
 
     data: Path = command_options.option(positional=True, metavar="DATA.csv")
@@ -34,7 +34,6 @@ class Options(configuration.Configuration):
     """radius of the wheel, from which stiffness and damping are estimated"""
     out: Path | None = command_options.option(None, metavar="DIR")
     """folder of the tire and the figure (default: results/fit-tire/DATA)"""
-    json: bool = command_options.json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -44,12 +43,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_tools.tires.data import TireDataError, read_tire_data
     from omni_tools.tires.fit import fit_figure, fit_tire
 
-    if options.model not in MODELS:
-        hint = configuration.did_you_mean(options.model, MODELS)
-        known = ", ".join(MODELS)
-        raise configuration.ConfigurationError(
-            "--model", f"{options.model!r} is not one of {known}{hint}"
-        )
+    configuration.check_choice("--model", options.model, MODELS)
     try:
         data = read_tire_data(options.data)
         fit = fit_tire(data, options.model)
@@ -58,11 +52,14 @@ def run(options: Options, workspace: Workspace) -> Report:
     name = options.data.stem
     folder = workspace.results(options.out, "fit-tire", name)
     tire = write_text(folder / f"{name}.yaml", _tire_file(fit, options, data))
+    metrics = _entries(fit, options.model, data)
     figure = fit_figure(data, fit, f"{options.data.name} and its {options.model}")
     return Report(
-        name="fit-tire",
-        metrics=_entries(fit, options.model, data),
-        text=_text(fit, options.model, data),
+        metrics=metrics,
+        text=(
+            estimate_table(metrics),
+            f"{data.slip.size} rows, differences of {fit.residual:.3g} N",
+        ),
         files=(tire, save_figure(figure, folder.resolve() / f"{name}.png")),
         hints=(f"use it: ./omni run --set vehicle.tire={tire}, or copy it into config/tires",),
         summary=folder,
@@ -88,12 +85,10 @@ def _units(model: str) -> dict[str, str]:
 
 def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
     units = _units(model)
-    entries: dict[str, Any] = {}
-    for key, value, error, fixed in _rows(fit):
-        entry: dict[str, Any] = {"value": value, "unit": units[key], "standard_error": error}
-        if fixed:
-            entry["note"] = "on its bound"
-        entries[f"{key.replace('.', '_')}.{model}"] = entry
+    entries = {
+        f"{key.replace('.', '_')}.{model}": estimate(value, units[key], error, bounded=fixed)
+        for key, value, error, fixed in _rows(fit)
+    }
     entries[f"residual.{model}"] = {"value": fit.residual, "unit": "N"}
     entries[f"rows.{model}"] = {"value": float(data.slip.size), "unit": "1"}
     return entries
@@ -128,15 +123,3 @@ def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
         for key, value, error, fixed in _rows(fit)
     ]
     return commented_yaml(mapping, "\n".join(lines))
-
-
-def _text(fit: TireFit, model: str, data: TireData) -> Iterator[Any]:
-    from rich.table import Table
-
-    units = _units(model)
-    table = Table("parameter", "unit", "value", "standard error", pad_edge=False)
-    for key, value, error, fixed in _rows(fit):
-        note = " (on its bound)" if fixed else ""
-        table.add_row(key, units[key], f"{value:.6g}", f"{error:.2g}{note}")
-    yield table
-    yield f"{data.slip.size} rows, differences of {fit.residual:.3g} N"

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.command_options import CommandOptions, option, overrides_option
+from omni_platform.configuration import ConfigurationError, parameter
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -32,7 +32,7 @@ WORK = "bounding the stop"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
 
     experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
@@ -51,7 +51,6 @@ class Options(Configuration):
     out: Path | None = option(None, metavar="DIR")
     """folder of --best's figure (default: results/limit/NAME)"""
     overrides: tuple[str, ...] = overrides_option()
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:

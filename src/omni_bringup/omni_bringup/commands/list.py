@@ -10,8 +10,8 @@ from pathlib import Path
 from omni_bringup.command_report import Report
 from omni_bringup.commands import commands_of, first_line
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import check_choice
 from omni_platform.plugins import described_modules
 
 KINDS = ("vehicles", "grounds", "sensors", "experiments", "tires")
@@ -20,7 +20,7 @@ EVERY = (*KINDS, STUDIES, LAWS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni list``."""
 
     kinds: tuple[str, ...] = option(
@@ -29,16 +29,12 @@ class Options(Configuration):
         metavar="KIND",
         description=f"of {', '.join(EVERY)} (default: all)",
     )
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Return the names of every kind."""
     for kind in options.kinds:
-        if kind not in EVERY:
-            raise ConfigurationError(
-                "KIND", f"{kind!r} is not one of {', '.join(EVERY)}{did_you_mean(kind, EVERY)}"
-            )
+        check_choice("KIND", kind, EVERY)
     found = {kind: names_of(kind, workspace.folder) for kind in options.kinds or EVERY}
     width = max(len(name) for names in found.values() for name in names)
     lines = {
@@ -46,7 +42,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         for kind, names in found.items()
     }
     text = [line for kind in found for line in (kind, *lines[kind])]
-    return Report(name="list", details=found, text=text)
+    return Report(details=found, text=text)
 
 
 def names_of(kind: str, workspace: Path) -> dict[str, str]:

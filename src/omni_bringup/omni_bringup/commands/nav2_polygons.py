@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
+from omni_platform.command_options import CommandOptions, option
 from omni_tools.stopping_area.options import AreaOptions
 
 if TYPE_CHECKING:
@@ -22,12 +22,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(AreaOptions):
+class Options(AreaOptions, CommandOptions):
     """Options of ``omni nav2-polygons``."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of YAML, picture and stops (default: results/nav2-polygons/VEHICLE)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -55,7 +54,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         )
     if options.seeds:
         words = f"{len(sweeps)} stops are kept in {folder}; combine the parts with --merge"
-        return Report(name="nav2-polygons", text=(words,))
+        return Report(text=(words,))
     limits = areas(campaign, sweeps) + options.padding
     held_out = sweeps[campaign.fitted :]
     stays = inside(campaign, limits, held_out)

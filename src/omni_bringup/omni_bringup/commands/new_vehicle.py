@@ -4,20 +4,19 @@ Write a vehicle, its line cameras and a stop into a folder. Estimates are marked
 implausible values are noted. On a terminal it asks for values that are not given.
 """
 
+import contextlib
 import dataclasses
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from omni_bringup.command_report import Report, entries
+from omni_bringup.command_report import Report, entries_by_case
 from omni_bringup.workspace import Workspace
 from omni_platform.brakes import TYPICAL
-from omni_platform.command_options import json_option, option
+from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import (
-    Configuration,
     ConfigurationError,
     declared_parameters,
     from_mapping,
@@ -29,7 +28,7 @@ _USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni new-vehicle``."""
 
     name: str = option(positional=True, metavar="NAME")
@@ -57,7 +56,6 @@ class Options(Configuration):
     drives with a torque or a velocity command"""
     out: Path | None = option(None, metavar="DIR")
     """new folder of the files (default: NAME)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -78,12 +76,10 @@ def run(options: Options, workspace: Workspace) -> Report:
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))
     return Report(
-        name="new-vehicle",
-        metrics=entries(
+        metrics=entries_by_case(
             {
-                f"{quantity}.{name}": (value, "N")
+                name: {key: (value, "N") for key, value in dataclasses.asdict(fact).items()}
                 for name, fact in facts.items()
-                for quantity, value in dataclasses.asdict(fact).items()
             }
         ),
         details={"notes": notes, "files": list(map(str, paths))},
@@ -108,17 +104,13 @@ def _answers(options: Options) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, kind, info in declared_parameters(Measured):
         usual: Any = getattr(Measured, name, None)
-        choices = KINDS if name == "kind" else info.choices
         if name == "wheels":
             usual = _USUAL[values["kind"]]
+        given = getattr(options, name)
         words = f"{info.description} [{info.unit}]" if info.unit else info.description
-        if choices:
-            words = f"{words}: {', '.join(choices)}"
-        flag, convert = (
-            f"--{name.replace('_', '-')}",
-            partial(_one_of, choices) if choices else kind,
-        )
-        values[name] = _asked(flag, getattr(options, name), words, convert, usual)
+        choices = KINDS if name == "kind" else info.choices
+        flag = f"--{name.replace('_', '-')}"
+        values[name] = _asked(flag, words, kind, choices, usual) if given is None else given
     if values["kind"] == _KIWI:
         if values["wheels"] != _USUAL[_KIWI]:
             raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")
@@ -126,37 +118,23 @@ def _answers(options: Options) -> dict[str, Any]:
     return values
 
 
-def _one_of(choices: Sequence[str], text: str) -> str:
-    if text not in choices:
-        raise ValueError(text)
-    return text
+def _asked(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
+    """Return a value from the terminal, or the usual one, None if there is none.
 
-
-def _asked(flag: str, given: Any, words: str, kind: Callable[[str], Any], usual: Any = None) -> Any:
-    """Return a value given as an option or on a terminal, or the default.
-
-    Args:
-        flag: the option.
-        given: its value, if any.
-        words: description of the value.
-        kind: converts an answer to a value, or raises ValueError.
-        usual: used for an empty answer and without a terminal; None if there is none.
+    Raises:
+        ConfigurationError: there is neither of them.
     """
-    if given is not None:
-        return given
-    asks = sys.stdin.isatty()
-    if not asks and usual is None:
+    from rich import console, markup, prompt
+
+    asked: Any = {float: prompt.FloatPrompt, int: prompt.IntPrompt}.get(kind, prompt.Prompt)
+    if sys.stdin.isatty():
+        with contextlib.suppress(EOFError):
+            return asked.ask(
+                markup.escape(words),
+                console=console.Console(stderr=True),
+                choices=choices and list(choices),
+                default=... if usual is None else usual,
+            )
+    if usual is None:
         raise ConfigurationError(flag, f"is required: the {words}")
-    while asks:
-        print(words + (": " if usual is None else f" ({usual}): "), end="", file=sys.stderr)
-        sys.stderr.flush()
-        line = sys.stdin.readline()
-        if not line and usual is None:
-            raise ConfigurationError(flag, f"is required: the {words}")
-        if not line.strip() and usual is not None:
-            break
-        try:
-            return kind(line.strip())
-        except ValueError:
-            print(f"{line.strip()!r} is not a value for {flag}", file=sys.stderr)
     return usual

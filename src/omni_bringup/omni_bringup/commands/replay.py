@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, WorkError, parameter
+from omni_platform.command_options import CommandOptions, option, overrides_option
+from omni_platform.configuration import WorkError, parameter
 
 if TYPE_CHECKING:
     from omni_recording.actions.compare import TopicComparison
@@ -22,7 +22,7 @@ WORK = "replaying the recorded inputs"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni replay``."""
 
     bag: Path = option(positional=True, metavar="BAG")
@@ -46,25 +46,28 @@ class Options(Configuration):
     )
     out: Path | None = option(None, metavar="DIR")
     """new folder of the results (default: next to the recording, BAG_replayed_TIME)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Check the recording, replay it and compare the results with it."""
     from omni_bringup.graph.run_folder import write_configuration
+    from omni_bringup.replay import plan as plans
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
-    from omni_bringup.replay.plan import check_inputs, replay_configuration, replay_plan
     from omni_recording.actions.compare import compare_topics
     from omni_recording.error import BagError
     from omni_recording.folder import open_vehicle
 
     bag = open_vehicle(options.bag)
-    configuration = replay_configuration(
-        bag, workspace.experiment_library(), options.experiment, options.overrides
-    )
-    plan = replay_plan(configuration, options.nodes)
-    counts = check_inputs(bag, plan)
+    if options.experiment is None:
+        remedy = "name an experiment whose sensors and wheels are those of the recording"
+        configuration = plans.recorded_configuration(bag, options.overrides, "--experiment", remedy)
+    else:
+        library = workspace.experiment_library()
+        variant = library.variants(options.experiment)[-1]
+        configuration = library.load(options.experiment, variant, options.overrides)
+    plan = plans.replay_plan(configuration, options.nodes)
+    counts = plans.check_inputs(bag, plan)
     known = [topic for topic in plan.outputs if counts.get(topic)]
     if options.check and len(known) < len(plan.outputs):
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
@@ -80,7 +83,6 @@ def run(options: Options, workspace: Workspace) -> Report:
     except BagError as error:  # found out only in the middle of the recording
         raise WorkError(str(error)) from None
     return Report(
-        name="replay",
         metrics={
             key: entry
             for one in comparisons

@@ -12,29 +12,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from omni_bringup.command_report import Report, printable
+from omni_bringup.command_report import Report, printable, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from omni_tools.report.recording import ReportedRun
 
 
 _SUFFIXES = (".html", ".htm")
-_LONGEST_TITLE = 200  # characters
-_SEEN = 0.2  # [s] of lines that are shown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni report``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
     """rosbag2 folder, or a single .mcap file; several runs are played over each other"""
     out: Path | None = option(None, metavar="FILE")
     """the page (default: report.html next to the first recording)"""
-    json: bool = json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -56,7 +53,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
             whole = read_reported_run(path, name)
             runs += stops_apart(whole)
             seen |= _seen(path, whole)
-    _write(file, report_page(_title(runs), runs, seen))
+    write_text(file, report_page(_title(runs), runs, seen))
     return Report(
         **results_document("report", {run.name: run.metrics for run in runs}),
         details={"file": str(file)},
@@ -67,8 +64,8 @@ def run(options: Options, _workspace: Workspace) -> Report:
     )
 
 
-def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
-    """Return a PNG of the lines around the start of braking, if the recording has lines."""
+def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
+    """Return a PNG of the lines around the start of braking [s], if the recording has lines."""
     from omni_bringup.replay.lines import read_batches
     from omni_figures.style import picture_of
     from omni_platform import topics
@@ -83,7 +80,7 @@ def _seen(path: Path, run: ReportedRun) -> dict[str, bytes]:
     if not cameras:
         return {}
     braking = -float(run.history.braking_time[0])
-    batches = read_batches(bag, cameras, max(braking - 0.25 * _SEEN, 0.0), _SEEN)
+    batches = read_batches(bag, cameras, max(braking - 0.25 * shown, 0.0), shown)
     kymographs = {
         name: match_lines(odometry.sensors[name], own, odometry) for name, own in batches.items()
     }
@@ -94,15 +91,4 @@ def _title(runs: Sequence[ReportedRun]) -> str:
     """Return the descriptions of the runs, else their names."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
     title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
-    return title[:_LONGEST_TITLE]
-
-
-def _write(file: Path, text: str) -> None:
-    """Write a file completely or not at all."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    scratch = file.with_name(f".{file.name}.part")
-    try:
-        scratch.write_text(text, encoding="utf-8")
-        scratch.replace(file)
-    finally:
-        scratch.unlink(missing_ok=True)
+    return title[:200]  # characters

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni ros-params``."""
 
     configuration: Path = option(positional=True, metavar="CONFIGURATION")
@@ -29,7 +29,6 @@ class Options(Configuration):
     """result of ./omni study feedback for the vehicle, for --source"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -51,7 +50,6 @@ def run(options: Options, workspace: Workspace) -> Report:
         workspace.note(warning)
     written = write_parameters(hardware, options.out, warning)
     return Report(
-        name="ros-params",
         details={"files": list(map(str, written))},
         text=map(str, written),
     )

@@ -17,12 +17,12 @@ from omni_bringup import command_report, interruption
 from omni_bringup.progress_bar import progress_bar
 from omni_bringup.workspace import Workspace
 from omni_loop.options import LoopOptions
-from omni_platform.command_options import json_option, option
+from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import (
     ConfigurationError,
     InputError,
     WorkError,
-    did_you_mean,
+    check_choice,
     parameter,
 )
 
@@ -35,7 +35,7 @@ REPLACEABLE = ("brake_assist", "linescan_odometry")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(LoopOptions):
+class Options(LoopOptions, CommandOptions):
     """Options of ``omni run``."""
 
     experiment: str = option("straight_line", positional=True, metavar="EXPERIMENT")
@@ -57,7 +57,6 @@ class Options(LoopOptions):
     replace: tuple[str, ...] = option((), metavar="NODE=external")
     """do not start brake_assist or linescan_odometry; your own node in the same ROS_DOMAIN_ID
     takes its place"""
-    json: bool = json_option()
 
     @property
     def external(self) -> frozenset[str]:
@@ -67,13 +66,7 @@ class Options(LoopOptions):
     def check_consistency(self) -> None:
         """Refuse to replace nodes that cannot be replaced."""
         for words in self.replace:
-            node, _, by = words.partition("=")
-            if node not in REPLACEABLE or by != "external":
-                known = [f"{name}=external" for name in REPLACEABLE]
-                hint = did_you_mean(words, known)
-                raise ConfigurationError(
-                    "--replace", f"{words!r} must be one of {', '.join(known)}{hint}"
-                )
+            check_choice("--replace", words, [f"{name}=external" for name in REPLACEABLE])
 
 
 def run(options: Options, workspace: Workspace) -> command_report.Report:

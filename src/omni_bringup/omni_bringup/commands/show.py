@@ -14,6 +14,7 @@ from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
 from omni_bringup.workspace import Workspace
 from omni_platform import command_options, configuration
+from omni_platform.command_options import CommandOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,13 +22,11 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentLibrary
 
 
-_DPI = 300.0  # of a ground that is drawn
-
 WORK = "drawing"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(configuration.Configuration):
+class Options(CommandOptions):
     """Options of ``omni show``."""
 
     name: str = command_options.option(positional=True, metavar="NAME")
@@ -36,7 +35,6 @@ class Options(configuration.Configuration):
     """kind of the item; needed for a path, or if two kinds share the name"""
     out: Path | None = command_options.option(None, metavar="FILE")
     """the picture (default: results/show/NAME.png)"""
-    json: bool = command_options.json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -130,7 +128,7 @@ def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, 
     if kind == "grounds":
         ground = library.load(base, variant, [f"ground={name}"]).ground
         if ground.texture.kind != "picture":  # finer than a screen, which takes long to grow
-            coarse = [f"ground={name}", f"ground.texture.dpi={_DPI}"]
+            coarse = [f"ground={name}", "ground.texture.dpi=300"]
             ground = library.load(base, variant, coarse).ground
         return drawings.ground_in_words(ground), drawings.draw_ground(ground, Path(name).stem)
     if kind == "sensors":

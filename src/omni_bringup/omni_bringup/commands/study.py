@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
-from omni_platform.configuration import Configuration, ConfigurationError
+from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from omni_studies.study import Study, StudyResult
@@ -21,12 +21,11 @@ _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class _Output(Configuration):
+class _Output(CommandOptions):
     """Options of every study besides its own."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of the figures and data (default: results/STUDY)"""
-    json: bool = json_option()
     strict: bool = option(False)
     """end with exit code 1 if a metric misses its limit or a claim does not hold"""
 

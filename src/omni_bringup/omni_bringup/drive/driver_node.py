@@ -7,10 +7,10 @@ import asyncio
 import dataclasses
 import math
 import os
-import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,13 @@ from sensor_msgs.msg import JointState
 
 from omni_bringup.drive.demand_source import DemandSource
 from omni_bringup.drive.server import Demand, DriveServer
-from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
+from omni_platform.configuration import (
+    Configuration,
+    ConfigurationError,
+    parameter,
+    section,
+    to_mapping,
+)
 from omni_platform.geometry import WheelMount
 from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE
@@ -33,12 +39,8 @@ from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
 from omni_ros.report import report
 from omni_sim.ground.friction import FrictionPatch
 
-_POLL = 0.005  # [s] between two looks at the topics
-_DEMAND_PERIOD = 0.02  # [s]
-_STATE_PERIOD = 0.033  # [s] of what the page shows
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
-_POSES = 50  # half a second of the vehicle's poses
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,6 +75,10 @@ class DriverConfiguration(Configuration):
     """Yaw rate that a full stick means"""
     page_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=5.0)
     """Time without a message of the open page after which the vehicle brakes fully"""
+    demand_period: float = parameter(0.02, unit="s", above=0.0, maximum=0.1)
+    """Time between two demands"""
+    state_period: float = parameter(0.033, unit="s", above=0.0, maximum=1.0)
+    """Time between two states of the vehicle on the page"""
     command_timeout: float = parameter(1.0, unit="s", above=0.0, maximum=5.0)
     """Time after which the last cmd_vel is ignored; longer than the repeat period of a keyboard"""
     stamped_cmd_vel: bool = parameter(True)
@@ -91,6 +97,7 @@ class DriverNode(Node):
     def __init__(self) -> None:
         super().__init__("driver")
         configuration = parameters.declare_configuration(self, DriverConfiguration)
+        self.configuration = configuration
         self._wheels = tuple(configuration.wheels)
         self.source = DemandSource(configuration.page_timeout, configuration.command_timeout)
         speed = configuration.max_speed
@@ -125,8 +132,8 @@ class DriverNode(Node):
         self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
         self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
-        # A recording's stop begins where the vehicle is at the stamp of the pedal.
-        self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=_POSES)
+        # A recording's stop begins where the vehicle is at the stamp of the pedal: half a second.
+        self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
     def _listen(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
@@ -215,33 +222,17 @@ class DriverNode(Node):
 
 def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
     """Return the data with which the page draws the vehicle."""
+    named = {
+        kind: [
+            to_mapping(part) | {"name": name.replace("_", " ")}
+            for name, part in getattr(configuration, kind).items()
+        ]
+        for kind in ("patches", "wheels")
+    }
     return {
         "length": configuration.chassis_length,
         "width": configuration.chassis_width,
-        "patches": [
-            {
-                "name": name.replace("_", " "),
-                "x": patch.x,
-                "y": patch.y,
-                "length": patch.length,
-                "width": patch.width,
-                "heading": math.radians(patch.heading_deg),
-                "round": patch.shape == "ellipse",
-                "friction": patch.friction,
-            }
-            for name, patch in configuration.patches.items()
-        ],
-        "wheels": [
-            {
-                "name": name.replace("_", " "),
-                "x": wheel.x,
-                "y": wheel.y,
-                "heading": math.radians(wheel.heading_deg),
-                "roller": math.radians(wheel.roller_angle_deg),
-                "radius": wheel.radius,
-            }
-            for name, wheel in configuration.wheels.items()
-        ],
+        **named,
     }
 
 
@@ -264,11 +255,11 @@ async def _drive(node: DriverNode, spinner: process.Spinner) -> None:
             now = time.monotonic()
             if now >= demand_due:
                 node.publish_demand()
-                demand_due = now + _DEMAND_PERIOD
+                demand_due = now + node.configuration.demand_period
             if now >= state_due:
                 node.server.show(node.state)
-                state_due = now + _STATE_PERIOD
-            await asyncio.sleep(_POLL)
+                state_due = now + node.configuration.state_period
+            await asyncio.sleep(0.005)
 
 
 def drive(node: DriverNode, spinner: process.Spinner) -> None:
@@ -276,10 +267,8 @@ def drive(node: DriverNode, spinner: process.Spinner) -> None:
     asyncio.run(_drive(node, spinner))
 
 
-def main() -> None:
-    """Run the node until SIGINT or SIGTERM."""
-    sys.exit(process.run_process(DriverNode, drive))
+main = partial(process.run_process, DriverNode, drive)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -5,6 +5,7 @@ random token in its address. Another page in the same browser does not have the 
 another origin; a page whose host name was rebound to this address still sends its own host name.
 """
 
+import enum
 import hmac
 import http
 import importlib.resources
@@ -24,15 +25,20 @@ from websockets.typing import Origin
 
 from omni_bringup.drive.demand_source import DemandSource, Twist
 
-_LARGEST_MESSAGE = 1024  # [B] that a page may send at once
 _FILES = {
     "": ("index.html", "text/html; charset=utf-8"),
     "drive.js": ("drive.js", "text/javascript; charset=utf-8"),
     "drive.css": ("drive.css", "text/css; charset=utf-8"),
 }
 _SOCKET = "socket"
-TAKEN_OVER = 4001  # close codes that applications may use begin at 4000
-_NOT_UNDERSTOOD = 1007
+
+
+class CloseCode(enum.IntEnum):
+    """Why the server closes the connection to a page (RFC 6455, 7.4)."""
+
+    INVALID_DATA = 1007
+    TAKEN_OVER = 4001
+    """The codes of applications begin at 4000"""
 
 
 class PageError(ValueError):
@@ -72,11 +78,11 @@ def parse_demand(text: str | bytes) -> Demand:
         assist, choose = document.get("assist"), document.get("choose")
     except (
         ValueError,
-        KeyError,
+        LookupError,
         TypeError,
         AttributeError,
-        RecursionError,
-        OverflowError,  # an integer of more digits than any float
+        RuntimeError,
+        ArithmeticError,
     ) as error:
         raise PageError(f"not a demand: {type(error).__name__}") from None
     if not (assist is None or isinstance(assist, bool)):
@@ -150,7 +156,7 @@ class DriveServer:
             sock=self._listener,
             origins=[Origin(f"http://{self._address}")],
             process_request=self._answer,
-            max_size=_LARGEST_MESSAGE,
+            max_size=1024,
             compression=None,
             server_header=None,
             close_timeout=1.0,
@@ -166,14 +172,14 @@ class DriveServer:
         before, self._driver = self._driver, page
         self._source.open_page()
         if before is not None:
-            await before.close(TAKEN_OVER, "another page has taken over")
+            await before.close(CloseCode.TAKEN_OVER, "another page has taken over")
         try:
             await page.send(self._greeting)
             async for text in page:
                 if page is self._driver:
                     self._take(text)
         except PageError as error:
-            await page.close(_NOT_UNDERSTOOD, str(error))
+            await page.close(CloseCode.INVALID_DATA, str(error))
         except ConnectionClosed:
             pass  # without a farewell, as when the browser is killed
         finally:

@@ -12,9 +12,6 @@ from omni_ros.environment import chosen_domain
 
 # Domains 0-101 work with the default port range of every operating system; 0 is everybody's.
 _DOMAINS = range(1, 102)
-# UDP ports that a participant of a domain binds (RTPS 2.2, 9.6.1.1): the first of the domain, and
-# one pair for itself.
-_FIRST_PORT, _PORTS_OF_DOMAIN, _FIRST_PAIR = 7400, 250, 10
 _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
@@ -73,8 +70,10 @@ def _used_domains() -> frozenset[int]:
 
 
 def _is_inhabited(ports: set[int], number: int) -> bool:
-    first = _FIRST_PORT + number * _PORTS_OF_DOMAIN
-    pairs = range(first + _FIRST_PAIR, first + _PORTS_OF_DOMAIN, 2)
+    # A participant binds the first of the 250 UDP ports of a domain, and one pair from the eleventh
+    # on for itself (RTPS 2.2, 9.6.1.1).
+    first = 7400 + 250 * number
+    pairs = range(first + 10, first + 250, 2)
     # A single port of the range may be anybody's.
     return first in ports or any({port, port + 1} <= ports for port in pairs)
 

@@ -9,12 +9,13 @@ import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_loop.experiment import load_yaml, recorded_experiment
+from omni_loop.experiment import recorded_experiment
+from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
-    did_you_mean,
+    check_choice,
     from_mapping,
 )
 from omni_platform.description import urdf
@@ -93,9 +94,8 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
     """
     for word in words:
         name, assigned, _ = word.partition(":=")
-        if assigned and name not in ARGUMENTS:
-            hint = did_you_mean(name, ARGUMENTS)
-            raise ConfigurationError(name, f"is not one of {', '.join(ARGUMENTS)}{hint}")
+        if assigned:
+            check_choice("", name, ARGUMENTS)
     for name, (default, _) in ARGUMENTS.items():
         if default in ("true", "false") and given[name] not in ("true", "false"):
             raise ConfigurationError(name, f"is {given[name]!r}, must be true or false")
@@ -142,24 +142,13 @@ def read_hardware(path: Path) -> Hardware:
     Raises:
         ConfigurationError: the file cannot be read, or a key or value does not fit.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-        tree = load_yaml(text)
-    except OSError as error:
-        raise ConfigurationError(str(path), f"cannot be read: {error.strerror}") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        problem = " ".join(str(error).split())[:200]
-        raise ConfigurationError(str(path), f"is not valid YAML: {problem}") from None
-    if not isinstance(tree, dict):
-        raise ConfigurationError(str(path), "must contain a mapping of names to values")
+    tree = read_mapping(path, "CONFIGURATION")
     if "vehicle" in tree:
-        experiment = recorded_experiment(text)
+        experiment = recorded_experiment(path)
         optical = experiment.feedback == "optical"
         return Hardware(experiment.brake_assist, experiment.odometry if optical else None)
     for key in tree:
-        if key not in _PARTS:
-            hint = did_you_mean(str(key), _PARTS)
-            raise ConfigurationError(str(key), f"is not one of {', '.join(_PARTS)}{hint}")
+        check_choice("", key, _PARTS)
     if not tree.get("wheels"):
         raise ConfigurationError("wheels", "is required: the wheels of the vehicle by name")
     brake_assist = _part(tree, BRAKE_ASSIST, BrakeAssistConfiguration, wheels=tree["wheels"])

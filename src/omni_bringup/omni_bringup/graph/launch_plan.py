@@ -70,7 +70,7 @@ class LaunchPlan:
             run_folder.write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
         run_variant.check_report(report)
-        run_variant.check_counts(self._last_report("recorder"), report)
+        process_group.check_counts([self._last_report("recorder")], report["sent"])
         result = run_variant.measured(report, self.variant, self.folder, self.configuration)
         metrics = {self.variant: result.metrics}
         run_folder.write_summary(results_document(self.experiment, metrics), self.folder)

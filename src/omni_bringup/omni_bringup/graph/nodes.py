@@ -15,7 +15,6 @@ from omni_sim.configuration import SimulatorConfiguration
 
 _SHARED = (topics.CLOCK.path, topics.DIAGNOSTICS.path)
 _IMU = "imu"  # frame of its messages
-_LONGEST_START = 300.0  # [s] of another node, which may have to compile kernels first
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
@@ -229,7 +228,8 @@ def _timing(lockstep: bool) -> dict[str, Any]:
 
 
 def _listeners(count: int) -> dict[str, Any]:
-    return {"subscribers": count, "match_timeout": _LONGEST_START}
+    # Another node may have to compile kernels first.
+    return {"subscribers": count, "match_timeout": 300.0}
 
 
 def _flat(configuration: Configuration, part: type[Configuration] | None = None) -> dict[str, Any]:

@@ -17,9 +17,6 @@ from typing import IO, Any
 from omni_platform.configuration import WorkError
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 
-_STOP_TIMEOUT = 12.0  # [s] longer than a node may wait for its last data to be acknowledged
-_UNHEARD_TIMEOUT = 0.5  # [s] for what a node has to do besides waiting for a listener that died
-_POLL = 0.02  # [s]
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
 
 
@@ -68,8 +65,11 @@ def find_executable(package: str, executable: str) -> Path:
 class RunningProcess:
     """A started node: its exit code, its reports, and its error output."""
 
-    def __init__(self, node: NodeProcess, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, node: NodeProcess, environment: Mapping[str, str], stop_timeout: float
+    ) -> None:
         self.node = node
+        self._stop_timeout = stop_timeout
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         # A file and no pipe: a bring-up that is slow to read never holds a node up.
@@ -151,10 +151,10 @@ class RunningProcess:
 
     def wait_or_kill(self) -> int:
         """Return the exit code of a process after a stop request; kill it after a timeout."""
-        deadline = time.monotonic() + _STOP_TIMEOUT
+        deadline = time.monotonic() + self._stop_timeout
         while not self.was_halted and time.monotonic() < deadline:
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return self.process.wait(_POLL)
+                return self.process.wait(0.02)
         try:
             return self.process.wait(max(deadline - time.monotonic(), 0.0))
         except subprocess.TimeoutExpired:
@@ -174,7 +174,8 @@ class ProcessGroup:
     The first one is the recorder, which ends last.
     """
 
-    def __init__(self, environment: Mapping[str, str]) -> None:
+    def __init__(self, environment: Mapping[str, str], stop_timeout: float = 12.0) -> None:
+        self._stop_timeout = stop_timeout
         self._environment = {**environment, PARENT_PID_VARIABLE: str(os.getpid())}
         self.running: list[RunningProcess] = []
 
@@ -185,7 +186,7 @@ class ProcessGroup:
             ProcessError: its executable is not to be found.
         """
         with _interrupt_deferred():
-            process = RunningProcess(node, self._environment)
+            process = RunningProcess(node, self._environment, self._stop_timeout)
             self.running.append(process)
         return process
 
@@ -193,14 +194,14 @@ class ProcessGroup:
         """End every process, the last started first.
 
         After a failure, processes may wait for acknowledgments that never come. All but the first
-        then get one common, shorter timeout.
+        then get one common, shorter timeout for what they have to do besides waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
             for process in senders:
                 process.ask_to_stop()
             if self.running[0].returncode is not None:
-                deadline = time.monotonic() + _UNHEARD_TIMEOUT
+                deadline = time.monotonic() + 0.5
                 for process in senders:
                     wait_for(process, deadline - time.monotonic())
                     process.ask_to_stop()
@@ -226,6 +227,23 @@ class ProcessGroup:
                 raise ProcessError(describe_end(process))
 
 
+def check_counts(reports: Sequence[Mapping[str, Any]], sent: Mapping[str, int]) -> None:
+    """Check that the recorder has stored every message.
+
+    Args:
+        reports: those of the recorder.
+        sent: messages by topic.
+
+    Raises:
+        ProcessError: something is missing.
+    """
+    recorded: Mapping[str, int] = reports[-1].get("recorded", {}) if reports else {}
+    for topic, count in sent.items():
+        if recorded.get(topic, 0) < count:
+            kept = recorded.get(topic, 0)
+            raise ProcessError(f"the recorder kept {kept} of {count} messages of {topic}")
+
+
 def describe_end(process: RunningProcess) -> str:
     """Return in one sentence how a process ended."""
     code = process.returncode
@@ -237,9 +255,17 @@ def describe_end(process: RunningProcess) -> str:
 
 
 @contextlib.contextmanager
-def process_group(environment: Mapping[str, str]) -> Iterator[ProcessGroup]:
-    """Provide a group of processes, all of which are ended when the block is left."""
-    group = ProcessGroup(environment)
+def process_group(
+    environment: Mapping[str, str], stop_timeout: float = 12.0
+) -> Iterator[ProcessGroup]:
+    """Provide a group of processes, all of which are ended when the block is left.
+
+    Args:
+        environment: environment variables.
+        stop_timeout: time after which a process that was asked to stop is killed [s]; longer than
+            a node may wait for its last data to be acknowledged.
+    """
+    group = ProcessGroup(environment, stop_timeout)
     ending = True
     try:
         yield group
@@ -265,9 +291,9 @@ def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
         signal.raise_signal(signal.Signals(arrived[0]))
 
 
-def wait_for(process: RunningProcess, timeout: float) -> int | None:
+def wait_for(process: RunningProcess, timeout: float = 0.05) -> int | None:
     """Wait up to `timeout` [s] for a process to end and return its exit code, None if it runs."""
     deadline = time.monotonic() + timeout
     while process.returncode is None and time.monotonic() < deadline:
-        time.sleep(_POLL)
+        time.sleep(min(timeout, 0.02))
     return process.returncode

@@ -14,16 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from omni_bringup.graph import nodes as graph
+from omni_bringup.graph import process_group as processes
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import (
-    NodeProcess,
-    ProcessError,
-    ProcessGroup,
-    RunningProcess,
-    describe_end,
-    process_group,
-    wait_for,
-)
 from omni_bringup.graph.run_folder import write_configuration
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory
@@ -33,11 +25,7 @@ from omni_platform.configuration import WorkError
 from omni_ros.environment import node_environment
 from omni_tools.limit.share import limit_share
 
-_POLL = 0.05  # [s]
 _HALTED = "{} was halted by a signal during the run, which makes the run invalid"
-_HALTED_PATIENCE = 5.0  # [s] for a simulator that a signal has halted
-_PATIENCE = 300.0  # [s] for any news of it; kernels may have to be compiled
-_LONGEST_SILENCE = 1.0  # [s] of a node in real time; a busy machine causes less
 _PLAIN_RECORDING = graph.RecordingOptions()
 
 Progress = Callable[[Mapping[str, float]], None]
@@ -100,7 +88,7 @@ def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult
                 except StopIteration as end:
                     running.remove(run)
                     yield end.value
-            time.sleep(_POLL)
+            time.sleep(0.05)
 
 
 def run_variant(
@@ -168,7 +156,7 @@ def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
 
 
 def _run_graph(
-    nodes: Sequence[NodeProcess],
+    nodes: Sequence[processes.NodeProcess],
     configuration: ExperimentConfiguration,
     folder: Path,
     domain: int,
@@ -176,7 +164,7 @@ def _run_graph(
 ) -> Generator[None, None, dict[str, Any]]:
     """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
     try:
-        with process_group(node_environment(domain)) as group:
+        with processes.process_group(node_environment(domain)) as group:
             recorder, *_, simulator = [group.start(node) for node in nodes]
             while not folder.is_dir():
                 group.raise_if_ended()
@@ -185,32 +173,43 @@ def _run_graph(
             report = yield from _follow(group, simulator, on_progress)
             check_report(report)
         _check_life(group)  # the recorder listens to their end
-    except ProcessError as error:
+        processes.check_counts(recorder.new_reports(), report["sent"])
+    except processes.ProcessError as error:
         # A halted node silences those that wait for it: it is the cause, whichever was noticed.
         halted = (one.node.name for one in group.running if one.was_halted)
         cause = next((name for name in halted if name != simulator.node.name), None)
         raise RunError(_HALTED.format(cause) if cause else str(error)) from None
-    check_counts((recorder.new_reports() or [{}])[-1], report)
     return report
 
 
 def write_beside_bag(
-    configuration: ExperimentConfiguration, folder: Path, recorder: RunningProcess
+    configuration: ExperimentConfiguration, folder: Path, recorder: processes.RunningProcess
 ) -> None:
     """Save the effective configuration once the recorder has made the folder."""
     while not folder.is_dir():
-        if wait_for(recorder, _POLL) is not None:
-            raise ProcessError(describe_end(recorder))
+        if processes.wait_for(recorder) is not None:
+            raise processes.ProcessError(processes.describe_end(recorder))
     try:
         write_configuration(configuration, folder)
     except OSError as error:
-        raise ProcessError(f"cannot write to {folder}: {error.strerror}") from None
+        raise processes.ProcessError(f"cannot write to {folder}: {error.strerror}") from None
 
 
 def _follow(
-    group: ProcessGroup, simulator: RunningProcess, on_progress: Progress
+    group: processes.ProcessGroup,
+    simulator: processes.RunningProcess,
+    on_progress: Progress,
+    patience: float = 300.0,
+    halted_patience: float = 5.0,
 ) -> Generator[None, None, dict[str, Any]]:
     """Wait for the end of the simulator and return its last report.
+
+    Args:
+        group: all processes.
+        simulator: one of them.
+        on_progress: called with its reports.
+        patience: longest time without a report [s]; kernels may have to be compiled.
+        halted_patience: longest time for which a signal may halt it [s].
 
     Raises:
         ProcessError: a node has ended before, or the simulator makes no progress.
@@ -227,37 +226,41 @@ def _follow(
             received = now
         running = running if simulator.is_halted else now
         halted = simulator.was_halted  # the end of a process takes what is known of it along
-        if now - running > _HALTED_PATIENCE:
-            raise ProcessError("the simulator was halted by a signal")
-        if now - received > _PATIENCE:
-            raise ProcessError(f"the simulator has made no step for {_PATIENCE:g} s")
+        if now - running > halted_patience:
+            raise processes.ProcessError("the simulator was halted by a signal")
+        if now - received > patience:
+            raise processes.ProcessError(f"the simulator has made no step for {patience:g} s")
     group.raise_if_ended(besides=simulator)
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
-        raise ProcessError(describe_end(simulator))
+        raise processes.ProcessError(processes.describe_end(simulator))
     if halted:
-        raise ProcessError(_HALTED.format(simulator.node.name))
+        raise processes.ProcessError(_HALTED.format(simulator.node.name))
     return report
 
 
-def check_report(report: Mapping[str, Any]) -> None:
+def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> None:
     """Check by the simulator's last report that a run finished and no node stopped sending.
+
+    Args:
+        report: the report.
+        longest_silence: of a node in real time [s]; a busy machine causes less.
 
     Raises:
         ProcessError: names the node.
     """
     if report["finished"] == "running":
-        raise ProcessError(
+        raise processes.ProcessError(
             f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
         )
     silence, node = max(((time, node) for node, time in report["silence"].items()), default=(0, ""))
-    if silence > _LONGEST_SILENCE:  # of several the one that was silent first
-        raise ProcessError(
+    if silence > longest_silence:  # of several the one that was silent first
+        raise processes.ProcessError(
             f"{node} published nothing for {silence:.1f} s: the vehicle braked on all wheels"
         )
 
 
-def _check_life(group: ProcessGroup) -> None:
+def _check_life(group: processes.ProcessGroup) -> None:
     """Check that every node ran until the end and then ended without error.
 
     Raises:
@@ -265,18 +268,5 @@ def _check_life(group: ProcessGroup) -> None:
     """
     for process in group.running:
         if process.was_halted:
-            raise ProcessError(_HALTED.format(process.node.name))
+            raise processes.ProcessError(_HALTED.format(process.node.name))
     group.raise_if_failed()
-
-
-def check_counts(kept_report: Mapping[str, Any], report: Mapping[str, Any]) -> None:
-    """Compare the counts in the recorder's last report with those of the simulator.
-
-    Raises:
-        RunError: something is missing.
-    """
-    recorded: Mapping[str, int] = kept_report.get("recorded", {})
-    for topic, sent in report["sent"].items():
-        kept = recorded.get(topic, 0)
-        if kept < sent:
-            raise RunError(f"the recorder kept {kept} of {sent} messages of {topic}")

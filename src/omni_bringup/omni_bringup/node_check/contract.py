@@ -1,7 +1,8 @@
 """What a node's messages must be; each function returns a sentence for each breach."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,18 +11,32 @@ from omni_bringup.node_check.exchange_node import Answer, Exchange
 from omni_platform.quantities import SECOND_NS
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 
-LARGEST_AGE = {"odometry": 0.1, "brake_assist": 0.05}
-"""Age of a twist that the assistant refuses, and of enables for which vehicles brake all wheels
-[s]."""
-LEAST_ANSWERED = 0.95
-"""Share of the inputs that are answered [1]."""
-LEAST_RATE = 90.0
-"""Of wheel speeds and pedal [1/s]."""
 
-_WARM_UP = 0.5  # [s] that a node may take to load what it computes with
-_SILENCE = 0.15  # [s] after which an assistant without inputs must not release a brake
-_RECOVERY = 0.5  # [s] within which a node measures again after a fault
-_MEASURED = 1.0  # largest variance of a velocity that is measured [m^2/s^2]
+@dataclass(frozen=True)
+class Contract:
+    """Limits of what a node may do.
+
+    Attributes:
+        largest_age: age of a twist that the assistant refuses, and of enables for which vehicles
+            brake all wheels [s].
+        least_answered: share of the inputs that are answered [1].
+        least_rate: of wheel speeds and pedal [1/s].
+        warm_up: time that a node may take to load its kernels [s].
+        silence: time after which an assistant without inputs must not release a brake [s].
+        recovery: time within which a node measures again after a fault [s].
+        largest_variance: of a velocity that is measured [m^2/s^2].
+    """
+
+    largest_age: Mapping[str, float]
+    least_answered: float = 0.95
+    least_rate: float = 90.0
+    warm_up: float = 0.5
+    silence: float = 0.15
+    recovery: float = 0.5
+    largest_variance: float = 1.0
+
+
+CONTRACT = Contract({"odometry": 0.1, "brake_assist": 0.05})
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
@@ -29,7 +44,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
-    begun = exchange.sent["recorded"][0] + round(_WARM_UP * SECOND_NS)
+    begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
     ages = [one.age for one in first if one.stamp_ns >= begun]
     age = float(np.percentile(ages, 99)) if ages else 0.0
     return {
@@ -46,16 +61,16 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
     if not all(exchange.publishers):
         yield f"{topic} is published best effort; its subscribers ask for reliable"
     found = metrics(exchange)
-    if found["answered.recorded"][0] < 100.0 * LEAST_ANSWERED:
+    if found["answered.recorded"][0] < 100.0 * CONTRACT.least_answered:
         yield (
             f"{found['answered.recorded'][0]:.0f} % of the inputs were answered with their stamp; "
-            f"at least {100.0 * LEAST_ANSWERED:.0f} % must be"
+            f"at least {100.0 * CONTRACT.least_answered:.0f} % must be"
         )
     age, _ = found.get("age_p99.recorded", (0.0, "ms"))
-    if age > 1e3 * LARGEST_AGE[node]:
+    if age > 1e3 * CONTRACT.largest_age[node]:
         yield (
             f"1 % of the answers came later than {age:.0f} ms; an older one than "
-            f"{1e3 * LARGEST_AGE[node]:.0f} ms is not used"
+            f"{1e3 * CONTRACT.largest_age[node]:.0f} ms is not used"
         )
     stamps = [one.stamp_ns for one in exchange.answers]
     for before, after in itertools.pairwise(stamps):
@@ -79,7 +94,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
             yield f"effort {values.tolist()} in phase {one.phase!r}: one share of 0 to 1 per wheel"
             break
     for one in exchange.answers:
-        late = one.phase == "silence" and one.silence > _SILENCE
+        late = one.phase == "silence" and one.silence > CONTRACT.silence
         if late and np.any(np.asarray(one.message.effort) < 1.0):
             yield (
                 f"a brake is released {one.silence:.2f} s after the last input; without inputs all "
@@ -99,17 +114,19 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
             yield f"{problem} (phase {one.phase!r}, stamp {one.stamp_ns / SECOND_NS:.3f} s)"
             break
     if not any(_is_measured(one) for one in exchange.answers if one.phase == "recorded"):
-        yield f"no twist has a variance below {_MEASURED:g} m^2/s^2: nothing is measured"
+        largest = CONTRACT.largest_variance
+        yield f"no twist has a variance below {largest:g} m^2/s^2: nothing is measured"
         return
     for phase in ("gap", "unusable"):
         if not any(_is_measured(one) for one in _after(exchange, phase)):
-            yield f"no valid twist later than {_RECOVERY:g} s after a fault of one input ({phase})"
+            late = f"{CONTRACT.recovery:g} s after a fault of one input ({phase})"
+            yield f"no valid twist later than {late}"
 
 
 def simulator_breaches(
     seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield breaches in the messages of a simulator, as recorded by `exchange_node.watch`."""
+    """Yield breaches in the messages of a simulator, as `enables_node.Enables` received them."""
     for key in ("wheel_states", "pedal", "twist"):
         messages = [message for _, message in seen[key]]
         if len(messages) < 2:
@@ -119,7 +136,7 @@ def simulator_breaches(
         if np.any(np.diff(stamps) <= 0):
             yield f"{key}: stamps do not increase"
         rate = (len(stamps) - 1) * SECOND_NS / max(stamps[-1] - stamps[0], 1)
-        if key != "twist" and rate < LEAST_RATE:
+        if key != "twist" and rate < CONTRACT.least_rate:
             yield f"{key}: {rate:.0f} messages per second of its stamps, at least 100 are needed"
     for _, message in seen["wheel_states"]:
         if sorted(message.name) != sorted(wheels):
@@ -144,12 +161,12 @@ def simulator_breaches(
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
     """Return the answers to inputs well after the fault of a phase."""
-    limit = exchange.faults[phase][1] + round(_RECOVERY * SECOND_NS)
+    limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 
 
 def _is_measured(one: Answer) -> bool:
-    return bool(np.max(np.diag(planar_twist_of(one.message)[1])) < _MEASURED)
+    return bool(np.max(np.diag(planar_twist_of(one.message)[1])) < CONTRACT.largest_variance)
 
 
 def _twist_problem(message: Any) -> str:

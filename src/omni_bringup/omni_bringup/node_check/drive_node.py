@@ -11,17 +11,18 @@ from omni_ros.messages import to_nanoseconds
 from omni_ros.qos import BEST_EFFORT
 from omni_tools.commissioning.signals import TOPICS, Signals, motions_of, signals_of
 
-_REST = 1.0  # [s] at the end of the stop
-_LEAST = 100  # messages on each of the topics that must exist
 
-
-def receive_drive(partner: Partner, wheels: Sequence[str], timeout: float) -> Signals:
+def receive_drive(
+    partner: Partner, wheels: Sequence[str], timeout: float, rest: float = 1.0, least: int = 100
+) -> Signals:
     """Return the signals of a drive as soon as the vehicle has stopped.
 
     Args:
         partner: this process's node, in the namespace of the vehicle.
         wheels: names in the order of the columns.
         timeout: time within which the drive must be complete [s].
+        rest: time at rest at the end of the stop [s].
+        least: messages on each of the topics that must exist.
 
     Raises:
         WorkError: wheel speeds or demand are not published.
@@ -31,10 +32,10 @@ def receive_drive(partner: Partner, wheels: Sequence[str], timeout: float) -> Si
     seen = subscribe(partner, {topic.name: topic for topic in TOPICS}, BEST_EFFORT)
     deadline = time.monotonic() + timeout
     while True:
-        partner.spin(time.monotonic() + _REST)
+        partner.spin(time.monotonic() + rest)
         late = time.monotonic() > deadline
         needed = (topics.WHEEL_STATES.name, topics.PEDAL.name)
-        missing = [name for name in needed if len(seen[name]) < _LEAST]
+        missing = [name for name in needed if len(seen[name]) < least]
         if missing and late:
             raise WorkError(f"too few messages on {' and '.join(missing)} in {timeout:g} s")
         if missing:
@@ -45,10 +46,10 @@ def receive_drive(partner: Partner, wheels: Sequence[str], timeout: float) -> Si
         }
         signals = signals_of(streams, wheels)
         try:
-            rest = len(signals.time) - motions_of(signals).stop.stop
+            at_rest = len(signals.time) - motions_of(signals).stop.stop
         except ConfigurationError:
             if late:
                 raise
             continue
-        if late or rest * signals.period >= _REST:
+        if late or at_rest * signals.period >= rest:
             return signals

@@ -1,6 +1,7 @@
 """Send valid and invalid enables to a simulator, and check the torques of its brakes."""
 
 import math
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from omni_bringup.node_check.exchange_node import Partner, watch
+from omni_bringup.node_check.exchange_node import Partner, subscribe
 from omni_platform import topics
 from omni_platform.quantities import SECOND_NS
 from omni_ros import messages, qos
@@ -30,18 +31,16 @@ class Enables:
 
     def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
         """Return the messages of the simulator within a time [s], each with its steady time [s]."""
-        seen = watch(
-            partner,
-            {
-                "wheel_states": topics.WHEEL_STATES,
-                "pedal": topics.PEDAL,
-                "imu": topics.IMU,
-                "twist": topics.TWIST,
-                "velocity_sensor": topics.VELOCITY_SENSOR,
-                "lines": topics.lines("front"),
-            },
-            duration,
-        )
+        watched = {
+            "wheel_states": topics.WHEEL_STATES,
+            "pedal": topics.PEDAL,
+            "imu": topics.IMU,
+            "twist": topics.TWIST,
+            "velocity_sensor": topics.VELOCITY_SENSOR,
+            "lines": topics.lines("front"),
+        }
+        seen = subscribe(partner, watched, qos.RELIABLE)
+        partner.spin(time.monotonic() + duration)
         velocity_sensor, lines = seen.pop("velocity_sensor"), seen.pop("lines")
         seen["twist"] = seen["twist"] or velocity_sensor or lines
         return seen

@@ -113,6 +113,36 @@ class Partner:
         self._context.try_shutdown()
 
 
+class _Exchanging:
+    """An exchange under way: keeps the answers with the times of the inputs."""
+
+    def __init__(self, output: Topic) -> None:
+        self.exchange = Exchange()
+        self.phase = PHASES[0]
+        self._kind = message_class(output.type)
+        self._arrivals: dict[int, float] = {}  # steady time at which a stamp was sent [s]
+        self._last = 0.0  # of them
+
+    def keep(self, data: bytes) -> None:
+        now, stamp = time.monotonic(), leading_stamp(data) or 0
+        known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
+        age = now - self._arrivals[known] if known is not None else 0.0
+        message = deserialize_message(data, self._kind)
+        answer = Answer(self.phase, stamp, age, now - self._last, message)
+        self.exchange.answers.append(answer)
+
+    def note(self, stamp: int) -> None:
+        """Store when an input was sent."""
+        self._last = self._arrivals[stamp] = time.monotonic()
+
+    def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
+        """Begin a phase; return the list for the stamps of the inputs that are answered."""
+        self.phase = phase
+        self._arrivals.clear()
+        self.exchange.faults[phase] = fault
+        return self.exchange.sent.setdefault(phase, [])
+
+
 def feed(
     partner: Partner,
     recording: Path,
@@ -136,76 +166,48 @@ def feed(
     Raises:
         WorkError: the node is not there.
     """
-    exchange, last = Exchange(), {"any": 0.0}
-    arrivals: dict[int, float] = {}  # steady time at which a stamp was sent [s]
-    phase = PHASES[0]
-
-    def keep(data: bytes) -> None:
-        now, stamp = time.monotonic(), leading_stamp(data) or 0
-        known = max((sent for sent in arrivals if sent <= stamp), default=None)
-        age = now - arrivals[known] if known is not None else 0.0
-        message = deserialize_message(data, message_class(output.type))
-        exchange.answers.append(Answer(phase, stamp, age, now - last["any"], message))
-
+    exchanging, node = _Exchanging(output), partner.node
     topics = {topic.path: topic for topic in inputs}
     publishers = {
-        path: partner.node.create_publisher(message_class(topic.type), path, RELIABLE)
+        path: node.create_publisher(message_class(topic.type), path, RELIABLE)
         for path, topic in topics.items()
     }
-    clock = partner.node.create_publisher(Clock, "/clock", RELIABLE)
+    clock = node.create_publisher(Clock, "/clock", RELIABLE)
+    exchange = exchanging.exchange
     exchange.publishers = partner.await_node(output.path, alive)
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
-    partner.node.create_subscription(message_class(output.type), output.path, keep, qos, raw=True)
+    kind = message_class(output.type)
+    node.create_subscription(kind, output.path, exchanging.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has found the subscription
-    messages = [
-        (message.log_ns, message.channel.topic, message.data)
-        for message in in_time_order(bag_messages(open_vehicle(recording)))
-        if message.channel.topic in topics
-    ]
-    begin, end = messages[0][0], messages[-1][0]
-    middle = (begin + end) // 2
-    shift = 0
-    for phase in PHASES:
-        sent = exchange.sent.setdefault(phase, [])
-        exchange.faults[phase] = (shift + middle, shift + middle + round(GAP * SECOND_NS))
+    bag = open_vehicle(recording)
+    messages = list(in_time_order(m for m in bag_messages(bag) if m.channel.topic in topics))
+    begin, end = messages[0].log_ns, messages[-1].log_ns
+    middle, gap = (begin + end) // 2, round(GAP * SECOND_NS)
+    for number, phase in enumerate(PHASES):
+        shift = number * (end - begin + _PAUSE_NS)
+        sent = exchanging.begin(phase, (shift + middle, shift + middle + gap))
         start = time.monotonic()
-        for log_ns, path, recorded in messages:
-            if phase == "silence" and log_ns > middle:
+        for message in messages:
+            path = message.channel.topic
+            if phase == "silence" and message.log_ns > middle:
                 break
-            data = recorded
-            if path == faulty.path and 0 <= log_ns - middle < GAP * SECOND_NS:
+            data = message.data
+            if path == faulty.path and 0 <= message.log_ns - middle < gap:
                 if phase == "gap":
                     continue
                 if phase == "unusable":
                     data = _unusable(topics[path], data)
             stamp = (leading_stamp(data) or 0) + shift
-            partner.spin(start + (log_ns - begin) / SECOND_NS)
-            clock.publish(Clock(clock=to_time(log_ns + shift)))
+            partner.spin(start + (message.log_ns - begin) / SECOND_NS)
+            clock.publish(Clock(clock=to_time(message.log_ns + shift)))
             publishers[path].publish(data[:4] + _STAMP.pack(*divmod(stamp, SECOND_NS)) + data[12:])
-            last["any"] = arrivals[stamp] = time.monotonic()
+            exchanging.note(stamp)
             if path == paced.path:
                 sent.append(stamp)
         partner.spin(time.monotonic() + _LISTEN)
-        shift += end - begin + _PAUSE_NS
-        arrivals.clear()
     if not alive():
         raise WorkError("the node ended while it was checked; see its output")
     return exchange
-
-
-def watch(
-    partner: Partner, topics: Mapping[str, Topic], duration: float
-) -> dict[str, list[tuple[float, Any]]]:
-    """Return the messages of some topics with the steady time of each [s], by key.
-
-    Args:
-        partner: this process's node.
-        topics: topics by any key.
-        duration: duration of the exchange [s].
-    """
-    seen = subscribe(partner, topics, RELIABLE)
-    partner.spin(time.monotonic() + duration)
-    return seen
 
 
 def subscribe(

@@ -10,7 +10,7 @@ from omni_platform.signals import LineBatch, Lines
 from omni_recording import decode, metadata, write
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
-from omni_recording.folder import Bag, bag_messages, in_time_order
+from omni_recording.folder import Bag
 from omni_ros.messages import line_image
 
 DEPTH = 200
@@ -68,21 +68,16 @@ def read_batches(
         BagError: a message cannot be read, or there is none of a camera.
     """
     names = {topics.lines(name).path: name for name in sensors}
-    decoder = decode.MessageDecoder()
     batches: dict[str, list[LineBatch]] = {name: [] for name in names.values()}
     begin: int | None = None
-    for recorded in in_time_order(m for m in bag_messages(bag) if m.channel.topic in names):
-        topic = recorded.channel.topic
-        try:
-            batch = line_batch_of(decoder.decode(recorded))
-        except decode.DecodeError as error:
-            raise BagError(bag.path, f"{topic}: {error}") from None
+    for recorded, message in decode.decoded_messages(bag, names, ordered=True):
+        batch = line_batch_of(message)
         begin = batch.stamp_ns if begin is None else begin
         elapsed = 1e-9 * (batch.stamp_ns - begin)
         if elapsed > start + duration:
             break
         if elapsed >= start:
-            batches[names[topic]].append(batch)
+            batches[names[recorded.channel.topic]].append(batch)
     silent = [
         topic for topic, name in names.items() if not any(len(b.lines) for b in batches[name])
     ]

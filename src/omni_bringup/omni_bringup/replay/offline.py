@@ -13,30 +13,21 @@ from linescan_odometry.sideslip.meter import SideslipMonitor, angles
 from omni_brake_assist import brake_assist, step_pairing
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_bringup.replay import lines as replay_lines
-from omni_bringup.replay.plan import (
-    BRAKE_ASSIST,
-    ODOMETRY,
-    ReplayPlan,
-    feedback_topic,
-)
+from omni_bringup.replay import plan as plans
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import topics
 from omni_platform.signals import Flow, LineBatch, TwistSample
-from omni_recording import decode, mcap, metadata, write
+from omni_recording import metadata, write
+from omni_recording.decode import decoded_messages
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
-from omni_recording.folder import Bag, bag_messages, in_time_order
-from omni_ros.messages import (
-    joint_state,
-    planar_twist_of,
-    planar_twist_with_covariance,
-    to_nanoseconds,
-)
+from omni_recording.folder import Bag
+from omni_ros import messages
 
 Result = tuple[str, int, Any]  # topic, stamp [ns], message
 
 
-def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
+def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
     """Run the cores of the nodes of a plan and record their outputs.
 
     Args:
@@ -51,7 +42,6 @@ def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    decoder = decode.MessageDecoder()
     cores = _Cores(plan)
     qos = metadata.RecordedQos(replay_lines.DEPTH)
     outputs = [
@@ -59,46 +49,39 @@ def replay_offline(bag: Bag, plan: ReplayPlan, folder: Path) -> None:
         for topic, kind in plan.outputs.items()
     ]
     with write.Rosbag2Writer(folder, outputs) as writer:
-        for recorded in in_time_order(_chosen(bag, plan)):
-            for topic, stamp_ns, answer in cores.take(bag, recorded, decoder):
-                data = bytes(store.serialize_cdr(answer, plan.outputs[topic]))
-                writer.write(topic, stamp_ns, data)
-
-
-def _chosen(bag: Bag, plan: ReplayPlan) -> Iterable[mcap.RecordedMessage]:
-    return (m for m in bag_messages(bag) if m.channel.topic in plan.inputs)
+        for recorded, message in decoded_messages(bag, plan.inputs, ordered=True):
+            topic = recorded.channel.topic
+            try:
+                results = cores.take(topic, message)
+            except ValueError as error:
+                raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
+            for output, stamp_ns, answer in results:
+                data = bytes(store.serialize_cdr(answer, plan.outputs[output]))
+                writer.write(output, stamp_ns, data)
 
 
 class _Cores:
     """The function that processes the messages of each topic."""
 
-    def __init__(self, plan: ReplayPlan) -> None:
+    def __init__(self, plan: plans.ReplayPlan) -> None:
         configuration = plan.configuration
         self._takers: dict[str, Callable[[Any], Iterable[Result]]] = {}
         self._brakes: _Brakes | None = None
-        if BRAKE_ASSIST in plan.nodes:
+        if plans.BRAKE_ASSIST in plan.nodes:
             self._brakes = _Brakes(configuration)
             self._takers[topics.WHEEL_STATES.path] = self._brakes.take_wheel_states
             self._takers[topics.IMU.path] = self._brakes.take_imu
             self._takers[topics.PEDAL.path] = self._brakes.take_pedal
-            self._takers[feedback_topic(configuration).path] = self._brakes.take_twist
-        if ODOMETRY in plan.nodes:
+            self._takers[plans.feedback_topic(configuration).path] = self._brakes.take_twist
+        if plans.ODOMETRY in plan.nodes:
             odometry = _Odometry(configuration)
             for sensor in configuration.odometry.sensors:
                 self._takers[topics.lines(sensor).path] = odometry.taker(sensor, line_batch_of)
             for sensor in configuration.odometry.flow_sensors:
                 self._takers[topics.flow(sensor).path] = odometry.taker(sensor, flow_of)
 
-    def take(
-        self, bag: Bag, recorded: mcap.RecordedMessage, decoder: decode.MessageDecoder
-    ) -> list[Result]:
-        topic = recorded.channel.topic
-        try:
-            results = list(self._takers[topic](decoder.decode(recorded)))
-        except decode.DecodeError as error:
-            raise BagError(bag.path, f"{topic}: {error}") from None
-        except ValueError as error:
-            raise BagError(bag.path, f"{topic} at {recorded.log_ns} ns: {error}") from None
+    def take(self, topic: str, message: Any) -> list[Result]:
+        results = list(self._takers[topic](message))
         # What one core answers another may be waiting for.
         for result in list(results):
             if result[0] in self._takers:
@@ -124,9 +107,11 @@ class _Odometry:
             stamp_ns = estimate.stamp_ns
             if self._has_wheels:
                 sideslip = self._sideslip.measure(estimate)
-                state = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
+                state = messages.joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
                 yield topics.SIDESLIP.path, stamp_ns, _with_arrays(state)
-            answer = planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
+            answer = messages.planar_twist_with_covariance(
+                stamp_ns, estimate.twist, estimate.covariance
+            )
             yield topics.TWIST.path, stamp_ns, answer
 
 
@@ -155,13 +140,13 @@ class _Brakes:
 
     def take_pedal(self, message: Any) -> Iterable[Result]:
         pedal = float(message.position[0]) if len(message.position) else np.nan
-        self._pairing.take_pedal(to_nanoseconds(message.header.stamp), pedal)
+        self._pairing.take_pedal(messages.to_nanoseconds(message.header.stamp), pedal)
         return self._answer()
 
     def take_twist(self, message: Any) -> Iterable[Result]:
-        twist, covariance = planar_twist_of(message)
+        twist, covariance = messages.planar_twist_of(message)
         self._pairing.take_feedback(
-            TwistSample(to_nanoseconds(message.header.stamp), twist, covariance)
+            TwistSample(messages.to_nanoseconds(message.header.stamp), twist, covariance)
         )
         return self._answer()
 
@@ -171,8 +156,8 @@ class _Brakes:
             return
         decision = self._assist.update(demand)
         stamp_ns = decision.stamp_ns
-        enable = joint_state(stamp_ns, self._wheels, effort=decision.enable)
-        error = joint_state(stamp_ns, self._wheels, velocity=decision.error)
+        enable = messages.joint_state(stamp_ns, self._wheels, effort=decision.enable)
+        error = messages.joint_state(stamp_ns, self._wheels, velocity=decision.error)
         yield topics.ENABLE.path, stamp_ns, _with_arrays(enable)
         yield topics.SLIDING.path, stamp_ns, _with_arrays(error)
 

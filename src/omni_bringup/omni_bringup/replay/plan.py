@@ -4,13 +4,9 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 from omni_bringup.graph.run_folder import CONFIGURATION
-from omni_loop.experiment import (
-    ExperimentConfiguration,
-    ExperimentLibrary,
-    recorded_experiment,
-)
+from omni_loop.experiment import ExperimentConfiguration, recorded_experiment
 from omni_platform import topics
-from omni_platform.configuration import ConfigurationError, did_you_mean
+from omni_platform.configuration import ConfigurationError, check_choice
 from omni_platform.topics import Topic
 from omni_recording.error import BagError
 from omni_recording.folder import Bag, bag_summary
@@ -43,9 +39,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
         ConfigurationError: a node is unknown or named twice.
     """
     for node in nodes:
-        if node not in NODES:
-            hint = did_you_mean(node, NODES)
-            raise ConfigurationError("--nodes", f"{node!r} is not one of {', '.join(NODES)}{hint}")
+        check_choice("--nodes", node, NODES)
     if len(set(nodes)) != len(nodes):
         raise ConfigurationError("--nodes", "names a node twice")
     inputs: list[Topic] = []
@@ -95,28 +89,11 @@ def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
     return summary.counts
 
 
-def replay_configuration(
-    bag: Bag, library: ExperimentLibrary, experiment: str | None, overrides: Sequence[str]
-) -> ExperimentConfiguration:
-    """Return the configuration for a replay.
-
-    Args:
-        bag: the recording; the configuration stored with it is used.
-        library: library of the experiments.
-        experiment: take the last variant of this one instead; None for that of the recording.
-        overrides: ``dotted.key=value`` texts.
-
-    Raises:
-        ConfigurationError: there is none, or a key or value does not fit.
-    """
-    if experiment is not None:
-        return library.load(experiment, library.variants(experiment)[-1], overrides)
-    remedy = "name an experiment whose sensors and wheels are those of the recording"
-    return recorded_configuration(bag, overrides, "--experiment", remedy)
-
-
 def recorded_configuration(
-    bag: Bag, overrides: Sequence[str], option: str, remedy: str
+    bag: Bag,
+    overrides: Sequence[str] = (),
+    option: str = "BAG",
+    remedy: str = "give a recording of ./omni run, drive or lines import",
 ) -> ExperimentConfiguration:
     """Return the configuration stored with a recording.
 
@@ -133,12 +110,7 @@ def recorded_configuration(
     if not path.is_file():
         words = f"there is no {CONFIGURATION} next to the recording; {remedy}"
         raise ConfigurationError(option, words)
-    try:
-        return recorded_experiment(path.read_text(encoding="utf-8"), overrides)
-    except OSError as error:
-        raise ConfigurationError(str(path), f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigurationError(str(path), "is not text") from None
+    return recorded_experiment(path, overrides)
 
 
 def node_listeners(plan: ReplayPlan, node: str) -> int:

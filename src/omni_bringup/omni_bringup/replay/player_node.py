@@ -7,7 +7,6 @@ the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ro
 """
 
 import dataclasses
-import sys
 import time
 from collections import deque
 from functools import partial
@@ -23,11 +22,6 @@ from omni_recording.error import BagError
 from omni_ros import parameters, process, qos, startup
 from omni_ros.messages import leading_stamp, message_class, to_time
 from omni_ros.report import report
-
-_MOST_AHEAD = 100  # rounds; half of what a queue of the nodes holds
-_MOST_UNHEARD = 20  # rounds before the first result
-_PATIENCE = 0.5  # [s] for the result of a round
-_QUIET = 0.3  # [s] without a result, after which none is on its way
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,6 +42,12 @@ class PlayerConfiguration(Configuration):
     """Speed as a multiple of the recorded one; 0 for as fast as the nodes follow"""
     answer_timeout: float = parameter(10.0, unit="s", above=0.0)
     """Longest wait for results"""
+    patience: float = parameter(0.5, unit="s", above=0.0)
+    """Time to wait for the result of a round before one more is sent"""
+    most_ahead: int = parameter(100, minimum=1)
+    """Most rounds without a result; half of what a queue of the nodes holds"""
+    most_ahead_first: int = parameter(20, minimum=1)
+    """The same before the first result"""
 
     def check_consistency(self) -> None:
         """Refuse lists of different lengths."""
@@ -115,12 +115,12 @@ def play(node: PlayerNode, spinner: process.Spinner) -> None:
     """
     # One listener each: the node that is replayed; the recorder listens to the clock.
     listened = [node.clock, *node.inputs.values()]
-    process.await_subscribers(listened, 1, spinner, node.startup.match_timeout)
+    node.startup.await_subscribers(listened, spinner, 1)
     try:
         _publish_all(node, spinner)
     except BagError as error:
         raise process.NodeError(str(error)) from None
-    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * _PATIENCE)
+    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * node.configuration.patience)
     _await_silence(node, spinner)
     if not spinner.stop and not any(node.results.values()):
         raise process.NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
@@ -151,13 +151,13 @@ def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int
     Raises:
         NodeError: no result has come within the timeout.
     """
-    timeout = node.configuration.answer_timeout
-    started = any(node.results.values())
-    most = _MOST_AHEAD if started else _MOST_UNHEARD
+    limits, started = node.configuration, any(node.results.values())
+    timeout = limits.answer_timeout
+    most = limits.most_ahead if started else limits.most_ahead_first
     # Before the first result the node may only be slow to start.
     patient = ahead == most or (ahead == 1 and not started)
     followed = spinner.spin_until(
-        lambda: node.unanswered < ahead, timeout if patient else _PATIENCE
+        lambda: node.unanswered < ahead, timeout if patient else limits.patience
     )
     if followed or spinner.stop:
         return ahead
@@ -174,18 +174,16 @@ def _spin_until_time(spinner: process.Spinner, deadline: float) -> None:
         spinner.spin_once(remaining)
 
 
-def _await_silence(node: PlayerNode, spinner: process.Spinner) -> None:
-    """Receive the remaining results."""
+def _await_silence(node: PlayerNode, spinner: process.Spinner, quiet: float = 0.3) -> None:
+    """Receive the remaining results, until none has come for a while [s]."""
     before = -1
     while not spinner.stop and sum(node.results.values()) != before:
         before = sum(node.results.values())
-        _spin_until_time(spinner, time.monotonic() + _QUIET)
+        _spin_until_time(spinner, time.monotonic() + quiet)
 
 
-def main() -> None:
-    """Run the node to the end of the recording or until SIGINT or SIGTERM."""
-    sys.exit(process.run_process(PlayerNode, play))
+main = partial(process.run_process, PlayerNode, play)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

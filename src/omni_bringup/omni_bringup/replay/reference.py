@@ -13,9 +13,7 @@ from omni_recording import error, folder
 TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
-_TOPICS = {TRUTH: topics.GROUND_TRUTH.name, WHEELS: topics.WHEEL_STATES.name}
-_TYPES = {topic.name: topic.type for topic in (topics.GROUND_TRUTH, topics.WHEEL_STATES)}
-_STEADY = 1.0  # m/s^2, beyond which wheels slip on the ground
+_TOPICS = {TRUTH: topics.GROUND_TRUTH, WHEELS: topics.WHEEL_STATES}
 _SPREAD = 3  # samples to either side over which the acceleration is taken
 
 
@@ -34,10 +32,10 @@ def read_reference(
     Raises:
         BagError: the recording lacks it.
     """
-    streams = recorded_run.read_streams(bag, _TYPES, ())
+    streams = recorded_run.read_streams(bag, _TOPICS.values())
     if kind == AUTO:
-        kind = TRUTH if _TOPICS[TRUTH] in streams else WHEELS
-    stream = streams.get(_TOPICS[kind])
+        kind = TRUTH if _TOPICS[TRUTH].name in streams else WHEELS
+    stream = streams.get(_TOPICS[kind].name)
     wheels = list(configuration.vehicle.wheels)
     stamps: list[float] = []
     values: list[list[float]] = []
@@ -52,7 +50,7 @@ def read_reference(
             values.append([float(speed[name]) for name in wheels])
         stamps.append(1e-9 * float(stamp_ns))
     if len(stamps) < 2 * _SPREAD + 1:
-        raise error.BagError(bag.path, f"holds no motion to compare with on /{_TOPICS[kind]}")
+        raise error.BagError(bag.path, f"holds no motion to compare with on {_TOPICS[kind].path}")
     time, known = np.array(stamps), np.array(values)
     if kind == TRUTH:
         time, known = _means(time, known)
@@ -77,11 +75,11 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     return (0.5 * (time[1:] + time[:-1]))[moving], way[moving] / elapsed[moving, None]
 
 
-def _accelerating(time: FloatArray, twist: FloatArray) -> NDArray[np.bool_]:
-    """Return the times at which the acceleration is so large that the wheels slip."""
+def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
+    """Return the times at which wheels slip, beyond an acceleration [m/s^2, rad/s^2]."""
     padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)
     change = np.abs(padded[2 * _SPREAD :] - padded[: -2 * _SPREAD])
-    sharp: NDArray[np.bool_] = np.max(change, axis=1) / elapsed > _STEADY
+    sharp: NDArray[np.bool_] = np.max(change, axis=1) / elapsed > steady
     return sharp

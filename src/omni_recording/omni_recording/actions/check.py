@@ -6,8 +6,6 @@ from pathlib import Path
 
 from omni_recording import decode, folder, mcap
 
-_SEQUENCE_RANGE = 1 << 32
-
 
 @dataclasses.dataclass(frozen=True)
 class BagCheck:
@@ -141,7 +139,7 @@ class _Sequence:
         self._numbered = self._numbered or number != 0
         if self._previous is not None:
             # Numbers are of 32 bits; a step back is another count, not a gap.
-            step = (number - self._previous) % _SEQUENCE_RANGE
-            if step < _SEQUENCE_RANGE // 2:
+            step = (number - self._previous) % 2**32
+            if step < 2**31:
                 self._gaps += max(step - 1, 0)
         self._previous = number

@@ -86,13 +86,10 @@ _Stamped = tuple[int, mcap.RecordedMessage, list[table.Cell]]
 
 
 def _stamped(decoder: decode.MessageDecoder, path: Path, topic: str) -> Iterator[_Stamped]:
-    for message in folder.bag_messages(folder.open_vehicle(path)):
-        if message.channel.topic != topic:
-            continue
+    for message, decoded in decode.decoded_messages(folder.open_vehicle(path), (topic,)):
         try:
-            decoded = decoder.decode(message)
             cells = table.flatten(decoder, message.channel.type_name, decoded)
-        except (decode.DecodeError, table.TooWideError) as error:
+        except table.TooWideError as error:
             raise BagError(path, f"{topic}: {error}") from None
         stamp_ns = decode.header_stamp_ns(decoded)
         if stamp_ns is None:

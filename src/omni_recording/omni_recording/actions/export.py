@@ -11,16 +11,14 @@ from typing import Any, Protocol
 from omni_platform.configuration import InputError
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.folder import bag_messages, bag_summary, open_bag
+from omni_recording.limits import LIMITS
 from omni_recording.mcap import RecordedChannel
-from omni_recording.table import MOST_COLUMNS, TooWideError, Value, flatten
+from omni_recording.table import TooWideError, Value, flatten
 
 FORMATS = ("csv", "parquet")
 LOG_TIME = "log_ns"
 
 _TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
-_LONGEST_TOPIC = 200  # characters; a file name holds 255
-_MOST_TOPICS = 500  # files that are open at a time
-_ROWS_AT_ONCE = 4096
 
 
 class ExportError(InputError):
@@ -67,8 +65,8 @@ def export_bag(
     missing = sorted(set(topics) - {channel.topic for channel in chosen})
     if missing:
         raise ExportError(f"there is no topic {', '.join(missing)} in {bag.path}")
-    if len(chosen) > _MOST_TOPICS:
-        raise ExportError(f"there are more than {_MOST_TOPICS} topics; choose some of them")
+    if len(chosen) > LIMITS.topics:
+        raise ExportError(f"there are more than {LIMITS.topics} topics; choose some of them")
     decoder = MessageDecoder()
     layouts = _Layouts(decoder, chosen)
     for message in bag_messages(bag):
@@ -112,7 +110,7 @@ class _Layouts:
                 channel.type_name
             ):
                 problem = "its messages are of several types"
-            if not _TOPIC.fullmatch(channel.topic) or len(channel.topic) > _LONGEST_TOPIC:
+            if not _TOPIC.fullmatch(channel.topic) or len(channel.topic) > LIMITS.topic:
                 problem = "it is not the name of a ROS topic"
             if problem:
                 self._skip(channel.topic, problem)
@@ -129,8 +127,8 @@ class _Layouts:
             decoded = self._decoder.decode(message)
             for name, kind, _ in flatten(self._decoder, message.channel.type_name, decoded):
                 columns.setdefault(name, kind)
-            if len(columns) > MOST_COLUMNS + 1:
-                raise TooWideError(f"its messages need more than {MOST_COLUMNS} columns")
+            if len(columns) > LIMITS.columns + 1:
+                raise TooWideError(f"its messages need more than {LIMITS.columns} columns")
         except (TooWideError, DecodeError) as error:
             self._skip(topic, str(error))
 
@@ -179,7 +177,7 @@ class _ParquetTable:
 
     def add(self, row: Mapping[str, Value]) -> None:
         self._rows.append(row)
-        if len(self._rows) == _ROWS_AT_ONCE:
+        if len(self._rows) == LIMITS.rows:
             self._flush()
 
     def close(self) -> None:

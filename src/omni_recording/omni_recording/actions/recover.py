@@ -13,11 +13,8 @@ from typing import Any
 from omni_recording import definitions, mcap, write
 from omni_recording.error import BagError
 from omni_recording.folder import METADATA, bag_files, open_bag, read_plain_yaml
+from omni_recording.limits import LIMITS
 from omni_recording.metadata import RecordedQos, RecordedTopic
-
-_DEFAULT_DEPTH = 10
-_LARGEST_QOS = 1 << 16  # characters
-_LARGEST_NOTE = 1 << 24  # [B] of a file stored with the recording
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +142,7 @@ def _qos(metadata: Mapping[str, str]) -> RecordedQos:
     """Return the offered QoS, rosbag2's default if the recording does not contain it."""
     text = metadata.get("offered_qos_profiles", "")
     try:
-        profile = read_plain_yaml(text)[0] if len(text) <= _LARGEST_QOS else {}
+        profile = read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
         return RecordedQos(
             depth=int(profile["depth"]),
             history=_word(profile["history"]),
@@ -153,7 +150,7 @@ def _qos(metadata: Mapping[str, str]) -> RecordedQos:
             durability=_word(profile["durability"]),
         )
     except (ValueError, TypeError, KeyError, IndexError):
-        return RecordedQos(_DEFAULT_DEPTH)
+        return RecordedQos(10)
 
 
 def _word(value: Any) -> str:
@@ -166,7 +163,7 @@ def _copy_notes(path: Path, folder: Path) -> None:
     """Copy the files stored with the recording, such as the configuration of the run."""
     for file in sorted(path.iterdir()):
         try:
-            regular = file.is_file() and file.stat().st_size <= _LARGEST_NOTE
+            regular = file.is_file() and file.stat().st_size <= LIMITS.note
         except OSError:  # a link that leads round in a circle
             continue
         if regular and file.suffix in (".yaml", ".json") and file.name != METADATA:

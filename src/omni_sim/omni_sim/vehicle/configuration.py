@@ -10,7 +10,7 @@ from omni_platform.brakes import VELOCITY, BrakeConfiguration
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
-    did_you_mean,
+    check_choice,
     parameter,
     section,
 )
@@ -159,11 +159,7 @@ class VehicleConfiguration(Configuration):
                 vehicle tips over at rest.
         """
         for name in self.conditions:
-            if name not in self.wheels:
-                hint = did_you_mean(name, self.wheels)
-                raise ConfigurationError(
-                    f"conditions.{name}", f"is no wheel; known: {', '.join(self.wheels)}{hint}"
-                )
+            check_choice("conditions", name, self.wheels)
         if self.contacts_move or self.wheel_model == "mujoco":
             _ = self.roller_geometries  # refuses rollers that do not fit
         if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:

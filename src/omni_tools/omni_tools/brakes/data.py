@@ -9,10 +9,9 @@ from omni_loop.recorded_run import Stream, ordered, planar_twist, read_streams
 from omni_platform import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
-_JOINTS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE)
-_WHEELS, _PEDAL, _ENABLE = (topic.name for topic in _JOINTS)
+_WHEELS, _PEDAL, _ENABLE = topics.WHEEL_STATES.name, topics.PEDAL.name, topics.ENABLE.name
 _TWISTS = (topics.TWIST, topics.VELOCITY_SENSOR, topics.GROUND_TRUTH)
-TWIST_TOPICS = {topic.name: topic.type for topic in _TWISTS}
+TWIST_TOPICS = {topic.name: topic for topic in _TWISTS}
 
 
 class BrakeDataError(configuration.InputError):
@@ -54,8 +53,8 @@ def read_brake_data(
         BagError: the recording cannot be read or lacks a topic.
         BrakeDataError: its wheels are not the vehicle's.
     """
-    types = {topic.name: topic.type for topic in _JOINTS} | {twist_topic: TWIST_TOPICS[twist_topic]}
-    streams = read_streams(open_vehicle(folder), types, (_WHEELS, _PEDAL, twist_topic))
+    required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
+    streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)
     wheels, twists, pedal = (streams[name] for name in (_WHEELS, twist_topic, _PEDAL))
     start_ns = int(wheels.stamp_ns[0])
 

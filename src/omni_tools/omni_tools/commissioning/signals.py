@@ -79,8 +79,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
         BagError: it cannot be read.
         ConfigurationError: the wheels are not those of the recording.
     """
-    types = {topic.name: topic.type for topic in TOPICS}
-    return signals_of(read_streams(open_vehicle(recording), types, (_WHEELS, _PEDAL)), wheels)
+    return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
 
 def signals_of(

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omni_figures.scene import Scene
 from omni_loop.experiment import ExperimentLibrary
-from omni_platform.configuration import ConfigurationError, did_you_mean
+from omni_platform.configuration import ConfigurationError, check_choice
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import KINDS
 from omni_tools.line_trials.rig import ground
@@ -22,11 +22,7 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design
     Raises:
         ConfigurationError: an option is invalid.
     """
-    if options.ground not in KINDS:
-        hint = did_you_mean(options.ground, KINDS)
-        raise ConfigurationError(
-            "--ground", f"{options.ground!r} is not one of {', '.join(KINDS)}{hint}"
-        )
+    check_choice("--ground", options.ground, KINDS)
     vehicle = library.vehicle(options.vehicle)
     kind = options.type or (options.check[0] if options.check else "generic")
     given = {name: library.sensors(name) for name in options.check or [kind]}

@@ -53,15 +53,11 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
     Raises:
         BagError: the recording or a marker in it cannot be read.
     """
-    decoder = decode.MessageDecoder()
     found: dict[int, list[float]] = {}
-    for recorded in folder.bag_messages(folder.open_vehicle(bag_folder)):
-        if (recorded.channel.topic, recorded.channel.type_name) != (MARKERS.path, MARKERS.type):
+    bag = folder.open_vehicle(bag_folder)
+    for recorded, message in decode.decoded_messages(bag, (MARKERS.path,)):
+        if recorded.channel.type_name != MARKERS.type:
             continue
-        try:
-            message = decoder.decode(recorded)
-        except decode.DecodeError as error:
-            raise BagError(Path(bag_folder), f"{MARKERS.path}: {error}") from None
         arrows = [marker for marker in message.markers if marker.ns == _NAMESPACE]
         arrows = [marker for marker in arrows if len(marker.points) == 2]
         if [marker.id for marker in arrows] == list(range(wheels)):
@@ -86,7 +82,7 @@ def read_test_ratios(bag_folder: Path | str) -> Series | None:
         BagError: the recording cannot be read, or its messages name different sources.
     """
     bag = folder.open_vehicle(bag_folder)
-    stream = read_streams(bag, {TEST_RATIOS.name: TEST_RATIOS.type}, ()).get(TEST_RATIOS.name)
+    stream = read_streams(bag, (TEST_RATIOS,)).get(TEST_RATIOS.name)
     if stream is None:
         return None
     names = tuple(stream.messages[0].name)

@@ -9,17 +9,16 @@ from pathlib import Path
 
 from omni_bringup import command_report, workspace
 from omni_bringup.commands.bag import bag_option
-from omni_platform import command_options, configuration
+from omni_platform.command_options import CommandOptions
 
 WORK = "reading every message"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(configuration.Configuration):
+class Options(CommandOptions):
     """Options of ``omni bag check``."""
 
     bag: Path = bag_option()
-    json: bool = command_options.json_option()
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
@@ -32,7 +31,6 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     summary = f"{len(result.problems)} problem(s)" if result.problems else "sound"
     total = sum(result.counts.values())
     return command_report.Report(
-        name="bag_check",
         metrics=command_report.entries(metrics),
         details={"problems": result.problems, "remarks": result.remarks},
         text=(

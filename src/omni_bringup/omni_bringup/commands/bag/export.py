@@ -10,14 +10,14 @@ from pathlib import Path
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option, beside, out_option
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option
-from omni_platform.configuration import Configuration, parameter
+from omni_platform.command_options import CommandOptions
+from omni_platform.configuration import parameter
 
 WORK = "writing tables"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni bag export``."""
 
     bag: Path = bag_option()
@@ -26,7 +26,6 @@ class Options(Configuration):
     topic: tuple[str, ...] = parameter(())
     """export only this topic"""
     out: Path | None = out_option("exported")
-    json: bool = json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -36,7 +35,6 @@ def run(options: Options, _workspace: Workspace) -> Report:
     folder = options.out or beside(options.bag, "exported")
     result = export_bag(options.bag, folder, options.format, options.topic)
     return Report(
-        name="bag_export",
         metrics=entries({f"rows.{topic}": (float(n), "1") for topic, n in result.rows.items()}),
         details={
             "files": {topic: str(file) for topic, file in result.files.items()},

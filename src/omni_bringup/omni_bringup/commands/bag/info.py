@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option
 from omni_bringup.workspace import Workspace
-from omni_platform import command_options, configuration, quantities
+from omni_platform import quantities
+from omni_platform.command_options import CommandOptions
 
 if TYPE_CHECKING:
     from omni_recording.folder import Bag
@@ -24,11 +25,10 @@ WORK = "reading the recording"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(configuration.Configuration):
+class Options(CommandOptions):
     """Options of ``omni bag info``."""
 
     bag: Path = bag_option()
-    json: bool = command_options.json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -46,7 +46,6 @@ def run(options: Options, _workspace: Workspace) -> Report:
     }
     metrics |= {f"messages.{topic}": (n, "1") for topic, n in summary.counts.items()}
     return Report(
-        name="bag_info",
         metrics=entries(metrics),
         details={
             "topics": {channel.topic: channel.type_name for channel in summary.channels},

@@ -10,18 +10,18 @@ from pathlib import Path
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option, beside, out_option
 from omni_bringup.workspace import Workspace
-from omni_platform import command_options, configuration, quantities
+from omni_platform import quantities
+from omni_platform.command_options import CommandOptions
 
 WORK = "saving messages"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(configuration.Configuration):
+class Options(CommandOptions):
     """Options of ``omni bag recover``."""
 
     bag: Path = bag_option()
     out: Path | None = out_option("recovered")
-    json: bool = command_options.json_option()
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -31,7 +31,6 @@ def run(options: Options, _workspace: Workspace) -> Report:
     result = recover(options.bag, options.out or beside(options.bag, "recovered"))
     if result is None:
         return Report(
-            name="bag_recover",
             details={"folder": None, "problems": []},
             text=(f"{options.bag}: nothing is wrong with it, so nothing was written",),
         )
@@ -44,7 +43,6 @@ def run(options: Options, _workspace: Workspace) -> Report:
     }
     metrics |= {f"messages.{topic}": (n, "1") for topic, n in result.counts.items()}
     return Report(
-        name="bag_recover",
         metrics=entries(metrics),
         details={"folder": str(result.folder), "problems": result.problems},
         text=(

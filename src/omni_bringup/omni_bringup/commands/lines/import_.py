@@ -9,9 +9,9 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from omni_bringup.command_report import Report, entries
+from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option, overrides_option
+from omni_platform.command_options import CommandOptions, option, overrides_option
 from omni_platform.configuration import parameter
 from omni_tools.line_files.options import FileOptions, camera_files
 
@@ -19,7 +19,7 @@ WORK = "reading and recording lines"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(FileOptions):
+class Options(FileOptions, CommandOptions):
     """Options of ``omni lines import``."""
 
     sources: tuple[str, ...] = option(positional=True, metavar="CAMERA=FILE")
@@ -38,7 +38,6 @@ class Options(FileOptions):
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path = option(metavar="DIR")
     """new folder of the recording"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -68,28 +67,23 @@ def run(options: Options, workspace: Workspace) -> Report:
     start_ns = round(1e9 * options.start)
     messages = write_lines(options.out, lines, sensors, options.batch, start_ns)
     write_configuration(configuration, options.out)
-    metrics: dict[str, tuple[float, str]] = {}
-    text = []
-    for name, own in lines.items():
-        rate = sensors[name].line_rate
-        duration = len(own) / rate
-        metrics |= {
-            f"lines.{name}": (len(own), "1"),
-            f"pixels.{name}": (own.shape[1], "px"),
-            f"messages.{name}": (messages[name], "1"),
-            f"duration.{name}": (duration, "s"),
+    rows: dict[str, dict[str, tuple[float, str]]] = {
+        name: {
+            "lines": (len(own), "1"),
+            "pixels": (own.shape[1], "px"),
+            "bits": (8 * own.itemsize, "1"),
+            "messages": (messages[name], "1"),
+            "duration": (len(own) / sensors[name].line_rate, "s"),
         }
-        text.append(
-            f"{name}: {len(own)} lines of {own.shape[1]} px, {8 * own.itemsize} bit, "
-            f"{duration:.3g} s at {rate:g} lines/s"
-        )
+        for name, own in lines.items()
+    }
+    text = [f"{name}: {in_words(row)}" for name, row in rows.items()]
     missing = ", ".join(name for name in known if name not in lines)
     if missing:
         text.append(f"no lines of {missing}: the odometry cannot be replayed, only looked at")
     text.append(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
     return Report(
-        name="lines_import",
-        metrics=entries(metrics),
+        metrics=entries_by_case(rows),
         details={"folder": str(options.out)},
         text=text,
     )

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omni_bringup.command_report import Report, entries
+from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option
+from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_tools.line_files.options import FileOptions, camera_files
 
@@ -30,7 +30,7 @@ WORK = "averaging lines"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(FileOptions):
+class Options(FileOptions, CommandOptions):
     """Options of ``omni lines reference``."""
 
     dark: tuple[str, ...] = option((), metavar="CAMERA=FILE")
@@ -43,25 +43,23 @@ class Options(FileOptions):
     """the line cameras by name, as of `lines import`"""
     out: Path = option(metavar="DIR")
     """folder of the tables, one file for each camera"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Make the tables."""
     from omni_bringup.replay.lines import read_batches
-    from omni_bringup.replay.plan import replay_configuration
+    from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
     from omni_tools.line_files.reading import read_lines
 
-    library = workspace.experiment_library()
     if not (options.dark or options.white or options.drive):
         raise ConfigurationError("--dark", "nothing is given: neither --dark, --white nor --drive")
     batches: dict[str, list[LineBatch]] = {}
-    cameras = library.sensors(options.sensors)
+    cameras = workspace.experiment_library().sensors(options.sensors)
     odometry = None
     if options.drive is not None:
         bag = open_vehicle(options.drive)
-        odometry = replay_configuration(bag, library, None, ()).odometry
+        odometry = recorded_configuration(bag).odometry
         cameras = odometry.sensors
         batches = read_batches(bag, cameras)
     files = {
@@ -87,17 +85,10 @@ def run(options: Options, workspace: Workspace) -> Report:
             references.pattern = _pattern_of(odometry, name, batches[name], file)
             references.save(file)
     rows = {name: _quantities(references) for name, references in tables.items()}
-    text = [
-        f"{name}: "
-        + ", ".join(f"{key.replace('_', ' ')} {v:.3g} {u}" for key, (v, u) in row.items())
-        for name, row in rows.items()
-    ]
+    text = [f"{name}: {in_words(row)}" for name, row in rows.items()]
     use = f"use it: --set odometry.flat_field_tables={options.out.resolve()}"
     return Report(
-        name="lines_reference",
-        metrics=entries(
-            {f"{key}.{name}": entry for name, row in rows.items() for key, entry in row.items()}
-        ),
+        metrics=entries_by_case(rows),
         details={"folder": str(options.out)},
         text=(*text, f"wrote {options.out}; {use}"),
     )

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from omni_bringup.command_report import Report, entries
+from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import json_option, option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
+from omni_platform.command_options import CommandOptions, option, overrides_option
+from omni_platform.configuration import ConfigurationError, check_choice, parameter
 
 if TYPE_CHECKING:
     from omni_tools.line_files.kymograph import Kymograph
@@ -24,7 +24,7 @@ WORK = "matching lines"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options(Configuration):
+class Options(CommandOptions):
     """Options of ``omni lines show``."""
 
     bag: Path = option(positional=True, metavar="BAG")
@@ -38,7 +38,6 @@ class Options(Configuration):
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path | None = option(None, metavar="FILE")
     """figure, .png or .svg (default: results/lines/BAG.png)"""
-    json: bool = json_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -54,13 +53,9 @@ def run(options: Options, workspace: Workspace) -> Report:
     if target.suffix not in {".png", ".svg"}:
         raise ConfigurationError("--out", f"{target.name} is neither .png nor .svg")
     bag = folder.open_vehicle(options.bag)
-    library = workspace.experiment_library()
-    odometry = plan.replay_configuration(bag, library, None, options.overrides).odometry
+    odometry = plan.recorded_configuration(bag, options.overrides).odometry
     for name in options.sensor:
-        if name not in odometry.sensors:
-            known = ", ".join(odometry.sensors)
-            hint = did_you_mean(name, odometry.sensors)
-            raise ConfigurationError("--sensor", f"{name!r} is none of {known}{hint}")
+        check_choice("--sensor", name, odometry.sensors)
     counts = folder.bag_summary(bag).counts
     names = options.sensor or [n for n in odometry.sensors if counts.get(topics.lines(n).path)]
     if not names:
@@ -73,17 +68,11 @@ def run(options: Options, workspace: Workspace) -> Report:
     values = {name: _quantities(kymograph) for name, kymograph in kymographs.items()}
     text = []
     for name, own in values.items():
-        words = [
-            f"{key.replace('_', ' ')} {value:.4g} {unit}" for key, (value, unit) in own.items()
-        ]
-        text.append(f"{name}: {', '.join(words)}")
+        text.append(f"{name}: {in_words(own)}")
         reasons = {r.reason for r in kymographs[name].readings if not r.measured}
         text += [f"    not measured: {reason}" for reason in sorted(reasons)[:3]]
     return Report(
-        name="lines_show",
-        metrics=entries(
-            {f"{key}.{name}": entry for name, own in values.items() for key, entry in own.items()}
-        ),
+        metrics=entries_by_case(values),
         details={"figure": str(picture)},
         text=(*text, f"wrote {picture}"),
     )

@@ -194,6 +194,8 @@ function card(distance) {
   $("stops").prepend(row);
 }
 
+const radians = (degrees) => degrees * Math.PI / 180;
+
 const length = (meters) => (meters < 1 ? `${Math.round(100 * meters)} cm` : `${meters.toFixed(2)} m`);
 
 // ---------------------------------------------------------------- numbers
@@ -331,10 +333,10 @@ function draw() {
 function drawPatch(pen, color, patch, x, y, scale) {
   pen.save();
   pen.translate(patch.x - x, patch.y - y);
-  pen.rotate(patch.heading);
+  pen.rotate(radians(patch.heading_deg));
   pen.fillStyle = color("ice");
   pen.beginPath();
-  if (patch.round) pen.ellipse(0, 0, patch.length / 2, patch.width / 2, 0, 0, 2 * Math.PI);
+  if (patch.shape === "ellipse") pen.ellipse(0, 0, patch.length / 2, patch.width / 2, 0, 0, 2 * Math.PI);
   else pen.rect(-patch.length / 2, -patch.width / 2, patch.length, patch.width);
   pen.fill();
   pen.scale(1 / scale, -1 / scale);
@@ -364,7 +366,7 @@ function drawWheel(pen, color, wheel, condition) {
   const length = 2 * wheel.radius, width = 0.6 * wheel.radius;
   pen.save();
   pen.translate(wheel.x, wheel.y);
-  pen.rotate(wheel.heading);
+  pen.rotate(radians(wheel.heading_deg));
   pen.fillStyle = pen.strokeStyle = color(condition);
   pen.lineWidth = 0.04;
   // Filled where the brake acts, so that the state does not depend on color alone.
@@ -374,7 +376,7 @@ function drawWheel(pen, color, wheel, condition) {
   pen.setLineDash([]);
   pen.strokeStyle = color("ink");
   pen.lineWidth = 0.02;
-  pen.rotate(wheel.roller);
+  pen.rotate(radians(wheel.roller_angle_deg));
   pen.beginPath();
   pen.moveTo(-width / 2, 0);
   pen.lineTo(width / 2, 0);

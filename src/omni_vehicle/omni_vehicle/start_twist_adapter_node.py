@@ -1,8 +1,0 @@
-"""Starts the process of the twist adapter with few imports, so that signals are handled early."""
-
-from omni_ros.start import start_node
-
-
-def main() -> None:
-    """Run the node until its end, SIGINT or SIGTERM."""
-    start_node("omni_vehicle.twist_adapter_node")
