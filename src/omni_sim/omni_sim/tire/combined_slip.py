@@ -6,9 +6,10 @@ Eqs. (1), (2) are normalized by factors for the two directions and added as vect
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
 
-and one curve in the direction ``q``, whose numbers go smoothly from those of ``x`` to those of
-``y``, gives the force ``(F cos phi, F sin phi)``. No further parameters are needed. Along an axis
-it is the curve of that direction exactly; a friction factor scales both curves and so the result.
+One curve in the direction ``q`` gives the force ``(F cos phi, F sin phi)``. Its numbers change
+smoothly with ``q`` from those of the curve ``x`` to those of ``y``, and no further parameters are
+needed. Along an axis it is exactly the curve of that axis. A friction factor scales both curves and
+thus the result.
 """
 
 import math
@@ -83,7 +84,7 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
 
     Args:
         x: longitudinal curve at the wheel's load, from `tmeasy.curve_at`.
-        y: lateral curve.
+        y: lateral curve at the wheel's load.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
 
@@ -124,15 +125,15 @@ def combined_forces(
     """Return the steady forces of a tire under combined slip, with the signs of the slips.
 
     Args:
-        tire: with both directions, as in Table 1.
+        tire: tire with the curves of both directions, as in Table 1.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
         load: wheel load [N], clamped to the model's range.
         friction: ``mu/mu_0`` [1].
 
     Returns:
-        Longitudinal and lateral forces [N], in the common shape of the arguments and a last axis
-        of 2.
+        Longitudinal and lateral forces [N]; their shape is the common shape of the arguments with
+        an additional last axis of 2.
     """
     shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))

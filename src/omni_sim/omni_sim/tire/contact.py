@@ -1,8 +1,9 @@
-"""The contact equation of `wheel` for tire curves that rise to a peak and fall beyond it.
+"""The contact equation of `wheel.single` for tire curves that rise to a peak and fall beyond it.
 
-``R(s) = D V s + kappa F(s) = |A|`` has one solution where ``R`` rises. If the curve falls faster
-than the first term grows, ``R`` has a maximum beyond the peak and a minimum behind it; between
-these values the patch keeps its state, adhering or sliding.
+``R(s) = D V s + kappa F(s) = |A|`` has one solution if ``R`` always rises. If the curve falls
+faster than the first term grows, ``R`` has a maximum beyond the peak and a minimum at a larger
+slip. For ``|A|`` between these two values there are two stable solutions, and the patch keeps its
+state, adhering or sliding.
 """
 
 from typing import Any
@@ -60,12 +61,12 @@ def solve_contact(
     """Solve the contact equation; arguments and result as `model.contact_friction`.
 
     Args:
-        demand: [N].
-        damping: [N s/m].
-        gain: [1].
-        speed: [m/s].
-        curve: with ``steepest_slip`` [1], where the force falls fastest beyond its peak, and
-            ``steepest_fall`` [N], ``-dF/ds`` there, besides what every curve has.
+        demand: ``|A|`` [N].
+        damping: ``D`` [N s/m].
+        gain: ``kappa`` [1].
+        speed: ``V`` [m/s].
+        curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], where the
+            force falls fastest beyond its peak, and ``steepest_fall`` [N], ``-dF/ds`` there.
         sliding: whether the patch slid in the step before.
     """
     if curve.peak_force <= 0.0:

@@ -1,10 +1,10 @@
-"""The interface of tire models: slip, load and friction to force, inside kernels.
+"""The interface of tire models, which compute the force from slip, load and friction in kernels.
 
-A model is one file of `tire.models` that defines ``MODEL``, a `TireModel`. Its constants and its
-curve at one load are two NamedTuples of its own; kernels call `curve_at`, `force_at` and
-`contact_friction` here, and numba picks the model's functions by the types of those tuples when it
-compiles. So a vehicle's kernel is compiled and cached once for every model, the choice needs no
-time in a step, and there is no list of models.
+A model is one file of `tire.models` that defines ``MODEL``, a `TireModel`. It has a NamedTuple for
+its constants and one for its curve at one load. Kernels call `curve_at`, `force_at` and
+`contact_friction` of this module, and numba chooses the model's functions by the types of these
+tuples during compilation. So a vehicle's kernel is compiled and cached once for each model, the
+choice needs no time in a step, and there is no list of models.
 
 Every model's force is odd in the slip, rises from zero with a finite slope to one peak and stays or
 falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the curve and keeps its
@@ -48,10 +48,10 @@ class Landmarks(NamedTuple):
     """Properties of measured curves at two loads, each of shape (2,), as a start of a fit.
 
     Attributes:
-        load: half of the largest load in the data, and that load [N].
+        load: half of the largest load in the data, and the largest load [N].
         slope: slope at zero slip [N].
-        peak_force: [N].
-        peak_slip: [1].
+        peak_force: largest force [N].
+        peak_slip: slip of the largest force [1].
     """
 
     load: FloatArray
@@ -65,17 +65,18 @@ class FitRecipe:
     """How a model is fitted to measured forces by P unknowns within bounds.
 
     Attributes:
-        keys: keys of the model's configuration, dotted, one for every value, P of them.
-        lower: least unknowns, shape (P,).
+        keys: dotted keys of the P values in the model's configuration.
+        lower: smallest unknowns, shape (P,).
         upper: largest unknowns, shape (P,).
-        loads: number of distinct loads that the model needs to be determined.
-        start: unknowns to start from, shape (P,).
-        values: unknowns, of arrays with a P in front, to the values of `keys`; an unknown may be
-            a ratio where that keeps the values in order.
-        scale: values and largest load [N] in the data to magnitudes, shape (P,), with which
-            standard errors are compared.
-        parameters: values and largest load [N] to the constants of the kernels.
-        mapping: values and largest load [N] to the model's configuration as nested mappings.
+        loads: number of distinct loads that determine the model.
+        start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
+        values: function that converts unknowns, shape (P, ...), to the values of `keys`; an unknown
+            may be a ratio of two values, which keeps them in order.
+        scale: function that returns the magnitudes of the values, shape (P,), with which standard
+            errors are compared; arguments: values and largest load [N] in the data.
+        parameters: function that returns the constants of the kernels; arguments as for `scale`.
+        mapping: function that returns the model's configuration as nested mappings; arguments as
+            for `scale`.
     """
 
     keys: tuple[str, ...]
@@ -98,13 +99,13 @@ class TireModel:
         configuration: class of its parameters, each with a default.
         parameters_type: NamedTuple of its constants in kernels.
         curve_type: NamedTuple of its curve at one load; a `Curve`.
-        parameters: configuration to constants.
-        largest_load: configuration to the load [N] at which the model ends.
+        parameters: function that returns the constants for a configuration.
+        largest_load: function that returns the largest load [N] of the model for a configuration.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
         force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
         contact: kernel as `contact_friction`; `contact.solve_contact` serves any model
             whose curve also has ``steepest_slip`` and ``steepest_fall``.
-        fit: how it is fitted to measurements.
+        fit: how the model is fitted to measurements.
     """
 
     description: str
@@ -123,7 +124,7 @@ _MODEL_OF: dict[type, TireModel] = {}
 
 
 def register(model: TireModel) -> TireModel:
-    """Let `curve_at` and its like find a model by the types of its tuples; return it."""
+    """Return a model after making it known to `curve_at` and the other functions of this module."""
     _MODEL_OF[model.parameters_type] = _MODEL_OF[model.curve_type] = model
     return model
 
@@ -136,18 +137,18 @@ def _model_of(kind: type) -> TireModel:
 
 
 def curve_at(parameters: Any, load: float, friction: float) -> Any:
-    """Return the curve of a model at a load and a friction factor; also inside kernels.
+    """Return the curve of a model at a load and a friction factor; also callable in kernels.
 
     Args:
         parameters: constants of a model.
-        load: wheel load [N] from 0 to the largest of the model; clamp it before.
+        load: wheel load [N], clamped by the caller to the range from 0 to the model's largest one.
         friction: ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)
 
 
 def force_at(curve: Any, slip: float) -> tuple[float, float]:
-    """Return force [N] and its derivative by the slip [N] at ``slip >= 0``; also inside kernels."""
+    """Return force [N] and its derivative by the slip [N] at ``slip >= 0``, also in kernels."""
     return _model_of(type(curve)).force_at(curve, slip)
 
 
@@ -156,7 +157,7 @@ def contact_friction(
 ) -> tuple[float, float, bool]:
     """Solve ``demand = damping w + gain F(w / speed)`` for the sliding speed of the patch.
 
-    Also inside kernels; see `wheel` for its derivation.
+    Also callable in kernels; `wheel.single` derives the equation.
 
     Args:
         demand: ``|A|`` [N].
@@ -173,7 +174,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Return the common shape of some arguments, and each in that shape as one row of numbers."""
+    """Return the common shape of some arguments, and each of them broadcast to it and flattened."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 
@@ -183,7 +184,7 @@ def _type_of(numba_type: types.Type) -> type:
     return kind
 
 
-# numba wants functions of Python, not kernels, hence the lambdas.
+# The lambdas are needed because numba accepts only Python functions here, not kernels.
 @overload(curve_at)
 def _compile_curve_at(parameters, load, friction):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202, ARG001
     kernel = _model_of(_type_of(parameters)).curve_at

@@ -1,7 +1,7 @@
 """The tire of a roller in both its directions, for every tire model.
 
-TMeasy has a curve for each direction, which `combined_slip` joins. Any other model has one curve,
-which then holds in all directions: the force is opposite to the slip.
+TMeasy has a curve for each direction, and `combined_slip` combines them. Any other model has one
+curve, which is used in all directions: the force is opposite to the slip.
 """
 
 from typing import Any
@@ -27,11 +27,11 @@ def passive_parameters(tire: TireConfiguration) -> Any:
 
 
 def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
-    """Return the curve over normalized slip in a direction; also inside kernels.
+    """Return the curve over normalized slip in a direction; also callable in kernels.
 
     Args:
         active: curve along the roller's axis, from `model.curve_at`.
-        passive: curve across it.
+        passive: curve across the roller's axis.
         q: unit vector of the normalized slip, active and passive component [1].
 
     Returns:

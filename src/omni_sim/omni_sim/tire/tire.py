@@ -1,8 +1,8 @@
 """The tire of a vehicle: a model of force over slip, chosen by name, on a spring and a damper (4).
 
-`TireConfiguration` holds what every tire has, the model's name, and the parameters of every model
-under its own name, of which only those of the chosen one count. `Tire` evaluates the steady
-characteristic for plots, fits and tests.
+`TireConfiguration` contains the parameters common to all models, the name of the chosen model, and
+the parameters of every model under its name. Only those of the chosen model are used. `Tire`
+evaluates the steady characteristic for plots, fits and tests.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 
-# A field for every model in the folder; dataclasses cannot be written down with fields like that.
+# A field for every model in the folder, which a class statement cannot declare.
 _ModelFields: Any = dataclasses.make_dataclass(
     "_ModelFields",
     [("model", str)]
@@ -87,7 +87,7 @@ def steady_forces(
     Args:
         parameters: constants of a model.
         largest_load: load to which loads are clamped [N].
-        slip: [1], shape (n,).
+        slip: slips [1], shape (n,).
         load: wheel loads [N], shape (n,).
         friction: ``mu/mu_0`` [1], shape (n,).
         force: receives the forces [N], shape (n,).
@@ -129,7 +129,7 @@ class Tire:
         """Return the steady force, with the sign of the slip.
 
         Args:
-            slip: [1], any sign.
+            slip: slip of any sign [1].
             load: wheel load [N], clamped to the model's range.
             friction: ``mu/mu_0`` [1].
 

@@ -6,13 +6,14 @@ dynamics studies", SAE 890087, 1989. The force over slip is
     F = D sin(C atan(x - E (x - atan x))),  x = B s
 
 with the peak ``D = mu(F_z) F_z``, where ``mu = a_1 F_z + a_2``, and the slope at zero
-``B C D = (a_3 F_z + a_4) F_z``. Here slip is a pure number and loads are in [N]; the original has
-per cent and [kN], and damps the slope by ``exp(-a_5 F_z)``, of which this parabola is the
-beginning. Shape ``C`` and curvature ``E`` do not depend on the load, so where the curve peaks and
-where it falls fastest are constants in ``x``. Shifts of the origin are left out: a wheel that
-rolls freely must not pull.
+``B C D = (a_3 F_z + a_4) F_z``. Here slip is a pure number and loads are in [N]. The original uses
+per cent and [kN], and damps the slope by ``exp(-a_5 F_z)``, which this parabola approximates at
+small loads. Shape ``C`` and curvature ``E`` do not depend on the load, so the ``x`` of the peak and
+of the steepest fall are constants. Shifts of the origin are omitted, so that a freely rolling wheel
+has no force.
 
-A friction factor scales ``D``; with ``B C D`` kept, ``B`` falls and the slips grow alike.
+A friction factor scales ``D``. As ``B C D`` is kept, ``B`` scales inversely, and the slips scale
+like ``D``.
 """
 
 import dataclasses
@@ -71,8 +72,8 @@ _KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "sh
 class MagicFormulaParameters(NamedTuple):
     """Constants of the kernels: a_1 to a_4, C, E, and landmarks of the unit curve in ``x``.
 
-    ``peak`` is the place of the peak; ``steepest`` and ``fall`` are place and size of the steepest
-    descent beyond it, ``slide`` the height at unlimited slip.
+    ``peak`` is the ``x`` of the peak; ``steepest`` is the ``x`` of the steepest descent beyond it,
+    and ``fall`` is its slope; ``slide`` is the height at unlimited slip.
     """
 
     friction: float
@@ -120,7 +121,7 @@ def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -
     p = parameters
     peak_force = (p.friction + p.friction_gradient * load) * load * friction
     slope = (p.stiffness + p.stiffness_gradient * load) * load
-    # B over the load, which would otherwise be 0 / 0 for an unloaded wheel.
+    # B with the load canceled, since it would be 0 / 0 for an unloaded wheel.
     scale = (p.stiffness + p.stiffness_gradient * load) / (
         p.shape * (p.friction + p.friction_gradient * load) * friction
     )
@@ -184,7 +185,7 @@ def constants(
     def fall(logarithm: float) -> float:
         return -float(unit_curve(shape, curvature, math.exp(logarithm))[1])
 
-    # Steepest descent: golden section on log x; beyond the peak there is one.
+    # Steepest descent by golden section on log x; beyond the peak there is exactly one.
     low, high = math.log(peak), math.log(peak) + 12.0
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     for _ in range(80):
@@ -217,7 +218,7 @@ def _start(seen: Landmarks) -> FloatArray:
     for share in (seen.peak_force / seen.load, seen.slope / seen.load):
         gradient = (share[1] - share[0]) / (seen.load[1] - seen.load[0])
         values += [max(share[0] - gradient * seen.load[0], 0.1 * share[0]), gradient]
-    # The curvature that puts the peak where it was seen, with a shape in the middle.
+    # The curvature that puts the peak at its measured slip, for a shape in the middle of the range.
     shape = 1.4
     x = seen.slope[1] / (shape * seen.peak_force[1]) * seen.peak_slip[1]
     curvature = (x - math.tan(0.5 * math.pi / shape)) / (x - math.atan(x))

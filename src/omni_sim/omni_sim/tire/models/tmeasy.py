@@ -4,14 +4,14 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.1 with Table 1 and Eqs. (1)-(4), after W. Hirschberg, G. Rill and H. Weinfurter,
 "Tire model TMeasy", Vehicle System Dynamics 45(S), 2007.
 
-A direction of the tire is five numbers: the slope ``dF0`` at zero slip [N], the slip ``s_max`` [1]
-and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N] where
-sliding begins. They depend on the wheel load: slope and forces by the parabola (3), the slips
-linearly, as in the source of the model. The dissertation's "all parameters are interpolated
-similarly" is not followed there: a parabola through the origin would let the slips vanish with the
-load, and make the curve of a light wheel begin flatter than the chord to its own peak. At the
-nominal loads both agree; at 1 kN the forces differ by up to 26 %. Above the second nominal load the
-parabola has no physical meaning, so the load is clamped there and the caller reports the overload.
+The curve of each direction has five numbers: the slope ``dF0`` at zero slip [N], the slip ``s_max``
+[1] and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N]
+where sliding begins. They depend on the wheel load: slope and forces by the parabola (3), the slips
+linearly, as in the source of the model. The dissertation interpolates all parameters by the
+parabola, which is not done here for the slips: they would vanish with the load, and the curve of a
+light wheel would begin flatter than the chord to its own peak. At the nominal loads both agree; at
+1 kN the forces differ by up to 26 %. Above the second nominal load the parabola has no physical
+meaning, so the load is clamped there and the caller reports the overload.
 """
 
 import dataclasses
@@ -226,7 +226,7 @@ def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> Curv
 def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1].
 
-    A rational function up to the peak, a cubic down to sliding, then a constant.
+    The curve is a rational function up to the peak, a cubic from there to sliding, then a constant.
     """
     peak_slip, peak_force = curve.peak_slip, curve.peak_force
     if peak_force <= 0.0:
@@ -250,7 +250,7 @@ def curve_of(
     """Return the curve of a direction of a tire at a load, Eq. (3).
 
     Args:
-        tire: with both directions, as in Table 1.
+        tire: tire with the curves of both directions, as in Table 1.
         load: wheel load [N], clamped to the model's range.
         friction: ``mu/mu_0`` [1].
         direction: ``x`` or ``y``.
@@ -265,7 +265,7 @@ def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
 
 
 def _fitted_parameters(values: FloatArray, largest_load: float) -> TMeasyParameters:
-    # The attributes of a TMeasyCurve without its checks: a fit on its way may break them.
+    # The attributes of a TMeasyCurve without its checks, which an unfinished fit may violate.
     nominal: Any = SimpleNamespace(**dict(zip(_FITTED, values.tolist(), strict=True)))
     return TMeasyParameters(curve_coefficients(nominal, 0.5 * largest_load, largest_load))
 
@@ -276,7 +276,7 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 def _values(unknowns: FloatArray) -> FloatArray:
-    """Sliding slips and forces are fitted as ratios to those of the peak, which orders them."""
+    """Return the values for unknowns in which sliding slips and forces are ratios to the peak's."""
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
     values[8:10] *= values[4:6]
