@@ -1,15 +1,16 @@
 """Pressure in the brakes, which follows the valves after a dead time and with a lag.
 
-What is asked of a brake, ``c`` (the pedal's share of the largest torque, times the share that its
-valve lets pass: all or nothing, or any in steps), reaches its cylinder after a dead time ``t_d``,
-and the torque that the brake can then exert builds up and falls with a first-order lag:
+The demand ``c`` of a brake is the pedal's share of the largest torque times the share that its
+valve passes (all or nothing, or a share with a resolution). It reaches the cylinder after a dead
+time ``t_d``. The torque ``p`` that the brake can exert then builds up and falls with a first-order
+lag:
 
     T dp/dt + p = c(t - t_d)
 
 Within a physics step ``c`` is constant, so the solution is exact: ``p' = c + (p - c) exp(-dt/T)``.
-A step is given the mean of ``p`` over it, so that the brake's impulse is exact too. The dead time
-is rounded to whole physics steps. A brake that releases later than it is applied, after ``t_r``,
-takes the largest torque asked between ``t - t_r`` and ``t - t_d``.
+Each step uses the mean of ``p`` over the step, so that the brake's impulse is exact too. The dead
+time is rounded to whole physics steps. A brake whose release takes effect later than its
+application, after ``t_r``, uses the largest demand between ``t - t_r`` and ``t - t_d``.
 """
 
 import math
@@ -25,14 +26,14 @@ class BrakePressure(NamedTuple):
     """Pressure in the brakes of N wheels, as the largest torque of each brake.
 
     Attributes:
-        remainder: remainder of a difference to what is asked, after a step [1].
-        mean_remainder: mean remainder of such a difference, on average over a step [1].
+        remainder: share of the difference to the demand that is left after a step [1].
+        mean_remainder: mean of this share over a step [1].
         asked: demanded torque of each brake, by pedal and valve [N m], shape (N,).
-        torque: that each can exert at the end of the step [N m], shape (N,).
-        acting: that each can exert on average over the step [N m], shape (N,).
-        delayed: torque asked in the last D steps of the longer delay [N m], shape (D, N).
+        torque: torque that each brake can exert at the end of the step [N m], shape (N,).
+        acting: torque that each brake can exert on average over the step [N m], shape (N,).
+        delayed: demanded torques of the last D steps, the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: share that each valve passes at least [1], shape (N,).
+        open: smallest share that each valve passes [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
         pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
@@ -64,8 +65,8 @@ def build_brake_pressure(
     Args:
         time_constant: ``T`` [s], 0 for no lag.
         dead_time: ``t_d`` [s].
-        wheels: number of them.
-        physics_step: [s].
+        wheels: number of wheels.
+        physics_step: length of a step [s].
         pressure_step: resolution of a valve [1].
         release_time: ``t_r`` [s], 0 for ``t_d``.
     """

@@ -4,13 +4,13 @@ One implicit step solves the wheel's equation of motion together with the tire's
 
     I (omega' - omega) / dt = -g F + tau_drive(omega') + tau_brake(omega')
 
-with ``g = r_D (n_w . u)``, the lever by which the tire turns the wheel. The drive follows its
+with the lever ``g = r_D (n_w . u)`` by which the tire turns the wheel. The drive follows its
 command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; a disengaged
-clutch has ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full capacity,
-and holds the wheel at exactly zero speed where less suffices. It never reverses a wheel.
+clutch has ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and
+holds the wheel at exactly zero speed if less is enough. It never reverses a wheel.
 
-A velocity drive brakes by its drive instead: ``omega_cmd`` falls to zero along a ramp. It drives a
-wheel that is slower than its command, as a speed controller does, and so does not lock it.
+A velocity drive has no such brake: to brake, ``omega_cmd`` falls to zero along a ramp. Like a speed
+controller, it also drives a wheel that is slower than its command, and so does not lock it.
 """
 
 import math
@@ -40,8 +40,8 @@ class Spin(NamedTuple):
     """A wheel about its axis.
 
     Attributes:
-        speed: [rad/s].
-        inertia: [kg m^2].
+        speed: speed of the wheel [rad/s].
+        inertia: moment of inertia of the wheel [kg m^2].
         brake: torque that the brake can exert [N m], >= 0.
     """
 
@@ -73,7 +73,7 @@ class WheelStep(NamedTuple):
         speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         patch_velocity: sliding velocity of the patch [m/s].
-        sliding: whether it slides.
+        sliding: whether the patch slides.
     """
 
     force: float
@@ -114,7 +114,7 @@ def _braked(
         s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
         if s.speed * spin.speed > 0.0:
             return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
-    # The wheel stands, or comes to a stand within this step.
+    # The wheel stands still, or stops within this step.
     force, deflection, velocity, sliding = tire_force(
         tire, curve, patch, hub.velocity, hub.mobility
     )
@@ -130,7 +130,7 @@ def _braked(
 
 @lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m] that exceeds no power [W] at a wheel speed [rad/s]."""
+    """Return a torque [N m], reduced so that it does not exceed a power [W] at a speed [rad/s]."""
     return power / abs(speed) if torque * abs(speed) > power else torque
 
 
@@ -139,9 +139,9 @@ def ramped_speed(command: float, speed: float, fall: float) -> float:
     """Return the speed command of a velocity drive after a step [rad/s].
 
     Args:
-        command: that before the step [rad/s].
-        speed: speed of the wheel, which a drive that does not brake is commanded [rad/s].
-        fall: fall of the command in this step [rad/s]; 0 does not brake.
+        command: speed command before the step [rad/s].
+        speed: speed of the wheel, which is the command of a drive that does not brake [rad/s].
+        fall: decrease of the command in this step [rad/s]; 0 if the drive does not brake.
     """
     if fall <= 0.0:
         return speed

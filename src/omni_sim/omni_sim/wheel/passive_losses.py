@@ -3,19 +3,19 @@
 Section 2.4.2 of the dissertation lists and neglects them; here they are off by default.
 The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity there,
 
-    w = u_w . v_i - omega r_D (u_w . u_i),
+    w = u_w . v_i - omega r_D (u_w . u_i).
 
-so a wheel that rolls in its own direction with rollers at 0 deg, or a Mecanum wheel straight
-ahead, turns no roller and has no losses. The force ``f`` along ``u_w`` acts on the vehicle at the
-wheel, and by ``-r_D (u_w . u_i) f`` on the wheel's spin:
+So a wheel with rollers at 0 deg that rolls in its own direction, or a Mecanum wheel that rolls
+straight ahead, turns no roller and has no losses. The force ``f`` along ``u_w`` acts on the vehicle
+at the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the wheel's spin:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
 
 Rolling resistance and bearing friction hold a roller at rest up to the same force. The
-roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected: that a
-roller which comes into contact has to be brought to speed, and the resistance of the wheel that
-rolls as a whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their own; each
-that carries load loses by the same resistance.
+roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected are the
+acceleration of a roller that comes into contact, and the rolling resistance of the wheel as a
+whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their own; each roller that
+carries load has the same resistance.
 """
 
 import dataclasses
@@ -76,8 +76,8 @@ def passive_force(
 ) -> float:
     """Return the force of one roller on the vehicle along the passive direction [N].
 
-    Implicit in the roller's speed at the end of the step, as Coulomb friction that holds and
-    inertia are.
+    The force is implicit in the roller's speed at the end of the step, so that friction can hold
+    the roller at rest.
 
     Args:
         coming: roller's surface speed at the end of the step with unchanged forces [m/s].

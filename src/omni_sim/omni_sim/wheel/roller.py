@@ -1,24 +1,25 @@
 """The individual-roller omni-wheel of section 2.4.1, in which each roller is a small tire.
 
 Contact: the wheel's envelope is a circle, so its axis stays level, and the lowest roller carries
-the wheel (`roller_geometry`). Rollers overlap: from ``(1 - overlap) pi/n`` on, the load passes
-smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A roller that
+the wheel (`roller_geometry`). Rollers overlap: from the angle ``(1 - overlap) pi/n`` on, the load
+passes smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A roller that
 leaves the ground keeps its spin and loses its deflection.
 
-Tire: Table 1's curve ``x`` acts along the roller's axis, where the single-roller wheel uses it,
-so that the two wheels can be compared, and ``y`` along the roller's own rolling direction. The
-slips of both directions are normalized, added as vectors, and give one force against the sliding
+Tire: Table 1's curve ``x`` acts along the roller's axis, as in the single-roller wheel, so that the
+two wheels can be compared. The curve ``y`` acts along the roller's own rolling direction. The slips
+of both directions are normalized and added as vectors, and give one force against the sliding
 velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics 45
-(S), 2007). The denominator of Eqs. (1), (2), a tire's own ``r |Omega|``, becomes the speed with
-which rubber passes through the contact, to which wheel and roller both add:
+(S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` of an ordinary tire, becomes the speed
+of the rubber through the contact, to which wheel and roller contribute:
 ``V = |R omega u + h omega_r u_w| + v_num``.
 
-Solution: along the unit vector ``q`` of the friction the contact is a single-roller wheel with
-the levers and mobilities projected on ``q``, so each step is `drivetrain.wheel_step` itself,
-repeated until ``q`` is along the sliding that its force leaves (a few times; the last direction
-is the first guess). The deflection has two components; the roller's spin is solved with it.
+Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel with the
+levers and mobilities projected on ``q``. So each step calls `drivetrain.wheel_step` and repeats it
+a few times until ``q`` agrees with the direction of the remaining sliding; the direction of the
+last step is the first guess. The deflection has two components, and the roller's spin is solved
+together with them.
 
-Neglected: that a roller's spin turns with the wheel.
+Neglected: the rotation of a roller's angular momentum with the wheel.
 """
 
 import math
@@ -31,7 +32,7 @@ from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
 
 _MAXIMUM_ITERATIONS = 20
-_TOLERANCE = 1e-16  # of the squared change of direction
+_TOLERANCE = 1e-16  # largest squared change of direction of a solution
 
 
 @lean
@@ -39,7 +40,7 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     """Return the share of the wheel's load that the lowest roller carries, 0.5..1.
 
     Args:
-        gamma: angle of that roller from its lowest position [rad], up to `half_pitch`.
+        gamma: angle of the lowest roller from its lowest position [rad], up to `half_pitch`.
         half_pitch: ``pi / n`` [rad].
         overlap: see `roller_configuration.RollerConfiguration`.
     """
@@ -70,7 +71,7 @@ class RollerHub(NamedTuple):
 
     Attributes:
         lever: ``r_D u`` in components along the roller's axis and across it [m].
-        velocity: velocity of the contact as part of the vehicle at the end of the step without the
+        velocity: velocity of the contact, fixed to the vehicle, at the end of the step without the
             force of this roller, in the same components [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].
         spin: spin of the roller at the start of the step [rad/s].
@@ -91,14 +92,14 @@ class RollerStep(NamedTuple):
 
     Attributes:
         force: force on the vehicle along the roller's axis and across it [N].
-        deflection: along the axis and across it [m].
+        deflection: deflection of the tread along the axis and across it [m].
         spin: spin of the roller [rad/s].
         speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         sliding: whether the patch slides.
         direction: direction of the friction, a unit vector.
-        slip: slip in that direction [1].
-        limit: limit of the friction there [N].
+        slip: slip in the direction of the friction [1].
+        limit: largest friction in this direction [N].
     """
 
     force: Pair
@@ -125,7 +126,7 @@ def roller_step(
 
     Args:
         tire: constants of the roller's tread.
-        curves: along the roller's axis and across it, from `tire.model.curve_at`.
+        curves: curves along the roller's axis and across it, from `tire.model.curve_at`.
         patch: patch of the roller at the start of the step.
         hub: coupling of force and motion.
         wheel: spin of the wheel at the start of the step.
@@ -145,7 +146,7 @@ def roller_step(
             curve,
             Patch(
                 deflection[0] * q[0] + deflection[1] * q[1],
-                patch.speed * stretch,  # so that the curve is met at its normalized slip
+                patch.speed * stretch,  # so that the curve is used at its normalized slip
                 patch.sliding,
             ),
             Hub(
@@ -156,8 +157,8 @@ def roller_step(
             wheel,
             drive,
         )
-        # What a sticking patch would need at the wheel's new speed, divided component by
-        # component by how force and sliding use it up, is the direction of both.
+        # The force that a sticking patch would need at the wheel's new speed, with each component
+        # divided by the joint effect of force and sliding, has the direction of both.
         size = abs(after.force)
         slid = effective * abs(after.patch_velocity) / stretch
         a = tire.stiffness * deflection[0] - effective * (hub_a - lever[0] * after.speed)

@@ -15,8 +15,9 @@ class RollerConfiguration(Configuration):
 
     A roller is undeflected when it comes to the ground, so it reaches its full force only if its
     relaxation length ``dF0 / c`` is short compared with its rolling distance under the wheel. The
-    default is that of solid rubber: Table 1's slope at zero slip with 25 mm, about the length of
-    a roller's contact patch, where the wheel as one tire has 250 mm.
+    default stiffness is that of solid rubber: with Table 1's slope at zero slip, the relaxation
+    length is 25 mm, about the length of a roller's contact patch. The tire of the single-roller
+    wheel has 250 mm.
     """
 
     count: int = parameter(12, minimum=4, maximum=64)
@@ -48,7 +49,7 @@ def roller_geometries(
         squeeze: deflection of a tire under the largest load [m].
 
     Raises:
-        ConfigurationError: the rollers do not fit on a wheel; names it and the radii that fit.
+        ConfigurationError: the rollers do not fit on a wheel; names the wheel and radii that fit.
     """
     reach = math.cos(math.pi / rollers.count * (1.0 + rollers.overlap))
     geometries = []

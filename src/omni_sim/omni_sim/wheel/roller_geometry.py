@@ -4,13 +4,13 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel", Computer Aided
 Geometric Design 25 (2008) 784-791.
 
-The wheel axis ``a`` is horizontal at the angle ``alpha``; Eq. (10), which prints ``a_x`` for two
-things, means by it the wheel center. The axis ``b`` of a roller is inclined
-to it by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
-roller is lowest. The roller touches the ground under the point in which ``b`` crosses the
-vertical plane through ``a``; while the wheel turns, this point runs along ``a`` from one edge of
-the wheel to the other, and jumps back when the next roller takes over. The rollers are barrels
-that fill the wheel's envelope, a circle of the radius ``r``, so the axis stays level.
+The wheel axis ``a`` is horizontal at the angle ``alpha``. The axis ``b`` of a roller is inclined to
+``a`` by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
+roller is lowest. The roller touches the ground under the point at which ``b`` crosses the vertical
+plane through ``a``. While the wheel turns, this point moves along ``a`` from one edge of the wheel
+to the other, and jumps back when the next roller takes over the load. The rollers are barrels that
+fill the wheel's envelope, a circle of the radius ``r``, so the axis stays level. The dissertation
+uses ``a_x`` for two quantities; in Eq. (10) it is the wheel center.
 
 With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
 """
@@ -32,7 +32,7 @@ roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller, counted beyond n after a full turn [1].
+    """Return the number of the lowest roller; counting continues after a full turn [1].
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].
@@ -46,14 +46,14 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
     """Return contact point and active direction of a roller.
 
     Args:
-        gamma: wheel angle from where the roller is lowest [rad].
-        roller: `AXIS`, one entry.
+        gamma: wheel angle from the lowest position of the roller [rad].
+        roller: one record of `AXIS`.
 
     Returns:
         Active direction ``n_w`` in the body frame [1], two components with the sign of
-        `omni_platform.geometry`; contact point from under the wheel center [m], two components;
-        ``n_w . u`` [1]; length of the horizontal part of the unit axis [1]; depth of the axis
-        under the wheel's over the contact [m].
+        `omni_platform.geometry`; contact point relative to the point under the wheel center [m],
+        two components; ``n_w . u`` [1]; length of the horizontal part of the unit vector of the
+        roller's axis [1]; depth of this axis below the wheel's axis, above the contact [m].
     """
     u_x, u_y = roller.u_x, roller.u_y
     cosine = math.cos(gamma)
@@ -80,9 +80,9 @@ class RollerGeometry:
     Attributes:
         alpha: direction of the wheel axis ``a``, Eq. (8) [rad].
         delta: angle between the axes of wheel and roller [rad], not a multiple of 180 deg.
-        distance: ``d`` between the axes, ``R_0`` of Eq. (17) [m].
-        radius: ``r`` of the wheel over its rollers [m].
-        rollers: n.
+        distance: distance ``d`` between the axes, ``R_0`` of Eq. (17) [m].
+        radius: radius ``r`` of the wheel over its rollers [m].
+        rollers: number n of rollers.
         center: ``(a_x, a_y)``, wheel center [m].
     """
 
@@ -111,7 +111,7 @@ class RollerGeometry:
 
     @property
     def half_pitch(self) -> float:
-        """Wheel angle from a roller's middle to its change [rad]."""
+        """Wheel angle from a roller's middle to the change to the next roller [rad]."""
         return math.pi / self.rollers
 
     @property
@@ -179,7 +179,7 @@ class RollerGeometry:
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """The constants of `roller_contact`, an entry of `AXIS`."""
+        """The constants of `roller_contact`, in the order of `AXIS`."""
         # u = a x k
         u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
         return u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance

@@ -1,24 +1,24 @@
-"""The single-roller omni-wheel: a tire that acts along the active direction only, (18)-(22).
+"""The single-roller omni-wheel: a tire that acts only along the active direction, Eqs. (18)-(22).
 
 The contact patch is connected to the wheel by a spring and a damper, Eq. (4), whose deflection
 ``e`` is a state. With the sliding velocity of the rim ``v_s = n_w . v_i - omega r_D (n_w . u_i)``
 the patch slides at ``v_p = v_s + e_dot``, and its friction is the steady characteristic at the slip
-of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. So
+of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the implicit Euler
+rule
 
-    c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V)
+    c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V).
 
-by the implicit Euler rule. With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a
-sticking patch would need, ``v_p = -sign(A) w`` where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
+With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a sticking patch would need,
+``v_p = -sign(A) w``, where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
 
 The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where
 ``m`` [m/s per N] is the mobility of wheel and vehicle. The equation becomes
-``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m`` and keeps a wheel's step stable
-and passive for any stiffness and inertia. Because friction falls beyond its peak, two solutions
-may exist near standstill; a patch then keeps the state, adhering or sliding, that it has
-(`sliding`).
-Each tire model solves this equation for its own curve (`tire.model.contact_friction`).
-Departure from the dissertation: ``v_num`` may be tiny, so that a locked wheel sticks or slides
-as Coulomb friction does and never creeps.
+``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m``. It keeps a wheel's step stable and passive
+for any stiffness and inertia. Because friction falls beyond its peak, two solutions may exist near
+standstill; then the patch keeps its state, adhering or sliding (`sliding`). Each tire model solves
+this equation for its own curve (`tire.model.contact_friction`). Unlike in the dissertation,
+``v_num`` may be tiny, so that a locked wheel sticks or slides as with Coulomb friction and never
+creeps.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ class TireConstants(NamedTuple):
     Attributes:
         stiffness: ``c`` [N/m].
         damping: ``d`` [N s/m].
-        dt: step [s].
+        dt: physics step [s].
     """
 
     stiffness: float
