@@ -120,17 +120,17 @@ class VehicleConfiguration(Configuration):
 
     @property
     def open_valves(self) -> quantities.FloatArray:
-        """Share of pressure that each valve passes at least [1], shape (N,)."""
+        """Smallest share of the pressure that each valve passes [1], shape (N,)."""
         return np.array([self._condition(name).open_valve for name in self.wheels])
 
     @property
     def stuck_brakes(self) -> quantities.FloatArray:
-        """Share of the largest torque that each brake exerts at least [1], shape (N,)."""
+        """Share of the largest torque that each brake always exerts [1], shape (N,)."""
         return np.array([self._condition(name).stuck_brake for name in self.wheels])
 
     @property
     def brake_fault_onsets(self) -> quantities.FloatArray:
-        """Time from which the brake of each wheel is faulty, if it is [s], shape (N,)."""
+        """Time from which the brake faults of each wheel apply [s], shape (N,)."""
         return np.array([self._condition(name).onset for name in self.wheels])
 
     def _condition(self, name: str) -> WheelCondition:

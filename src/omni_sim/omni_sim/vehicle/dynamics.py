@@ -1,15 +1,15 @@
 """Planar motion of a vehicle on omni-wheels: one compiled kernel that advances many steps.
 
-The body moves in the plane by `move`; the rest of the module computes the forces. The rigid body
-moves about its center of gravity, Eqs. (39), (40) read as ``m v_dot = sum f_i`` and ``J Omega_dot =
-sum cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are evaluated at the middle
-of the step, but velocities are implicit: each wheel's force is solved at the velocity that its hub
-will have at the end of the step. That velocity is predicted from all forces of the step before, and
-corrected by ``W (F - F_before)`` with the sum of absolute mobilities that couple the wheel to any
-other as ``W``, which makes the pass over the wheels stable for any tire stiffness without
-iteration. The coupling between wheels lags by one step, an error of second order that energy tests
-show only with very stiff tires. On uneven ground the motion is in the path plane of
-`uneven_ground`, and gravity is an additional force.
+`move` advances the body in the plane; the rest of the module computes the forces. Eqs. (39), (40)
+are written for the center of gravity, ``m v_dot = sum f_i`` and
+``J Omega_dot = sum cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are
+evaluated at the middle of the step, but velocities are implicit: each wheel's force is solved at
+the velocity that its hub will have at the end of the step. That velocity is predicted from all
+forces of the step before and corrected by ``W (F - F_before)``, where ``W`` is the sum of the
+absolute mobilities that couple the wheel to all wheels. This makes one pass over the wheels stable
+for any tire stiffness, without iteration. The coupling between wheels lags by one step, an error of
+second order that energy tests show only with very stiff tires. On uneven ground the motion is in
+the path plane of `uneven_ground`, and gravity is an additional force.
 
 Kernels with one caller are inlined: passing their many arguments would take more than a third of
 the time. Kernels with several callers are not inlined, which keeps compilation short.
@@ -42,13 +42,13 @@ from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import Patch, TireConstants
 
-# Load per mass that load transfer is computed with at least, when the ground falls away [m/s^2].
+# Smallest load per mass in the computation of load transfer, if the ground falls away [m/s^2].
 _LEAST_PRESSING = 0.1
 
 
 @lean_inline
 def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -> None:
-    """Advance the body by one step: the whole motion in the plane.
+    """Advance the motion of the body in the plane by one step.
 
         x_dot = v,    m v_dot = R(psi) f + f_other,    psi_dot = Omega,    J Omega_dot = M
 
@@ -58,9 +58,9 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
         plant: constants.
         body: `state.BODY`, changed in place.
         heading: ``R(psi)``, cosine and sine of the yaw at the middle of the step.
-        pull: force ``f`` of the wheels in the body frame [N], all moments ``M`` about the center
-            of gravity [N m].
-        other: forces on the center of gravity in the world frame, ``f_other`` [N].
+        pull: force ``f`` of the wheels in the body frame [N], and the sum ``M`` of all moments
+            about the center of gravity [N m].
+        other: other forces on the center of gravity in the world frame, ``f_other`` [N].
     """
     dt = plant.dt
     push = dt / plant.mass
@@ -87,7 +87,7 @@ def advance(state: State, control: Control, log: Log) -> None:
     Args:
         state: state of the vehicle.
         control: inputs, constant over the call.
-        log: holds the number of steps and receives the results.
+        log: contains the number of steps and receives the results.
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt = plant.dt
@@ -162,7 +162,7 @@ def _carry(state: State, body: Record, pressing: float, pull: Pair) -> bool:
     """Distribute the weight over the wheels; return whether fewer than three carry it.
 
     Args:
-        state: state of the vehicle; its loads are written.
+        state: state of the vehicle; receives the loads.
         body: `state.BODY`.
         pressing: load per mass on the ground [m/s^2].
         pull: force of the wheels in the body frame [N].
@@ -247,7 +247,7 @@ def energies(state: State) -> Energies:
 
 @lean
 def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
-    """Return the energy of all wheels' spin and that of their deflection [J]."""
+    """Return the energy of the spin of all wheels and the energy of their deflection [J]."""
     squared_speed, squared_deflection = 0.0, 0.0
     for i in range(state.wheels.shape[0]):
         squared_speed += state.wheels[i].speed ** 2
@@ -261,7 +261,7 @@ def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
 
 @lean
 def standing(state: State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the vehicle's attitude on the ground after a time [s], as `uneven_ground.stand`."""
+    """Return the vehicle's attitude on the ground after a time [s], see `uneven_ground.stand`."""
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate
@@ -278,11 +278,11 @@ def standing(state: State, ahead: float) -> tuple[float, float, float, float, fl
 
 @lean
 def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
-    """Turn yaw and velocity into the path plane at the middle of the step.
+    """Rotate yaw and velocity into the path plane at the middle of the step.
 
     Returns:
-        Load per mass on the ground [m/s^2], negative if the vehicle would take off; gravity's force
-        in that plane [N] and its moment about the normal [N m].
+        Load per mass on the ground [m/s^2], negative if the vehicle would take off; force of
+        gravity in this plane [N] and its moment about the normal [N m].
     """
     plant = state.plant
     old_x, old_y = body.tilt_x, body.tilt_y
@@ -304,7 +304,7 @@ def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
 
 @lean_inline
 def _resultant(state: State, rollers: Rollers | None) -> Triple:
-    """Return the sum of the wheels' forces in the body frame [N] and moments [N m]."""
+    """Return the sums of the wheels' forces in the body frame [N] and of their moments [N m]."""
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
@@ -325,7 +325,7 @@ def _resultant(state: State, rollers: Rollers | None) -> Triple:
 
 @lean
 def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
-    """Compute the losses of all wheels for the step to come; arguments as in `_step_wheels`."""
+    """Compute the passive losses of all wheels for a step; arguments as in `_step_wheels`."""
     plant, losses = state.plant, state.losses
     dt = plant.dt
     cos, sin = step.heading
@@ -384,7 +384,7 @@ def _step_wheels(
 
     Args:
         state: state of the vehicle.
-        rollers: rollers of that state; the kernel is compiled with and without rollers.
+        rollers: rollers of the state, or None; the kernel is compiled for both cases.
         step: quantities common to all wheels.
         brake: largest torque of each brake in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).

@@ -1,8 +1,9 @@
 """Wheel loads when a wheel lifts off: the special cases of `loads`.
 
-Arguments throughout: `position`, wheel contacts relative to the center of gravity [m], shape
-(N, 2); `hull`, indices of the support polygon, counter-clockwise; `weight` m g [N]; `z_x`, `z_y`,
-zero-moment point relative to the center of gravity [m]; `loads`, receives the loads [N], (N,).
+Arguments of all functions: `position`, wheel contacts relative to the center of gravity [m], shape
+(N, 2); `hull`, indices of the wheels of the support polygon, counter-clockwise; `weight`, m g [N];
+`z_x` and `z_y`, zero-moment point relative to the center of gravity [m]; `a`, `b` and `c`, load
+plane ``a + b x + c y``; `loads`, which receives the loads [N], shape (N,).
 """
 
 import numpy as np
@@ -42,7 +43,7 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return half the squared loads of a plane less the work of a unit weight at z."""
+    """Return half the sum of the squared loads of a plane, minus the work of a unit weight at z."""
     energy = -(a + b * z_x + c * z_y)
     for i in range(position.shape[0]):
         load = a + b * position[i, 0] + c * position[i, 1]
@@ -88,14 +89,14 @@ def _newton_step(
             s_xx += x * x
             s_xy += x * y
             s_yy += y * y
-    # Residual of the balance: weight and moments less those of the wheels.
+    # Residual of the balance: weight and its moments minus those of the wheels.
     r_a = 1.0 - (s * a + s_x * b + s_y * c)
     r_b = z_x - (s_x * a + s_xx * b + s_xy * c)
     r_c = z_y - (s_y * a + s_xy * b + s_yy * c)
     minor = s_xx * s_yy - s_xy * s_xy
     determinant = s * minor - s_x * (s_x * s_yy - s_xy * s_y) + s_y * (s_x * s_xy - s_xx * s_y)
     exact = determinant > 1e-9 * size * size * size
-    if not exact:  # two wheels, or wheels in a row: a small stiffness everywhere holds the rest
+    if not exact:  # two wheels, or wheels in a row: add a small stiffness in all directions
         s += 1e-8 * size
         s_xx += 1e-8 * size
         s_yy += 1e-8 * size
@@ -117,9 +118,9 @@ def stand_on_some(
 ) -> int:
     """Find the wheels with load; return their number, 0 if the iteration does not converge.
 
-    Balance is the minimum of a convex energy of the plane, the springs' less the weight's work.
-    Newton's rule with a line search finds it from any start; it is done when the plane presses
-    just those wheels down that it was computed for.
+    The balance is the minimum of a convex energy of the plane: the energy of the springs minus the
+    work of the weight. Newton's rule with a line search finds it from any start. It is complete
+    when the plane presses down exactly the wheels for which it was computed.
     """
     n = position.shape[0]
     a, b, c = 1.0 / n, 0.0, 0.0

@@ -1,13 +1,14 @@
 """Masses of the vehicle and the vertical loads of its wheels.
 
 Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
-chassis, so their loads are on a plane ``a + b x + c y`` over the wheel positions that balances
-the weight and its moments, including those of inertia at the height of the center of gravity:
-the loads balance about the zero-moment point ``z = r_g - h a / g``. Loads are not negative: wheels
-with a negative load in the plane lift off, and the others carry the weight. Where no such balance
-exists (the zero-moment point leaves the support polygon) the vehicle would tip over; then the
-nearest edge of the polygon carries it and `tipping` is reported, since the planar model ends there.
-Neglected: the product of inertia of masses at different heights under yaw acceleration.
+chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the load
+plane. It balances the weight and the moments, including those of inertia at the height of the
+center of gravity: the loads balance about the zero-moment point ``z = r_g - h a / g``. Loads are
+not negative: wheels with a negative load in the plane lift off, and the others carry the weight. If
+the zero-moment point leaves the support polygon, no such balance exists and the vehicle would tip
+over. Then the nearest edge of the polygon carries the vehicle, and `tipping` is reported, because
+the planar model is no longer valid. Neglected: the product of inertia of masses at different
+heights under yaw acceleration.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class MassProperties:
         mass: m [kg].
         center: ``r_g``, center of gravity in the body frame [m], shape (2,).
         height: height of the center of gravity above the ground [m].
-        yaw_inertia: J about the vertical through the center of gravity [kg m^2].
+        yaw_inertia: moment of inertia J about the vertical through the center of gravity [kg m^2].
     """
 
     mass: float
@@ -102,7 +103,7 @@ def load_plane(position: FloatArray) -> FloatArray:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
 
     Returns:
-        [1], [1/m], [1/m], shape (N, 3).
+        Rows ``P_i``, shape (N, 3): [1], [1/m], [1/m].
     """
     basis = np.column_stack((np.ones(len(position)), position))
     rows = np.linalg.solve(basis.T @ basis, basis.T).T
@@ -127,7 +128,7 @@ def wheel_loads(
         hull: hull from `support_polygon`.
         weight: m g [N].
         z_x: zero-moment point relative to the center of gravity, ``-h a_x / g`` [m].
-        z_y: the same point in y, ``-h a_y / g`` [m].
+        z_y: y of the zero-moment point, ``-h a_y / g`` [m].
         loads: receives the loads [N], shape (N,).
 
     Returns:

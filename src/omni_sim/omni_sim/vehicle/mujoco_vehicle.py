@@ -1,16 +1,15 @@
 """A vehicle with individual rollers in MuJoCo, with its rigid bodies and contacts.
 
 Chassis, load, wheels and every roller are separate bodies. Each wheel is mounted on a vertical
-spring: a rigid chassis on four wheels is statically indeterminate, and a millimeter of height would
-determine which three of them have load. Rollers are ellipsoids that touch the wheel's envelope at
-their middle and at the change to the next roller. Friction is Coulomb's, with the sliding force of
-the vehicle's tire on the ground under the wheel, at the load that the wheel's spring shows when a
-call begins; there is no slip curve. The brake is dry friction in the wheel's joint, the drive a
-velocity servo there.
+spring, because a rigid chassis on four wheels is statically indeterminate: a millimeter of height
+would determine which three wheels have load. Rollers are ellipsoids that touch the wheel's envelope
+at their middle and at the change to the next roller. Friction is Coulomb friction without a slip
+curve; its size is the sliding force of the vehicle's tire on the ground under the wheel, at the
+load of the wheel's spring when a call begins. The brake is dry friction in the wheel's joint, and
+the drive is a velocity servo there.
 
 Further assumptions: the body is a homogeneous box as long and wide as the chassis, with its center
-    of
-gravity in the middle, and the load is a sphere.
+of gravity in the middle, and the load is a sphere.
 
 Source: E. Todorov, T. Erez and Y. Tassa, "MuJoCo: A physics engine for model-based control", IROS
 2012. The package is optional, see `requirements/mujoco.in`.
@@ -41,13 +40,13 @@ from omni_sim.wheel.brake_pressure import ask, press
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
 
-_DAMPING_RATIO = 0.5  # of the vehicle on its springs
+_DAMPING_RATIO = 0.5  # damping ratio of the vehicle on its springs
 _SOFTNESS = 0.002  # time constant of contacts and of the brakes' friction [s]
-_LEAST_LOAD = 10.0  # at which friction is looked up [N]
+_LEAST_LOAD = 10.0  # smallest load for which friction is computed [N]
 
 
 def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: Any) -> Vehicle:
-    """Return a vehicle with the engine of its wheel model; arguments as of `Vehicle`."""
+    """Return a vehicle of the class that its wheel model needs; arguments as of `Vehicle`."""
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
 
@@ -56,7 +55,7 @@ def load_mujoco() -> Any:
     """Import MuJoCo, without its windows.
 
     Raises:
-        ConfigurationError: it is not installed; says how to.
+        ConfigurationError: MuJoCo is not installed; the message explains how to install it.
     """
     os.environ.setdefault("MUJOCO_GL", "disable")
     try:
@@ -68,8 +67,8 @@ def load_mujoco() -> Any:
 class MujocoVehicle(Vehicle):
     """A vehicle on individual rollers in MuJoCo, on flat ground.
 
-    Its state is written after each call of `advance`: motion, wheel speeds and angles, loads on the
-    springs, torques of the brakes, and the forces of the contacts along the active directions.
+    Each call of `advance` writes its state: motion, wheel speeds and angles, loads on the springs,
+    torques of the brakes, and the forces of the contacts along the active directions.
     """
 
     def __init__(
@@ -226,7 +225,7 @@ class MujocoVehicle(Vehicle):
         ):
             body[name] = value
         wheels["speed"], wheels["angle"] = data.qvel[self._hinges], data.qpos[self._angles]
-        # As the springs show it, without their dampers.
+        # The load of the springs, without their dampers.
         wheels["load"] = self._loads + self._stiffness * (data.qpos[self._springs] - self._offsets)
         dry = data.efc_type == self._mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         torques = dict(zip(data.efc_id[dry], data.efc_force[dry], strict=True))
@@ -263,11 +262,11 @@ def _model(
     """Write a vehicle in MuJoCo's format.
 
     Args:
-        vehicle: its configuration.
+        vehicle: configuration of the vehicle.
         loads: loads of the wheels at rest [N], shape (N,).
         offsets: error of each wheel's mounting height [m], shape (N,).
         suspension: stiffness of each wheel's spring [N/m].
-        physics_step: [s].
+        physics_step: length of a step [s].
     """
     mass = float(loads.sum()) / GRAVITY
     n, rollers = len(vehicle.wheels), vehicle.rollers
@@ -284,14 +283,14 @@ def _model(
     roller_mass = 2.0 * rollers.inertia / rollers.radius**2
     wheel_mass = rollers.count * roller_mass
     body, load = vehicle.body, vehicle.load
-    # In the planar vehicle the wheels' mass and moment about the vertical are the body's.
+    # In the planar vehicle the body includes the wheels' mass and moment about the vertical.
     reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
     chassis = body.mass - n * wheel_mass
     yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
     box = (vehicle.chassis_width, vehicle.chassis_length, 2.0 * body.height)
     roll = chassis / 12.0 * (box[0] ** 2 + box[2] ** 2)
     pitch = chassis / 12.0 * (box[1] ** 2 + box[2] ** 2)
-    yaw_inertia = min(yaw_inertia, 0.999 * (roll + pitch))  # what any rigid body keeps
+    yaw_inertia = min(yaw_inertia, 0.999 * (roll + pitch))  # limit for any rigid body
     yield (
         f"<inertial pos='{body.x} {body.y} {body.height}' mass='{chassis}' "
         f"diaginertia='{roll} {pitch} {yaw_inertia}'/>"
@@ -325,7 +324,7 @@ def _model(
             angle = 2.0 * math.pi * k / rollers.count
             place = _turned(np.array([0.0, 0.0, -distance]), axis, angle)
             along = _turned(lowest, axis, angle)
-            # The ellipsoid that fills the envelope in the middle and at the change of rollers.
+            # The ellipsoid that touches the envelope in the middle and at the change of rollers.
             half = distance * math.tan(math.pi / rollers.count) / tilt
             change = mount.radius - distance / math.cos(math.pi / rollers.count)
             length = half / math.sqrt(1.0 - (change / rollers.radius) ** 2)

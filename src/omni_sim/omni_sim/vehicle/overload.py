@@ -1,7 +1,7 @@
 """Monitor of wheels whose load exceeds the range of their tire model.
 
 Above the largest permissible load the parabola (3) has no physical meaning (section 2.3.1), so
-the dynamics compute with the force at that load. This module reports it to the user.
+the dynamics use the force at that load. This module reports such overloads to the user.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ class Overload:
 
     Attributes:
         model: name of the tire model.
-        limit: largest load that it covers [N].
+        limit: largest load that the model covers [N].
         largest_load: largest load of each overloaded wheel at the end of a control period [N].
         time: total time of overload, summed over the wheels [s].
     """
@@ -39,10 +39,10 @@ class Overload:
 
 
 class OverloadWatch:
-    """Follows the wheel loads of a run.
+    """Monitors the wheel loads of a run.
 
     Attributes:
-        overload: overload so far, None without any.
+        overload: overload so far, None if there was none.
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class OverloadWatch:
         Args:
             wheel_names: wheel names in the order of all wheel arrays.
             model: name of the tire model.
-            limit: largest load that it covers [N].
-            physics_step: [s].
+            limit: largest load that the model covers [N].
+            physics_step: length of a step [s].
         """
         self.overload: Overload | None = None
         self._names = tuple(wheel_names)
@@ -68,11 +68,11 @@ class OverloadWatch:
         """Update with a control period.
 
         Args:
-            load: wheel loads at its end [N], shape (N,).
+            load: wheel loads at the end of the period [N], shape (N,).
             overloaded_steps: physics steps with overload since the start, added up over wheels.
 
         Returns:
-            Whether a wheel was overloaded within it.
+            Whether a wheel was overloaded within the period.
         """
         self._largest = np.maximum(self._largest, load)
         happened = overloaded_steps > self._count

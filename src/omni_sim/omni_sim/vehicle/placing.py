@@ -11,7 +11,7 @@ from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
 from omni_sim.wheel import brake_pressure, roller_geometry
 
-_PLACEMENTS = 8  # to find a plane that depends on where the wheels reach on it
+_PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions depend on the plane
 
 
 def place(
@@ -62,7 +62,7 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the contacts' velocities along ``n_w`` from that of the center of gravity."""
+    """Return the contacts' velocities along ``n_w`` for a twist of the center of gravity [m/s]."""
     contacts = state.contacts
     columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
     return np.asarray(columns @ twist, dtype=np.float64)

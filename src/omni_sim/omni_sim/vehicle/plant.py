@@ -27,10 +27,10 @@ def build_plant(
 
     Args:
         configuration: configuration of the vehicle.
-        kinematics: kinematics of its wheels.
+        kinematics: kinematics of the wheels.
         masses: body and load together.
         friction: friction of the ground.
-        physics_step: [s].
+        physics_step: length of a step [s].
     """
     geometry = kinematics.geometry
     tire = configuration.tire
@@ -46,7 +46,7 @@ def build_plant(
         rollers = np.array([geometry.constants for geometry in geometries], AXIS)
         pitch = 2.0 * geometries[0].half_pitch
         jump = np.array([geometry.jump for geometry in geometries])
-        # An upper bound over all wheel angles; two rollers may share a wheel.
+        # An upper bound for all wheel angles; two rollers may carry a wheel.
         reach = np.linalg.norm(lever, axis=1) + jump
         mobility_sum = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
         mobility_sum *= 2.0 if configuration.wheel_model == "rollers" else 1.0
@@ -97,11 +97,11 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Lay out the passive losses, and the plant with their coupling to its forces.
+    """Return the plant, with the coupling of the passive losses to its forces, and these losses.
 
     Args:
         configuration: configuration of the vehicle.
-        kinematics: kinematics of its wheels.
+        kinematics: kinematics of the wheels.
         masses: body and load together.
         plant: plant from `build_plant`; returned unchanged without losses.
     """
@@ -154,7 +154,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
 def build_suspension(
     configuration: VehicleConfiguration, masses: MassProperties
 ) -> state.Suspension:
-    """Lay out the springs of a chassis.
+    """Return the springs of a chassis in the layout of the kernel.
 
     Args:
         configuration: configuration of the vehicle.

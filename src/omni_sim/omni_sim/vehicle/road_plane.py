@@ -4,8 +4,8 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x, y)`` is replaced
 under each wheel by the plane of four points before, behind, left and right of its projection.
 
-Equation (6) prints ``e_zR = e_x x e_yR`` for the radial direction, and so it is here: it points
-from the contact to the center of the wheel. Frames are world-parallel, z up.
+The radial direction is ``e_zR = e_x x e_yR`` as printed in Eq. (6). It points from the contact to
+the center of the wheel. All frames are parallel to the world, with z up.
 """
 
 import dataclasses
@@ -30,9 +30,9 @@ def plane_of_points(
 
     Args:
         front: height of the point before the projection [m].
-        back: gray level of the point behind it [m].
-        left: gray level of the point on its left [m].
-        right: gray level of the point on its right [m].
+        back: height of the point behind the projection [m].
+        left: height of the point on the left of the projection [m].
+        right: height of the point on the right of the projection [m].
         distance: distance of the points from the projection [m].
 
     Returns:
@@ -52,13 +52,13 @@ def road_plane_at(
 
     Args:
         terrain: height of the ground.
-        x: projection of the wheel center in the world [m].
-        y: position in y [m].
-        cos: cosine of the direction that counts as forward.
-        sin: its sine [1].
+        x: x of the wheel center in the world [m].
+        y: y of the wheel center in the world [m].
+        cos: cosine of the direction that counts as forward [1].
+        sin: sine of the direction that counts as forward [1].
 
     Returns:
-        Height [m] and ``e_n`` in the world frame [1], three components.
+        Height of the plane [m] and the three components of ``e_n`` in the world frame [1].
     """
     parts, distance = terrain.parts, terrain.sampling
     d_x, d_y = distance * cos, distance * sin

@@ -1,9 +1,10 @@
 """Wheels with individual rollers in the dynamics kernel: rollers in contact and their forces.
 
 Wheels and contacts are those of `wheel.roller`. Forces act at the displaced contact points, Eqs.
-(10), (11), so the levers of the platform vary with the wheel angles; the loads are those of wheels
-that stand under their centers. While two rollers of a wheel are in contact, its spin is solved with
-the lower one and with the other's force of the last step.
+(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
+computed as if the contacts were under the wheel centers. While two rollers of a wheel are in
+contact, the wheel's spin is solved with the lower roller and the other roller's force of the last
+step.
 """
 
 import math
@@ -19,9 +20,9 @@ from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_ste
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
-# An inertia so large that a wheel's speed is prescribed [kg m^2].
+# An inertia so large that the speed of the wheel is constant [kg m^2].
 _PRESCRIBED = 1e30
-# Tipping may flatten a tire down to the roller's axis; its lever stays above this [m].
+# Tipping may compress a tire down to the roller's axis; the lever is at least this [m].
 _LEAST_LEVER = 1e-3
 
 
@@ -53,10 +54,10 @@ def _step_contact(
 
     Args:
         plant: constants.
-        rollers: state of the roller is changed and its force added to the wheel's in place.
+        rollers: the roller's state is changed, and its force is added to that of the wheel.
         step: quantities common to all wheels.
         touch: the roller.
-        spin: spin of the wheel under all torques but that of this roller.
+        spin: spin of the wheel under all torques except that of this roller.
         drive: drive of the wheel.
 
     Returns:
@@ -65,7 +66,7 @@ def _step_contact(
     i = touch.wheel
     roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i]
     radius = plant.radius[i] - touch.wheel_load / plant.vertical_stiffness  # r_D of Eq. (1)
-    # By how much all forces together change the contact's velocity at most.
+    # Largest change of the contact's velocity per force, by all forces together.
     mobility = plant.dt * plant.mobility[i]
     n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(touch.gamma, axis)
     p_x, p_y = n_y, -n_x
@@ -84,7 +85,8 @@ def _step_contact(
     turn = plant.dt * spin_lever / rollers.inertia
     slowed = turn * (rollers.constant + rollers.growing * touch.load) * touch.load
     free = roller.spin - turn * roller.f_p
-    # Speed of the rubber through the contact: wheel along u, roller along its passive direction.
+    # Speed of the rubber through the contact, by the wheel along u and by the roller across its
+    # axis.
     surface = spin_lever * roller.spin
     rim = radius * touch.turning
     speed = math.hypot(rim * axis.u_x + surface * p_x, rim * axis.u_y + surface * p_y)
@@ -130,7 +132,7 @@ def _step_contact(
 
 @lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Relax the deflection of all rollers that are not on the ground; their spin stays."""
+    """Set deflection and force of rollers that are not on the ground to zero; keep their spin."""
     for k in range(rollers.shape[0]):
         roller = rollers[k]
         if k not in (first, second) and roller.load != 0.0:
@@ -152,7 +154,7 @@ def step_roller_wheel(
         wheel: `state.WHEEL`, with the load of this step; changed in place.
         step: quantities common to all wheels.
         i: index of the wheel.
-        brake: torque that its brake can exert [N m].
+        brake: torque that the brake can exert [N m].
         drive: drive of the wheel.
     """
     count, pitch = rollers.state.shape[1], plant.roller_pitch
@@ -167,7 +169,7 @@ def step_roller_wheel(
     _lift(rollers.state[i], first, second if shared else first)
     for j in range(3):
         rollers.push[i, j] = 0.0
-    held = rollers.state[i, second].torque if shared else 0.0  # of the step before
+    held = rollers.state[i, second].torque if shared else 0.0  # from the step before
     spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
     lower = _Touch(i, first, gamma, share * load, load, omega)
     wheel.speed, wheel.brake = _step_contact(plant, rollers, step, lower, spin, drive)
@@ -185,7 +187,7 @@ def step_roller_wheel(
 
 @lean
 def roller_energies(rollers: Rollers) -> Pair:
-    """Return the energy of all rollers' spin and that of their deflection [J]."""
+    """Return the energy of the spin of all rollers and the energy of their deflection [J]."""
     spin, elastic = 0.0, 0.0
     for i in range(rollers.state.shape[0]):
         for k in range(rollers.state.shape[1]):

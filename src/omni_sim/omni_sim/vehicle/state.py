@@ -30,8 +30,8 @@ rad/s], the low-passed acceleration by the tires in the body frame [m/s^2], and 
 of the path plane's normal [1], in whose frame yaw and velocity are."""
 
 CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
-"""Where and how a wheel pushes: contact from the center of gravity [m], active direction ``n_w``
-[1], ``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
+"""Contact of a wheel: position relative to the center of gravity [m], active direction ``n_w`` [1],
+``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
 
 WHEEL = np.dtype(
     [
@@ -103,27 +103,27 @@ class Plant(NamedTuple):
         filter_share: weight of the newest acceleration in the low-pass [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
         radius: radius of the unloaded wheels [m], shape (N,).
-        mobility: W of the wheels [1/kg], shape (N,).
+        mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels from the center of gravity [m], shape (N, 2).
         plane: plane from `loads.load_plane`.
         hull: hull from `loads.support_polygon`.
-        wheel_inertia: I of a wheel about its axis [kg m^2].
+        wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
-        ramp: fall of its speed command per torque of a brake [rad/s^2 per N m], 0 for brakes that
-            act by friction, shape (N,).
+        ramp: deceleration of a velocity drive's speed command per torque of a brake [rad/s^2 per
+            N m], 0 for friction brakes, shape (N,).
         tire: constants of the tire model; their type chooses it.
         largest_load: load to which the tire's load is clamped [N].
-        stiffness: c_x [N/m].
-        damping: d_x [N s/m].
-        vertical_stiffness: c_z [N/m].
-        slip_speed: v_num [m/s].
-        friction: factor of the ground outside the patches [1].
+        stiffness: horizontal stiffness c_x of a tire [N/m].
+        damping: horizontal damping d_x of a tire [N s/m].
+        vertical_stiffness: vertical stiffness c_z of a tire [N/m].
+        slip_speed: speed v_num that keeps the slip finite [m/s].
+        friction: friction factor of the ground outside the patches [1].
         patches: patches from `friction.FrictionMap`, shape (P, 8).
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
-        brake_power: largest of a wheel's brake [W].
+        brake_power: largest power of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
         roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
     """
@@ -164,7 +164,7 @@ class Losses(NamedTuple):
     """Losses along the passive directions.
 
     Attributes:
-        wheel: constants of the wheels, `LOSS`, shape (N,); none, (0,), without losses.
+        wheel: constants of the wheels, `LOSS`, shape (N,); shape (0,) without losses.
         constant: friction per load [1].
         growing: friction per load and load, Eq. (19) [1/N].
         inertia: inertia of a roller against its surface speed [kg].
@@ -185,8 +185,8 @@ class Rollers(NamedTuple):
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
         overlap: see `roller_configuration.RollerConfiguration`.
-        constant: friction that opposes a roller's turning, at its surface per load [1].
-        growing: that friction per load and load, Eq. (19) [1/N].
+        constant: friction against a roller's rotation, at its surface, per load [1].
+        growing: increase of this value per load, Eq. (19) [1/N].
         state: state of the rollers, `ROLLER`, shape (N, n).
         push: forces [N] and moment about the center of gravity [N m] of each wheel in the last
             step, body frame, shape (N, 3).
@@ -207,10 +207,10 @@ class Suspension(NamedTuple):
     """The springs of a chassis; see `suspension`.
 
     Attributes:
-        stiffness: c of each wheel [N/m]; 0 without suspension.
-        damping: d of each wheel [N s/m].
-        pitch_inertia: I_p [kg m^2].
-        roll_inertia: I_r [kg m^2].
+        stiffness: vertical stiffness c of each wheel [N/m]; 0 without suspension.
+        damping: vertical damping d of each wheel [N s/m].
+        pitch_inertia: moment of inertia I_p about the lateral axis [kg m^2].
+        roll_inertia: moment of inertia I_r about the longitudinal axis [kg m^2].
         mounted: mounting height of each wheel relative to the others [m], shape (N,).
         half_gap: half gap from a roller's end to the middle of the gap between two, along the rim
             [m].
@@ -236,14 +236,14 @@ class State(NamedTuple):
     Attributes:
         plant: constants.
         terrain: height of the ground.
-        losses: along the passive directions.
+        losses: losses along the passive directions.
         suspension: suspension of the chassis.
-        body: `BODY`, shape (1,).
-        contacts: `CONTACT` of the last step, shape (N,); they change only if there is a roller
-            pitch, and individual rollers leave them alone.
-        rollers: individual rollers, if any; kernels are compiled with and without them.
-        wheels: `WHEEL`, shape (N,).
-        counters: `COUNTERS`, shape (1,).
+        body: a record of `BODY`, shape (1,).
+        contacts: records of `CONTACT` in the last step, shape (N,); they change only if
+            `Plant.roller_pitch` is not 0 and the rollers are not individual ones.
+        rollers: individual rollers, or None; kernels are compiled for both cases.
+        wheels: records of `WHEEL`, shape (N,).
+        counters: a record of `COUNTERS`, shape (1,).
         pressure: pressure in the brakes.
         loads: loads of the wheels in the current step [N], shape (N,).
     """
@@ -267,11 +267,12 @@ class Control(NamedTuple):
     Attributes:
         brake: torque of a brake at the full pressure of the pedal [N m].
         enable: commanded share of the pressure that each valve passes [1], shape (N,).
-        drive_stiffness: drive stiffness of the clutches [N m s/rad], 0 when disengaged.
+        drive_stiffness: stiffness of the drives' clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
-        in_world: whether its linear part keeps its direction in the world while the body turns.
-        force_x: constant force at the center of gravity, world frame [N].
-        force_y: that force in y [N].
+        in_world: whether the commanded velocity keeps its direction in the world while the body
+            turns.
+        force_x: constant force at the center of gravity along x of the world [N].
+        force_y: constant force at the center of gravity along y of the world [N].
     """
 
     brake: float
@@ -288,12 +289,12 @@ class Step(NamedTuple):
 
     Attributes:
         place: center of gravity in the world at the middle of the step [m].
-        heading: cosine and sine of the yaw there.
+        heading: cosine and sine of the yaw at the middle of the step.
         tilt: level components of the path plane's normal [1].
         ahead: velocity of the center of gravity [m/s] and yaw rate [rad/s] at the end of the step
             if the forces did not change, in the body frame.
         drive: commanded twist in the body frame [m/s, m/s, rad/s].
-        drive_stiffness: drive stiffness of the clutches [N m s/rad], 0 when disengaged.
+        drive_stiffness: stiffness of the drives' clutches [N m s/rad], 0 when disengaged.
     """
 
     place: Pair
@@ -308,11 +309,11 @@ class Log(NamedTuple):
     """Log of n steps.
 
     Attributes:
-        steps: n.
+        steps: number of steps n.
         trajectory: x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world
-            frame at the start and after each step, shape (n + 1, 6); or (0, 6).
-        wheels: `WHEEL` after each step, shape (n, N); or (0, N), which keeps no log.
-        energy: `Energies` after each step [J], shape (n, 5); or (0, 5).
+            frame at the start and after each step, shape (n + 1, 6); (0, 6) if not recorded.
+        wheels: records of `WHEEL` after each step, shape (n, N); (0, N) if not recorded.
+        energy: `Energies` after each step [J], shape (n, 5); (0, 5) if not recorded.
     """
 
     steps: int
@@ -336,11 +337,11 @@ class Energies(NamedTuple):
     """Energies of a vehicle [J].
 
     Attributes:
-        translation: translation of the center of gravity.
-        rotation: rotation of the body about it.
-        spin: spin of the wheels and individual rollers.
-        elastic: elastic of the tires' deflection.
-        height: ``m g Z`` over the level z = 0.
+        translation: kinetic energy of the center of gravity.
+        rotation: kinetic energy of the rotation of the body about its center of gravity.
+        spin: kinetic energy of the spin of wheels and individual rollers.
+        elastic: elastic energy of the tires' deflection.
+        height: potential energy ``m g Z`` over the level z = 0.
     """
 
     translation: float
@@ -351,5 +352,5 @@ class Energies(NamedTuple):
 
     @property
     def kinetic(self) -> float:
-        """Translation, rotation and spin."""
+        """Sum of the energies of translation, rotation and spin [J]."""
         return self.translation + self.rotation + self.spin

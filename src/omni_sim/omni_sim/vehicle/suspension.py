@@ -1,20 +1,23 @@
 """A sprung chassis with dynamics of heave, pitch and roll.
 
-Without it wheels share the weight as on equal springs without dynamics (`loads`). With it each
-wheel is sprung and damped separately, tire included, and the chassis moves by
+Without a suspension the wheels share the weight as on equal springs without dynamics (`loads`).
+With a suspension each wheel, including its tire, has a spring and a damper, and the chassis moves
+by
 
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
-``z`` upward at the center of gravity, ``p`` and ``r`` the gradients of the chassis forward and to
-the left, small, ``f`` the force of the wheels along the ground, ``h`` the height at which inertia
-opposes it. ``s_i`` is the height of the road under a wheel over the plane that the vehicle follows
-(`uneven_ground`), less how much higher the wheel is mounted and how deep it sinks into a gap
-between two rollers. So the wheel loads depend on their heights and the twist of the ground, which
-are indeterminate for rigid bodies, and rollers with gaps excite vibrations.
+``z`` is the height of the center of gravity, ``p`` and ``r`` are the small gradients of the chassis
+forward and to the left, ``f`` is the force of the wheels along the ground, and ``h`` is the height
+at which inertia opposes it. ``s_i`` is the height of the road under a wheel over the plane that the
+vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which it
+sinks into a gap between two rollers. So the wheel loads depend on the mounting heights and on
+twisted ground, for which the loads of a rigid vehicle are indeterminate, and rollers with gaps
+excite vibrations.
 
-Neglected: the mass of wheels apart from the chassis, gyroscopic moments, the way of the center of
-gravity over a tilted chassis, and the work that the forces along the ground do on pitch and roll.
+Neglected: the mass of the wheels separate from the chassis, gyroscopic moments, the displacement of
+the center of gravity by a tilted chassis, and the work of the forces along the ground on pitch and
+roll.
 """
 
 import dataclasses
@@ -28,7 +31,7 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.state import Plant, Structured, Suspension
 from omni_sim.wheel.roller_geometry import nearest_roller
 
-_BALANCES = 100  # tried of a chassis at rest
+_BALANCES = 100  # most iterations for a chassis at rest
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -61,7 +64,7 @@ def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: floa
 
     Args:
         plant: constants.
-        suspension: its springs, with the ground under the wheels; the chassis is written.
+        suspension: springs and ground under the wheels; receives the state of the chassis.
         angle: angle of the wheels [rad], shape (N,).
         weight: weight on the ground [N].
     """
@@ -90,12 +93,12 @@ def _lever_arms(plant: Plant) -> FloatArray:
 def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
     """Return the depth of a wheel between two rollers [m].
 
-    At the gap the wheel stands on the end of a roller, which is on the envelope's circle.
+    At the gap the wheel stands on the end of a roller, which is on the circle of the envelope.
 
     Args:
         plant: constants.
         half_gap: half gap from a roller's end to the middle of the gap, along the rim [m].
-        wheel: its index.
+        wheel: index of the wheel.
         angle: angle of the wheel [rad].
     """
     if half_gap <= 0.0:
@@ -121,7 +124,7 @@ def sprung_loads(
 
     Args:
         plant: constants.
-        suspension: its springs and state, changed in place.
+        suspension: springs and state of the chassis, changed in place.
         wheels: `state.WHEEL`, shape (N,).
         weight: weight on the ground [N].
         pull: force of the wheels along the ground in the body frame [N].

@@ -1,24 +1,27 @@
 """Motion of a vehicle on uneven ground: heave, roll and pitch, tilt of the path, gravity.
 
-The vehicle keeps to the ground. Under each wheel is a road plane, Eq. (5), of height ``z_i`` and
-gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the shares ``w_i`` at
-rest, so heave, roll and pitch are those of the plane fitted to the ``z_i``, the center of gravity
-stands over ``Z = sum w_i z_i`` and moves in the plane of the gradient ``sum w_i s_i`` (the *path
-plane*, of unit normal ``n``).
+The vehicle does not leave the ground. Under each wheel is a road plane, Eq. (5), with the height
+``z_i`` and the gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the
+shares ``w_i`` at rest. So heave, roll and pitch are those of a plane fitted to the ``z_i``. The
+ground under the center of gravity has the height ``Z = sum w_i z_i``, and the center of gravity
+moves in the plane with the gradient ``sum w_i s_i``, the *path plane* with the unit normal ``n``.
 
-The planar dynamics are computed in that plane, in the world frame rotated by the smallest rotation
-from the vertical to ``n``. On an even slope it is constant and the motion is exactly that of flat
-ground with gravity's component ``g (n_x, n_y)`` and the load ``m g n_z``. On curved ground the
-frame moves without rotation about ``n``; the normal force is ``m (g n_z - n_dot . v)``, and the
-moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z``. Yaw is the angle in
-that frame, about ``n``; positions are in the level world. If the vehicle would take off, the
-normal force is zero and the vehicle counts as tipping.
+The planar dynamics are computed in the path plane, in the world frame rotated by the smallest
+rotation from the vertical to ``n``. On an even slope this frame is constant, and the motion is
+exactly that on flat ground with the component ``g (n_x, n_y)`` of gravity and the load ``m g n_z``.
+On curved ground the frame moves without rotation about ``n``; the normal force is
+``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves
+``T + m g Z``. Yaw is the angle in this frame, about ``n``; positions are in the level world. If the
+vehicle would take off, the normal force is zero and the vehicle counts as tipping.
 
-Neglected: that a tilted vehicle reaches less far seen from above, where the ground is looked up;
-kinetic energy of roll and pitch, and the height of the center of gravity in its path (only load
-transfer knows it); the difference between a wheel's own road plane and the path plane in the
-direction of its force (second order in the angle between them); without a `suspension` also loads
-by twisted ground, as if the frame of the vehicle yielded.
+Neglected are:
+
+- the shorter projection of a tilted vehicle when the ground under its wheels is computed,
+- the kinetic energy of roll and pitch, and the height of the center of gravity in its path, which
+  only affects load transfer,
+- the difference between a wheel's own road plane and the path plane in the direction of its force,
+  which is of second order in the angle between them,
+- without a `suspension`, the loads by twisted ground, as if the frame of the vehicle yielded.
 """
 
 import math
@@ -37,9 +40,9 @@ def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, floa
 
     Args:
         tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, which changes nothing.
-        tilt_y: ``n_y`` [1].
-        x: component in the frame of the path plane.
-        y: position in y [m].
+        tilt_y: ``n_y`` of the path plane [1].
+        x: component x of the vector in the frame of the path plane [any unit].
+        y: component y of the vector in the frame of the path plane [same unit as x].
     """
     normal = math.sqrt(1.0 - tilt_x * tilt_x - tilt_y * tilt_y)
     along = (tilt_x * x + tilt_y * y) / (1.0 + normal)
@@ -93,8 +96,8 @@ def stand(
 def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
     """Return the rotation of fixed directions in the path plane as ``n`` changes [rad].
 
-    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``; a direction that does
-    not rotate turns by the opposite angle in it.
+    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``. Relative to the frame,
+    a direction that does not rotate turns by the opposite angle.
     """
     normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)
@@ -105,8 +108,8 @@ def orientation(yaw: float, forward: float, left: float) -> FloatArray:
 
     Args:
         yaw: yaw in the frame of the vehicle's plane [rad].
-        forward: gradient of that plane forward [1].
-        left: gradient to the left [1].
+        forward: gradient of the vehicle's plane forward [1].
+        left: gradient of the vehicle's plane to the left [1].
     """
     cos, sin = math.cos(yaw), math.sin(yaw)
     c = 1.0 / math.sqrt(1.0 + forward * forward + left * left)

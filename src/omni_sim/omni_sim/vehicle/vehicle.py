@@ -20,7 +20,7 @@ from omni_sim.wheel.brake_pressure import build_brake_pressure
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
 
-_COARSEST = 0.5  # angle of the fastest motion on the springs in a step [rad]
+_COARSEST = 0.5  # largest phase of the fastest motion on the springs in a step [rad]
 
 
 class VehicleInputError(ValueError):
@@ -30,10 +30,10 @@ class VehicleInputError(ValueError):
 class Vehicle:
     """A vehicle that moves in the plane, or on uneven ground without taking off (`uneven_ground`).
 
-    Its wheels are those of ``wheel_model``. With individual rollers a wheel's force is the part of
-    all its rollers' forces along the nominal active direction, and its limit is the sum of their
-    limits; slip, deflection and whether it slides are those of its lower roller; the slip velocity
-    is that of an ideal contact.
+    Its wheels are those of ``wheel_model``. With individual rollers, a wheel's force is the sum of
+    its rollers' forces along the nominal active direction, and its limit is the sum of their
+    limits. Its slip, its deflection and whether it slides are those of its lower roller. Its slip
+    velocity is that of an ideal contact.
 
     The drive uses the inverse kinematics with the rolling radii under the static loads, like a
     calibrated drive.
@@ -43,7 +43,7 @@ class Vehicle:
         kinematics: kinematics of the unloaded wheels, with the names and the order of all wheel
             arrays.
         masses: body and load together.
-        physics_step: [s].
+        physics_step: length of a step [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
     """
 
@@ -62,12 +62,12 @@ class Vehicle:
         Args:
             configuration: configuration of the vehicle.
             friction: friction of the ground; by default ``mu/mu_0 = 1`` everywhere.
-            physics_step: [s].
+            physics_step: length of a step [s].
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: twist of base_link in the body frame [m/s, m/s, rad/s].
             elevation: elevation of the ground; flat by default.
-            wheel_angle: wheel angle of the wheels when placed, 0 with a roller's middle on the
-                ground [rad], a number or shape (N,).
+            wheel_angle: angle of the wheels when placed, 0 with a roller's middle on the ground
+                [rad], a number or shape (N,).
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
@@ -173,15 +173,15 @@ class Vehicle:
             n_steps: number of physics steps.
             pedal: brake pedal, 0..1.
             enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
-            command_twist: that the drive follows while the clutch is engaged, in the body frame
-                at the start of the call [m/s, m/s, rad/s], shape (3,).
-            hold_world_direction: let its linear part keep its direction in the world while the
-                body turns during the call.
-            traced: whether the steps are returned, which costs time.
+            command_twist: twist that the drive follows while the clutch is engaged, in the body
+                frame at the start of the call [m/s, m/s, rad/s], shape (3,).
+            hold_world_direction: whether the commanded velocity keeps its direction in the world
+                while the body turns during the call.
+            traced: whether the steps are returned, which takes time.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
-            at the start and after each step, shape (n_steps + 1, 6); or (0, 6).
+            at the start and after each step, shape (n_steps + 1, 6); shape (0, 6) if not traced.
         """
         control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
         return self._run(n_steps, control, traced=traced, logged=False).trajectory
@@ -214,7 +214,7 @@ class Vehicle:
             twist: twist in the body frame [m/s, m/s, rad/s], shape (..., 3).
 
         Returns:
-            With the rolling radii under the static loads [rad/s], shape (..., N).
+            Wheel speeds with the rolling radii under the static loads [rad/s], shape (..., N).
         """
         return np.asarray(np.asarray(twist) @ self.state.plant.rolling.T, dtype=np.float64)
 
@@ -267,9 +267,9 @@ class Vehicle:
 
     @property
     def motion(self) -> tuple[quantities.FloatArray, float, float]:
-        """Position and yaw in the path plane with the body twist, shape (6,), and its tilt [1].
+        """Position, yaw and body twist, shape (6,), and the two components of the tilt [1].
 
-        The tilt is the level part of the plane's normal; yaw and velocity are in the plane.
+        Yaw and velocity are in the path plane. The tilt is the level part of its normal.
         """
         return (
             self._motion(),
@@ -297,7 +297,7 @@ class Vehicle:
     def attitude(self) -> quantities.FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground or springs, shape (3,).
 
-        Zeros on flat ground, on springs at rest with all wheels mounted alike.
+        All are zero on flat ground with the springs at rest and all wheels at the same height.
         """
         if not self.uneven and self.state.suspension.stiffness == 0.0:
             return np.zeros(3)
@@ -331,11 +331,11 @@ class Vehicle:
         return state
 
     def clearance(self, x: float, y: float) -> float:
-        """Return how much higher over the ground a place of the body is than on flat ground [m].
+        """Return the height of a point of the body over the ground minus that on flat ground [m].
 
         Args:
-            x: forward of base_link [m].
-            y: coordinate y to the left of it [m].
+            x: coordinate x of the point, forward of base_link [m].
+            y: coordinate y of the point, left of base_link [m].
         """
         heave, forward, left = self.ride[:3]
         g_x, g_y = self.masses.center
@@ -386,7 +386,7 @@ class Vehicle:
         """State of each individual roller by name, `state.ROLLER`: a copy, shape (N, n).
 
         Raises:
-            VehicleInputError: the wheels have none.
+            VehicleInputError: the wheels have no individual rollers.
         """
         if self.state.rollers is None:
             raise VehicleInputError("the wheel model 'single' has no individual rollers")
@@ -426,7 +426,7 @@ class Vehicle:
 
     @property
     def overloaded(self) -> quantities.BoolArray:
-        """Whether each wheel's load is beyond the tire model, which clamps it, shape (N,)."""
+        """Whether each wheel's load exceeds the tire model, which then clamps it, shape (N,)."""
         beyond: quantities.BoolArray = self.state.wheels["load"] > self.state.plant.largest_load
         return beyond
 
