@@ -32,7 +32,7 @@ class Tolerances(NamedTuple):
         force: acceleration that identifies the axes of an IMU [m/s^2].
         latest: time after which a brake must have responded [s].
         response: smallest rise of the slip of a braking wheel [1].
-        braked: share of the stop in which a wheel must have been braked for a test [1].
+        braked: time for which a moving wheel must have been braked for a test [s].
         exchange: by how much the sum of two correlations must be larger with exchanged brakes [1].
         delay: difference of a dead time to that of the file [s].
     """
@@ -44,7 +44,7 @@ class Tolerances(NamedTuple):
     force: float = 0.05
     latest: float = 0.3
     response: float = 0.03
-    braked: float = 0.3
+    braked: float = 0.2
     exchange: float = 0.25
     delay: float = 0.03
 
@@ -284,7 +284,7 @@ def _brake_mistakes(
     for row, name in enumerate(names):
         braked = (demand[:, row] > 0.0) & moving[:, row]
         free = (pedal == 0.0) & moving[:, row]
-        if np.mean(braked[pedal > 0.0]) < allowed.braked or not np.any(free):
+        if np.sum(braked) * signals.period < allowed.braked or not np.any(free):
             continue
         # A loaded wheel rolls on a smaller radius, which looks like a slip of some per cent.
         rise = np.percentile(slip[braked, row], 95) - np.mean(slip[free, row])
