@@ -28,7 +28,7 @@ class _Exposure:
 
 
 class LineExposures:
-    """The lines of all cameras, by control period.
+    """Renders the lines of all cameras, one control period after the other.
 
     Attributes:
         cameras: the cameras.
@@ -50,16 +50,16 @@ class LineExposures:
         self._batches = _Batches({}, self._render)
 
     def complete(self) -> None:
-        """Render the remaining lines, because the noise depends on the line count."""
+        """Render the lines that nobody has read, because the noise depends on the line count."""
         for name in self._batches:
             self._batches[name]
 
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
-        """Return the lines of every camera with times in (start, end]; `complete` comes first.
+        """Return the lines of every camera with times in (start, end]; call `complete` first.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
-            start_ns: time of its first row, -1 for the line at time 0 as well [ns].
+            start_ns: time of its first row [ns]; -1 to include the line at time 0.
             end_ns: time of its last row [ns].
         """
         taken: dict[float, _Exposure] = {}
@@ -82,7 +82,7 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras; the first is rendered on access, the others in the background.
+    """Batches of the cameras, rendered on access or, if earlier, in the background.
 
     A subscriber can match one batch while the next is rendered.
     """
@@ -92,7 +92,7 @@ class _Batches(Mapping[str, LineBatch]):
         exposures: Mapping[str, _Exposure],
         render: Callable[[str, _Exposure], LineBatch],
     ) -> None:
-        # The last one first: whoever asks in turn begins at the other end.
+        # The background begins with the last camera, because readers begin with the first.
         self._rendering = {
             name: in_background(partial(render, name, exposures[name]))
             for name in reversed(tuple(exposures))

@@ -3,7 +3,7 @@
 Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
 the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
 noise, quantized to 8 or 16 bits. By default the exposure is instantaneous and the optics are
-perfect; see `camera_configuration` for the other effects.
+perfect; see `configuration` for the other effects.
 """
 
 import math
@@ -64,7 +64,7 @@ class LineCamera:
         Args:
             sensor: mounting and field of view.
             texture: the ground.
-            configuration: its exposure.
+            configuration: exposure and optics of the camera.
             key: key of its noise, see `exposure.noise_key`.
         """
         self.sensor = sensor
@@ -146,7 +146,7 @@ class LineCamera:
             poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
             first_line: index of the first line since the start of the run; chooses the noise.
             velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur;
-                without them there is none.
+                None for no blur.
 
         Raises:
             ValueError: a pose is not finite.
@@ -169,16 +169,16 @@ class LineCamera:
         lines: Lines,
         velocities: FloatArray | None = None,
     ) -> None:
-        """Fill `lines`, an array like that of `blank`, as `lines()` does."""
+        """Fill `lines`, an array from `blank`; the other arguments are those of `lines()`."""
         self.develop(self.ground(poses, velocities), first_line, lines)
 
     def develop(self, ground: NDArray[np.float32], first_line: int, lines: Lines) -> None:
-        """Fill `lines` with exposures of gray levels of perfect optics.
+        """Fill `lines` with exposures of the gray levels that `ground` returned.
 
         Args:
-            ground: gray levels, see `ground`, shape (m, pixels).
+            ground: gray levels of perfect optics, shape (m, pixels).
             first_line: as in `lines`.
-            lines: receives them, see `blank`.
+            lines: receives the exposed lines, see `blank`.
         """
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
@@ -245,8 +245,8 @@ class LineCameraArray:
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad] in the middle of each line's
                 exposure, by camera, shape (m, 3); m may differ between cameras and may be 0.
-            velocities: rates of these poses [m/s, m/s, rad/s], for motion blur; without them
-                there is none.
+            velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur; None
+                for no blur.
 
         Raises:
             ValueError: a pose is not finite.

@@ -34,7 +34,7 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the lines with ``after < time <= until`` as the range first to end, end excluded.
+        """Return the first line with ``after < time <= until``, and the last one plus one.
 
         Args:
             after_ns: open end of the interval [ns]; -1 includes line 0.
@@ -47,7 +47,7 @@ class LineClock:
         return round(line * self.period_ns)
 
     def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
-        """Return the times of lines ``first <= j < end`` [ns], not rounded to whole ones."""
+        """Return the times of lines ``first <= j < end`` [ns], not rounded to integers."""
         period, divisor = self.period_ns.numerator, self.period_ns.denominator
         return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)
 

@@ -8,7 +8,7 @@ TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
 FULL_SCALE = 255.0
 """The brightest of the 8-bit gray levels."""
-_MOST_WIDENING = 1.25  # of a view by the heave of the camera, beyond which it is no sharp one
+_MOST_WIDENING = 1.25  # largest factor on a view by the camera's heave: beyond, it is not sharp
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -71,7 +71,7 @@ class CameraConfiguration(Configuration):
 
     @property
     def magnification(self) -> float:
-        """Seen length of ground over the configured one [1]: 1 + h / d of an ordinary lens."""
+        """Visible length of ground over the configured one [1]: 1 + h / d of an ordinary lens."""
         if self.lens == TELECENTRIC:
             return 1.0
         return 1.0 + self.height_error / self.working_distance

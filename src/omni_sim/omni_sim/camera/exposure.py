@@ -1,11 +1,11 @@
 """Sensor noise and quantization of rendered lines.
 
-The noise is a function of (key, line index, pixel) alone, a counter-based generator: the same
-line gets the same noise however lines are grouped into batches or spread over threads. A 64-bit
-SplitMix hash of the counter gives four 12-bit numbers, and a pixel's noise is the sum of two of
-them looked up in a table of normal quantiles: 2^24 different values, exact standard deviation,
-excess kurtosis under 0.01, cut off at 5.1 standard deviations, and many times faster than drawing
-normal variates.
+The noise is a function of (key, line index, pixel) alone (counter-based generator). So a line gets
+the same noise however lines are grouped into batches or distributed to threads. A 64-bit SplitMix
+hash of the counter gives four 12-bit numbers. Two of them are looked up in a table of normal
+quantiles, and their sum is the noise of a pixel. It has 2^24 different values, the exact standard
+deviation and an excess kurtosis under 0.01, and ends at 5.1 standard deviations. This is many times
+faster than drawing normal variates.
 """
 
 import functools
@@ -37,7 +37,7 @@ class _Noise(NamedTuple):
 
 
 def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
-    """Return the key of a sensor's noise, independent of which other sensors there are.
+    """Return the key of a sensor's noise, which does not depend on the other sensors.
 
     Args:
         seed: common to all sensors of a run.
@@ -65,7 +65,7 @@ def expose(
         noise: standard deviation [gray levels].
         key: key of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
-        lines: uint8 for 0..255 or uint16 for the same range as 0..65535, shape (m, pixels).
+        lines: uint8 for 0..255, or uint16, which has the same range as 0..65535, shape (m, pixels).
     """
     scale = 1.0 if lines.dtype == np.uint8 else 257.0
     response = _Response(
@@ -101,8 +101,8 @@ def _expose(
     pairs = (pixels + 1) // 2
     half = np.float32(0.5)
     black = np.float32(0.0)
-    # Step by step, each of which a compiler writes in vectors but for the table's. The second
-    # pixel of a pair adds its two numbers one after the other.
+    # In separate loops, which the compiler vectorizes, except the one that reads the table. The
+    # second pixel of a pair adds its two numbers one after the other.
     hashed = np.empty(pairs, np.uint64)
     noisy = np.empty(2 * pairs, np.float32)
     late = np.zeros(2 * pairs, np.float32)

@@ -11,8 +11,8 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
-_SAMPLES_PER_PIXEL = 4  # of a blurred line, along the axis
-_SAMPLES_PER_WIDTH = 16  # and across it
+_SAMPLES_PER_PIXEL = 4  # samples of a blurred line per pixel of motion along the axis
+_SAMPLES_PER_WIDTH = 16  # samples of a blurred line per width of motion across the axis
 _MOST_SAMPLES = 128
 _TAPS = 8  # amplifiers that read out a line
 _PENUMBRA = 0.002  # width of a shadow's soft edge [m]
@@ -50,8 +50,8 @@ def transmission(
 ) -> NDArray[np.float32] | None:
     """Return the share of the light that reaches each pixel, shape (pixels,); None if all does.
 
-    The shading decreases with the square of the distance from the middle; specks of dirt, far out
-    of focus, cast shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
+    Shading darkens a pixel with the square of its distance from the middle. Specks of dirt are far
+    out of focus and cast shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
 
     Args:
         sensor: the camera.
@@ -102,7 +102,7 @@ def pixel_faults(
     offset: FloatArray = configuration.dark_signal * generator.standard_normal(pixels)
     offset += configuration.dark_steps * (np.arange(pixels) * _TAPS // pixels % 2)
     sight = np.ones(pixels)
-    # Drawn before they are used, so that one kind of fault does not move another.
+    # All are drawn before they are used, so that one kind of fault does not change another.
     order, levels = generator.permutation(pixels), generator.uniform(20.0, 120.0, pixels)
     mud = _mud(generator, sensor)
     hidden = np.arange(pixels) >= round((1.0 - configuration.mud) * pixels)
@@ -127,7 +127,7 @@ def shade(
     Args:
         grays: gray levels of the ground, shape (m, pixels).
         sensor: the camera.
-        configuration: with the shadow.
+        configuration: optics with the shadow.
         first_line: index of the first line since the start of the run.
     """
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
@@ -161,8 +161,8 @@ def blur_samples(
 
     Args:
         sensor: the camera, with its true field of view.
-        exposure_time: [s].
-        headings: direction of its axis in the world [rad], shape (m,).
+        exposure_time: duration of an exposure [s].
+        headings: direction of the camera's axis in the world [rad], shape (m,).
         velocities: velocities of its footprint's center x, y and yaw rate in the world [m/s, m/s,
             rad/s], shape (m, 3).
     """

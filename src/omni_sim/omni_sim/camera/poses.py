@@ -1,11 +1,11 @@
-"""Poses between the physics steps, where the lines are exposed."""
+"""Poses between the physics steps, at the times of the lines."""
 
 import numpy as np
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_SLACK = 1e-6  # of a step: rounding of times must not count as outside
+_SLACK = 1e-6  # share of a step, so that rounded times do not count as outside
 
 
 def interpolate_poses(
@@ -13,13 +13,14 @@ def interpolate_poses(
 ) -> FloatArray:
     """Return poses between physics steps by cubic Hermite interpolation.
 
-    Position and velocity are met at every step, so the path is smooth and the error is of fourth
-    order in the step: a micrometer at 0.5 ms would take a fourth derivative of 6e9 m/s^4.
+    The path has the given position and velocity at every step, so it is smooth, and its error is of
+    fourth order in the step: an error of a micrometer at 0.5 ms would need a fourth derivative of
+    6e9 m/s^4.
 
     Args:
         trajectory: x, y, yaw and their rates in the world frame at uniform steps, shape
-            (n + 1, 6) [m, m, rad, m/s, m/s, rad/s]; yaw continuous, not wrapped. A single row
-            serves times equal to its own only.
+            (n + 1, 6) [m, m, rad, m/s, m/s, rad/s]; yaw continuous, not wrapped. A single row is
+            valid only for its own time.
         start_ns: time of the first row [ns].
         step_ns: time between rows [ns].
         times_ns: wanted times [ns], shape (m,).
@@ -54,7 +55,7 @@ def _interpolate(
         index = max(min(int(place), steps - 1), 0)
         t = place - index
         before, after = trajectory[index], trajectory[min(index + 1, steps)]
-        # Hermite's basis: value and slope at both ends.
+        # Hermite basis, with value and slope at both ends.
         rise = t * t * (3.0 - 2.0 * t)
         slope = step * t * (1.0 - t)
         for k in range(3):

@@ -1,16 +1,15 @@
 """Motion of the fields of view of sensors on a sprung chassis.
 
-A chassis whose gradients are p forward and r to the left tilts about its center of gravity, which
-the planar motion follows at the height h. A line of sight perpendicular to the chassis meets the
-ground
+A chassis with the gradients p forward and r to the left tilts about its center of gravity at the
+height h. A line of sight perpendicular to the chassis meets the ground
 
     h (p, r)
 
-further ahead and to the left than at rest, independent of the mounting position. All views move
-alike, at h (p', r') over the ground, which a ground sensor cannot distinguish from a motion of the
-vehicle. Between two control stamps p and r are those of a cubic with the values and
-rates of both; the heave only changes the magnification, of second order are the slant of the view
-and the cosine of the tilt.
+further ahead and to the left than at rest, independent of the mounting position. So all fields of
+view move over the ground at h (p', r'), which a ground sensor cannot distinguish from a motion of
+the vehicle. Between two control stamps, p and r follow cubics with the values and rates at both
+stamps. The heave only changes the magnification. The slant of the view and the cosine of the tilt
+are effects of second order and neglected.
 """
 
 import numpy as np
@@ -26,10 +25,11 @@ def swaying(
     Args:
         trajectory: x, y [m], yaw [rad] and their rates in the world frame at even steps, shape
             (n + 1, 6).
-        before: heave [m], gradients [1] and their rates [1/s] at its start, `Vehicle.ride`.
-        after: the same at its end.
+        before: `Vehicle.ride` at the start: heave [m], gradients [1] and the rates of all three
+            [m/s, 1/s, 1/s], shape (6,).
+        after: `Vehicle.ride` at the end, shape (6,).
         height: height of the center of gravity [m].
-        period: period from start to end [s].
+        period: time from start to end [s].
     """
     t = np.linspace(0.0, 1.0, len(trajectory))[:, None]
     start, end = before[1:3], after[1:3]

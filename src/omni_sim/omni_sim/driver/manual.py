@@ -1,7 +1,7 @@
-"""A driver commanded from outside: pedal and velocity, period by period.
+"""A driver that receives pedal and velocity from outside in every control period.
 
 Without commands the vehicle brakes fully (dead man's switch). The drive accelerates within limits
-from the velocity of the vehicle and does not follow steps of a joystick.
+from the velocity of the vehicle, so that it does not follow steps of a joystick.
 """
 
 import dataclasses
@@ -29,12 +29,12 @@ class ManualDriverConfiguration(Configuration):
 
 
 class DemandInbox:
-    """The latest demand; full braking without one or after a timeout.
+    """Stores the latest demand; without one, or after a timeout, the demand is full braking.
 
     Args:
         timeout: age after which a demand is ignored [s].
-        pedal_required: whether a pedal is required; if not, a velocity alone drives until the first
-            pedal has been received.
+        pedal_required: whether a pedal message is required; if not, a velocity is enough until the
+            first pedal message.
     """
 
     def __init__(self, timeout: float, pedal_required: bool = True) -> None:
@@ -47,7 +47,7 @@ class DemandInbox:
         """Store a pedal position, 0..1; other values count as full braking.
 
         Args:
-            pedal: the position.
+            pedal: pedal position.
             now: time of arrival on a monotonic clock [s].
         """
         self._pedal = pedal if 0.0 <= pedal <= 1.0 else FULL_BRAKING
@@ -104,13 +104,13 @@ class ManualDriver:
 
         Args:
             pedal: position of the brake pedal, 0..1.
-            target: body twist to go to [m/s, m/s, rad/s], shape (3,).
+            target: body twist to accelerate to [m/s, m/s, rad/s], shape (3,).
             twist: body twist of the vehicle [m/s, m/s, rad/s], shape (3,).
             period: control period [s].
         """
         self._pedal = pedal
         if pedal > 0.0:
-            # The drive neither brakes before its clutch opens nor jerks when it closes again.
+            # So the drive neither brakes before its clutch opens nor jerks when it closes again.
             self._command = twist.copy()
             return
         change = target - self._command

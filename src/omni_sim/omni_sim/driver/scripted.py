@@ -1,4 +1,4 @@
-"""The scripted driver: constant velocity and braking at a given time, or a table of demands."""
+"""The scripted driver: constant velocity and a stop at a given time, or a table of demands."""
 
 import dataclasses
 import math
@@ -85,7 +85,7 @@ class ManeuverConfiguration(Configuration):
         return self.demands.time[-1] if self.demands.time else 0.0
 
     def check_consistency(self) -> None:
-        """Refuse a table together with a direction fixed in the world.
+        """Refuse a table of demands together with a direction fixed in the world.
 
         Raises:
             ConfigurationError: both are given; names the key.

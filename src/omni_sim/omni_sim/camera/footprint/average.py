@@ -1,7 +1,8 @@
 """Resamples a texture to larger texels, each the exact mean of its area.
 
 Larger texels preserve the integral over every area that they tile. Any number per period is
-possible: a texel includes its share of those that its edges cut. All arithmetic is in integers.
+possible: a new texel contains a share of each old texel that its edges cut. All arithmetic is in
+integers.
 """
 
 import numpy as np
@@ -12,13 +13,13 @@ from omni_platform.kernels import njit
 
 @njit(cache=True, nogil=True)
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
-    """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, less `middle`.
+    """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, minus `middle`.
 
     Halves are rounded up and down in a chess-board pattern: rounding up would brighten means of
     2 x 2 texels by an eighth of a gray level.
 
     Args:
-        gray: shape (n, n).
+        gray: gray levels of the texture, shape (n, n).
         middle: gray level that becomes 0.
         averages: one row per new texel in a period, at most n.
     """

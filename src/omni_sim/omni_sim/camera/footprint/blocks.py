@@ -1,20 +1,19 @@
 """Adds runs of 8-bit texels onto 16-bit columns, 32 at a time.
 
-The runs of the line cameras are short: a compiler processes the ends that do not fill a vector in a
-    scalar loop, which takes longer than the middle. So blocks of columns are written in LLVM
-    vectors, which are compiled to the instructions of the processor. Integer sums are the same on
-    all processors.
-Plain Python loops over whole blocks with masked ends took 46 % more CPU time (mean over the cameras
-and headings of `benchmarks/render_lines.py`). In the steps after this one plain loops take only 15
-% more, and are used.
+The runs of the line cameras are short. A compiler processes the ends that do not fill a vector in a
+scalar loop, which takes longer than the middle. So blocks of columns are written in LLVM vectors,
+which are compiled to the instructions of the processor. Integer sums are the same on all
+processors. Plain Python loops over whole blocks with masked ends took 46 % more CPU time (mean over
+the cameras and headings of `benchmarks/render_lines.py`). The steps after this one use plain loops,
+which take only 15 % more there.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
-for 0 <= i < 32, or < 64 where it adds two blocks. Most prefetch the cache lines of the four rows
-that follow. The texture must be readable up to the end of a block. Offsets and bounds of the rows
-are tuples of four whole numbers.
+for 0 <= i < 32, or < 64 if it adds two blocks. Most functions prefetch the cache lines of the four
+rows that follow. The texture must be readable up to the end of a block. Offsets and bounds of the
+rows are tuples of four integers.
 """
 
-# numba finds an intrinsic's arguments by their names and writes the instructions from their types.
+# numba matches the arguments of an intrinsic by name and uses only their types here.
 # ruff: noqa: ARG001
 
 from collections.abc import Callable
@@ -37,7 +36,7 @@ _FIRST_LANE = ir.Constant(ir.VectorType(_INT32, BLOCK), None)
 _CHOSEN = ir.VectorType(ir.IntType(1), BLOCK)
 _NONE = ir.Constant(_COLUMNS, None)
 
-# What numba asks an intrinsic for: its signature, and a function that writes its instructions.
+# Result of an intrinsic for numba: its signature, and a function that writes its instructions.
 Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 # Writes masks by block and row, from a column and bounds.
 _Choice = Callable[[Any, Any, Any], list[list[Any]]]
@@ -109,7 +108,7 @@ def _prefetch(
         pointer = _address(context, builder, kind, texture, at, _INT8)
         prefetch = ir.FunctionType(ir.VoidType(), [pointer.type, _INT32, _INT32, _INT32])
         function = cgutils.get_or_insert_function(builder.module, prefetch, "llvm.prefetch.p0")
-        # To read, to keep, of data.
+        # Arguments: read access, keep in the cache, data.
         builder.call(function, [pointer, _INT32(0), _INT32(3), _INT32(1)])
 
 
@@ -154,7 +153,7 @@ def _between(builder: Any, column: Any, bounds: Any) -> list[list[Any]]:
     for row in range(_ROWS):
         start, end = (builder.extract_value(each, row) for each in (starts, ends))
         since = builder.sub(columns, _spread(builder, start))
-        # Unsigned: a column before the start counts as huge.
+        # Unsigned comparison: a column before the start becomes a huge number.
         length = _spread(builder, builder.sub(end, start))
         masks.append(builder.icmp_unsigned("<", since, length))
     return [masks]

@@ -9,7 +9,7 @@ from omni_platform.kernels import njit
 from omni_platform.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
-_NARROW_ROWS = 640  # whose sums, times the weights of `refine`, fit 32 bits
+_NARROW_ROWS = 640  # most rows whose sums, times the weights of `refine`, fit 32 bits
 _1 = np.uint64(1)
 
 
@@ -35,8 +35,8 @@ class Edges(NamedTuple):
 def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
     """Merge the classes into quarter-texel cells: ``cells[q, c]`` at s = origin + c + (2 + q)/4.
 
-    Class k of column c begins at quarter k of a column that starts half a texel early, so cell q
-    sees classes up to q of its own column and the others of the column before.
+    Class k of column c begins at quarter k of a column that starts half a texel early. So cell q
+    contains classes 0 to q of its own column and the other classes of the column before.
     """
     t_0, t_1, t_2, t_3 = totals[0], totals[1], totals[2], totals[3]
     into = cells[0]
@@ -104,8 +104,9 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
     """Set each pixel to the difference of the integral at its two edges.
 
-    An edge is slanted against a row of texels, which smooths the integral by a box as wide as
-    the slant. Two readings one standard deviation either side have the same second moment.
+    An edge is slanted against a row of texels, which smooths the integral by a box as wide as the
+    slant. The mean of two readings, one standard deviation to either side, has the same second
+    moment.
     """
     start, step, slant, scale, middle = edges
     first = math.floor((start - slant) * ONE + 0.5)

@@ -1,19 +1,19 @@
 """Integrates the ground texture over the footprints of a line camera's pixels, at any heading.
 
-A footprint is a rectangle of `length` (axis a) by `width` (across), a pixel one slice of it
-(section 4.3.2, Figure 57). Tables of strip sums along quantized headings are fast at a constant
-heading and slow while the vehicle turns. This integral needs no tables: with
-x the texture axis within 45 deg of the line (else the texture is transposed),
-``s = x + y tan(heading)`` is a coordinate along the line that every row of texels shares, apart
-from a shift of its own. So a line is
+A footprint is a rectangle of `length` (along the axis) by `width` (across), and a pixel is a slice
+of it (section 4.3.2, Figure 57). Tables of strip sums along quantized headings would be fast at a
+constant heading and slow while the vehicle turns. This integral needs no tables. The texture is
+transposed if necessary, so that its axis x is within 45 deg of the line. Then
+``s = x + y tan(heading)`` is a coordinate along the line, and each row of texels differs from it by
+a constant shift only. A line is computed in three steps:
 
-1. per row, one contiguous 8-bit run added onto columns over `s` (SIMD, four rows at a time).
-   The shift is rounded to a quarter texel: its whole part moves the run, its fraction chooses
-   one of four accumulators;
-2. along the two long sides, the rows that a column covers in part, weighted;
-3. the four accumulators merged into cells of a quarter texel, and their prefix sum read at the
-   edges of the pixels, exact for any pixel pitch. Where texels are means of finer ones, the cells
-   are weighted first so that they follow the gray within a texel.
+1. Each row is one contiguous 8-bit run, which is added onto columns over `s` (SIMD, four rows at a
+   time). Its shift is rounded to a quarter texel: the whole part moves the run, and the fraction
+   chooses one of four accumulators.
+2. The rows that a column covers in part, along the two long sides, are added with weights.
+3. The four accumulators are merged into cells of a quarter texel. Their prefix sum is read at the
+   edges of the pixels, which is exact for any pixel pitch. If texels are means of finer ones, the
+   cells are weighted first, so that they follow the gray within a texel.
 
 All arithmetic but the last step is in integers, so results do not depend on vectorization.
 Texels are squares of constant gray. Shifts below a quarter of a texel and the slant of a pixel's
@@ -158,7 +158,7 @@ def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
     sums = np.empty(room + BLOCK, np.int16)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     return _Scratch(
-        sums[-sums.ctypes.data % (2 * BLOCK) // 2 :][:room],  # from a cache line on
+        sums[-sums.ctypes.data % (2 * BLOCK) // 2 :][:room],  # aligned to a cache line
         np.empty((CLASSES, room), np.int32),
         np.empty((CLASSES, room), np.int32),
         np.empty((CLASSES, room), np.int32),
@@ -189,7 +189,7 @@ def _integrate_line(
 
     Args:
         ground: texels.
-        texture: its rows or columns.
+        texture: rows or columns of the ground.
         axis: center x, y [texels] and direction of the line, within 45 deg of x in y >= 0.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
@@ -198,7 +198,7 @@ def _integrate_line(
     """
     x, y, a_x, a_y = axis
     tangent = a_y / a_x
-    slope = a_x * a_y  # rows that the long sides climb per column
+    slope = a_x * a_y  # rise of the long sides per column [rows]
     reach = half_size[1] * a_x
     half = half_size[0] / a_x  # along s
     # Columns are the texels of the middle row: column c begins at s = origin + c - rest.
@@ -211,7 +211,7 @@ def _integrate_line(
     row_0 = math.floor(y - reach - half_size[0] * a_y) - 2
     row_count = math.ceil(y + reach + half_size[0] * a_y) + 3 - int(row_0)
 
-    # Rows counted from row_0.
+    # Rows are counted from row_0.
     low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * ONE + 0.5)
     height = math.floor(2.0 * reach * ONE + 0.5)
     climb = math.floor(slope * ONE + 0.5)

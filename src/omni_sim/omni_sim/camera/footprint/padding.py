@@ -21,17 +21,17 @@ _CACHE_LINE = 64  # bytes
 # Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
 # for the two blocks of columns in which the integral's runs end.
 _MARGIN = 2 * 8 + 3 * blocks.BLOCK
-_TEXELS_PER_PIXEL = 4  # coarser texels must still be that many
-_TEXELS_ACROSS = 128  # and that many across the footprint
-# Across a wide footprint so many texels are averaged that little more than one for each pixel is
-# enough.
+_TEXELS_PER_PIXEL = 4  # fewest coarser texels per pixel, along the axis
+_TEXELS_ACROSS = 128  # fewest coarser texels across the footprint
+# If at least `_ENOUGH_ACROSS` texels across a footprint are averaged, this number per pixel, little
+# more than one, is enough.
 _LEAST_PER_PIXEL = 1.15
 _ENOUGH_ACROSS = 450
-_MOST_TEXELS = 9472  # per period, which take a quarter of a gigabyte: 20 cm at 1200 dpi
+_MOST_TEXELS = 9472  # per period; they need a quarter of a gigabyte: 20 cm at 1200 dpi
 _LEAST_RATIO = (
-    1.25  # of coarser texels to those of the ground, for which they are worth their error
+    1.25  # smallest size of coarser texels over that of the ground's that is worth the error
 )
-_MORE_WHOLE = 1.1  # times as many texels, if they consist of whole ones
+_MORE_WHOLE = 1.1  # largest increase of the number of texels so that each consists of whole ones
 _BAND = 64  # rows transposed at a time
 
 
@@ -41,8 +41,8 @@ class PaddedTexture:
 
     Attributes:
         rows: gray - middle, row after row, each continued periodically to `stride` texels.
-        columns: the same of the transposed texture.
-        middle: gray level kept as 0, near the mean, so that small errors of weight cost little.
+        columns: rows of the transposed texture, in the same layout.
+        middle: gray level that is stored as 0, near the mean, so that errors of weights are small.
         texels: texels per period.
         stride: length of a padded row [texels].
         texel: edge of a texel [m].
@@ -63,23 +63,24 @@ class PaddedTexture:
     def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
         """Prepare a texture.
 
-        No copy is held meanwhile: a ground may have a third of a gigabyte.
+        No copy is made meanwhile, because a ground may have a third of a gigabyte.
 
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
-            texels: per period, at most those of the ground; 0 for just these.
+            texels: texels per period, at most as many as the ground has; 0 for as many.
         """
         texels = texels or len(texture.gray)
         texel = texture.size / texels
         columns = math.ceil(math.sqrt(2.0) * reach / texel) + _MARGIN
-        # An odd number of cache lines per row: a power of two would map all rows on a few sets.
+        # An odd number of cache lines per row: a power of two would map all rows to a few sets of
+        # the cache.
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
         gray = texture.gray
         middle = min(max(round(float(gray.mean())), int(gray.max()) - 127), int(gray.min()) + 128)
         rows = _room(texels, stride)
         if texels == len(gray):
-            # Modulo 256, as two's complement.
+            # Modulo 256, which gives two's complement.
             np.subtract(gray, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
         else:
             average.average_texels(gray, middle, rows)
@@ -164,11 +165,11 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return the texels per period that a sensor needs.
 
-    A coarse texel loses the distribution of gray within it, which matters only where the edge of a
-    pixel cuts it: each texel along an edge has an error of a share of its internal contrast, on
-    most grounds independent of the others. So the error of a pixel is proportional to the texel's
-    size over the pixel's pitch and to the inverse square root of the number of texels across. Lines
-    across the grain of wood have the error of a single texel, which sets the least number per
+    A coarse texel loses the distribution of gray within it. This matters only where the edge of a
+    pixel cuts the texel: there its error is a share of its internal contrast, on most grounds
+    independent of other texels. So the error of a pixel is proportional to the texel's size over
+    the pixel's pitch and to the inverse square root of the number of texels across. On wood, a line
+    across the grain has the error of a single texel, which determines the smallest number per
     pixel.
     """
     coarsest = max(
@@ -178,7 +179,7 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     texels = len(texture.gray)
     if coarsest >= _LEAST_RATIO * texture.texel:
         needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
-        # Texels that consist of whole ones, where about as many do, show more of a fine edge.
+        # Texels that consist of whole ones preserve fine edges better, if about as many are enough.
         whole = texels // needed
         texels = texels // whole if texels % whole == 0 else needed
         texels = texels if texels <= _MORE_WHOLE * needed else needed

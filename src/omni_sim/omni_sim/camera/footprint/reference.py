@@ -1,6 +1,6 @@
 """The exact integral that the line camera approximates: every texel clipped to every pixel.
 
-It is a thousand times slower than `integral` and the reference of its tests and benchmark.
+It is a thousand times slower than `integral`, whose tests and benchmark use it as the reference.
 """
 
 import math
@@ -72,7 +72,7 @@ def _integrate(
 
 @njit(cache=True)
 def _extent(quad: NDArray[np.float64], j: float) -> tuple[float, float]:
-    """Return the least and greatest x of the quadrangle within the row j <= y <= j + 1."""
+    """Return the smallest and largest x of the quadrangle within the row j <= y <= j + 1."""
     left, right = np.inf, -np.inf
     for corner in range(4):
         x_0, y_0 = quad[corner]

@@ -1,7 +1,7 @@
 """Adds the rows of texels under a line onto columns along the line.
 
-A row's shift against the middle row is rounded to a quarter texel: its whole part moves the row,
-its fraction chooses one of four accumulators, here called classes. Rows that a column covers in
+A row's shift against the middle row is rounded to a quarter texel. The whole part moves the row,
+and the fraction chooses one of four accumulators, here called classes. Rows that a column covers in
 part, along the two long sides of the footprint, are added with weights.
 """
 
@@ -34,10 +34,10 @@ GROUP = 4
 """Rows added at a time."""
 
 _SPILL = 248  # rows of |gray - middle| <= 128 that an int16 holds: 248 + 4 <= 255
-_EDGE_COLUMNS = 16  # of one step along the long sides
-_BLOCKS = ~(BLOCK - 1)  # of a column: the first one of its block
-_LEVEL = 20  # binary places that stand for infinity where rows and columns run alike
-# Indices as unsigned numbers, which spare the checks for negative ones.
+_EDGE_COLUMNS = 16  # columns of one step along the long sides
+_BLOCKS = ~(BLOCK - 1)  # mask that gives the first column of the block of a column
+_LEVEL = 20  # binary places that stand for infinity if rows and columns are parallel
+# Unsigned indices, which need no checks for negative numbers.
 _0, _1, _2, _3, _8 = (np.uint64(i) for i in (0, 1, 2, 3, 8))
 
 
@@ -47,7 +47,7 @@ class Placement(NamedTuple):
     Attributes:
         first: the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: column 0 within the period.
+        column: position of column 0 within the period [texels].
         ahead: shift of the first row against the middle one [quarter texels, fixed point].
         ahead_per_row: shift of each row relative to the previous one [quarter texels, fixed point].
     """
@@ -97,14 +97,14 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
         row = texels - 1 - row
     step = -1 if downwards else 1
     begin = 0
-    while begin < len(offsets):  # up to where the texture begins anew
+    while begin < len(offsets):  # in each pass up to the end of the period
         stop = min(len(offsets), begin + (row + 1 if downwards else texels - row))
         here, kinds = offsets[begin:stop], classes[begin:stop]
         for j in range(len(here)):
             at = row + step * j
-            # Half a texel too many, so that classes are centered on zero. Rounding every row to the
-            # nearest would shift many neighbors alike at small slopes; four rows rounded
-            # differently even out.
+            # Half a texel is added, so that classes are centered on zero. At small slopes, rounding
+            # to the nearest would give many neighboring rows the same error; four offsets in turn
+            # average it out.
             quarters = (ahead + ahead_per_row * j + _rounding(at)) >> POINT
             kinds[j] = quarters & (CLASSES - 1)
             column = origin - (quarters >> 2)
@@ -120,7 +120,7 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return 1/8, 5/8, 3/8, 7/8 in turn, as fixed point."""
+    """Return 1/8, 5/8, 3/8, 7/8 for successive rows, as fixed point."""
     return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
 
@@ -136,7 +136,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
     shorter = (1 << POINT) - height - 1
     divisor = climb
     per_row = 1 << POINT
-    if climb == 0:  # all columns or none
+    if climb == 0:  # a row covers all columns or none
         divisor = 1
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
@@ -163,7 +163,7 @@ def list_rows(count: int, rows: Rows) -> None:
     n_0, n_1, n_2, n_3 = 0, 0, 0, 0
     none = len(classes)
     for j in range(none):
-        # Written to all lists, kept in one: no branch that the processor cannot foresee.
+        # Write the row to all lists but keep it in one, to avoid an unpredictable branch.
         kind = classes[j] if starts[j] < ends[j] else CLASSES
         list_0[n_0] = list_1[n_1] = list_2[n_2] = list_3[n_3] = j
         n_0 += 1 if kind == 0 else 0
@@ -205,9 +205,9 @@ def _add_four_rows(
     following = _four(rows.offsets, listed, _8)
     starts = _four(rows.starts, listed, _0)
     ends = _four(rows.ends, listed, _0)
-    # The first row is the farthest left, the last one the farthest right. Always two blocks at
-    # a ragged end, though one may be enough: a loop whose length changes from row to row costs
-    # more than a block. What is added behind the last column does not count.
+    # The first row begins and ends farthest left, the last one farthest right. At a ragged end two
+    # blocks are added always, even if one is enough: a loop whose length changes from row to row
+    # costs more than a block. Sums behind the last column are not used.
     first = starts[0] & _BLOCKS
     ragged = starts[3] > first
     inner = first + 2 * BLOCK if ragged else first
@@ -242,7 +242,7 @@ def _four(numbers: IntArray, listed: IntArray, at: int) -> tuple[int, int, int, 
 
 @njit(cache=True, nogil=True)
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
-    """Add the two rows that each column covers in part, to the class without a fraction.
+    """Add the two rows that each column covers in part to the class without a fraction.
 
     All weights of a column add up to the height, independent of rounding, so that a uniform ground
     gives uniform lines.
@@ -256,7 +256,7 @@ def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32
         under, over = y >> POINT, top >> POINT
         into = totals[first : first + _EDGE_COLUMNS]
         if under == (y + climbed) >> POINT and over == (top + climbed) >> POINT:
-            # All these columns cover the same two rows in part, which a compiler vectorizes.
+            # All these columns cover the same two rows in part, so the compiler can vectorize.
             shared = np.int32(whole - ((over - under - 1) << WEIGHT_BITS))
             at_under = np.uint64(offsets[under] + first)
             at_over = np.uint64(offsets[over] + first)
