@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 from linescan_odometry.matching.search import METRICS
@@ -23,7 +22,6 @@ METHODS = ("joint", "pairs")
 """Estimators of displacements by name."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class OdometryConfiguration(Configuration):
     """Parameters of displacement search, filters and twist estimation."""
 

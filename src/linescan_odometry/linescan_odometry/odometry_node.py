@@ -5,7 +5,6 @@ The contract (topics, types, QoS, parameters, timeouts) is in the README of this
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from functools import partial
@@ -44,7 +43,6 @@ from omni_ros.transforms import MISSING, TransformPublisher
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SourceConfiguration(Configuration):
     """Choice of the odometry."""
 
@@ -53,7 +51,6 @@ class SourceConfiguration(Configuration):
     odometry"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class InterfaceConfiguration(Configuration):
     """Inputs of the node and their synchronization."""
 

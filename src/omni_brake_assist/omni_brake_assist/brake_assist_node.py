@@ -66,7 +66,6 @@ TUNABLE = frozenset(
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TimingConfiguration(Configuration):
     """How the node pairs the driver's demand with the feedback."""
 

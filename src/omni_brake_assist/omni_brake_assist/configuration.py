@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
@@ -19,7 +18,6 @@ LAW_GROUP = "omni_brake_assist.laws"
 """Entry points under which an installed package offers its laws by name."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
@@ -53,7 +51,6 @@ class AllocationConfiguration(Configuration):
     the motion does not drive it"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeAssistConfiguration(Configuration):
     """Configuration of the brake assistant."""
 

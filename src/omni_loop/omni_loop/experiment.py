@@ -7,7 +7,6 @@ result; every value can be reached by its dotted key. If a variant or an overrid
 part, that part is read first, and the other values for it are merged into it.
 """
 
-import dataclasses
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -55,7 +54,6 @@ FEEDBACKS = ("optical", "velocity_sensor")
 """Built-in sources of the twist for the brake assistant."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ExperimentConfiguration(SimulatorConfiguration):
     """Everything that one run of the loop depends on."""
 
@@ -140,7 +138,6 @@ class ExperimentConfiguration(SimulatorConfiguration):
             ) from None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _SensorsAlone(Configuration):
     sensors: Mapping[str, LineSensor] = parameter()
     """Line cameras by name"""

@@ -1,11 +1,8 @@
 """Options of every command that runs the loop: overrides and user's classes."""
 
-import dataclasses
-
 from omni_platform import command_options, configuration
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LoopOptions(configuration.Configuration):
     """Overrides of an experiment."""
 

@@ -1,6 +1,5 @@
 """Parameters of a wheel's brake: true values in the simulator, nominal ones in the assistant."""
 
-import dataclasses
 from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, parameter
@@ -24,7 +23,6 @@ def typical_changes(brakes: str) -> tuple[str, ...]:
     return tuple(f"vehicle.brake.{key}={value}" for key, value in TYPICAL[brakes].items())
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeConfiguration(Configuration):
     """The brake of each wheel."""
 

@@ -63,7 +63,6 @@ def option(
     return field
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class CommandOptions(Configuration):
     """Options of every command that computes metrics."""
 

@@ -27,7 +27,16 @@ import sys
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from typing import dataclass_transform
+else:  # Python 3.10 lacks it, and nothing reads it at run time
+
+    def dataclass_transform(**_: Any) -> Callable[[type], type]:
+        """Return a decorator without effect."""
+        return lambda cls: cls
+
 
 _METADATA = "omni_parameter"
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -147,13 +156,19 @@ def section(make: Callable[[], Any], *, description: str | None = None) -> Any:
     return dataclasses.field(default_factory=make, metadata=metadata, kw_only=True)
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True)
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Configuration:
     """Base of every configuration; checks each declared field at construction.
 
+    Subclasses are frozen dataclasses with keyword-only fields; they need no decorator.
+
     Raises:
         ConfigurationError: a value has the wrong type, is not finite or is out of its range.
     """
+
+    def __init_subclass__(cls) -> None:
+        dataclasses.dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
         for name, kind, info in declared_parameters(type(self)):

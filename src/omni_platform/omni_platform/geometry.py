@@ -21,7 +21,6 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
 

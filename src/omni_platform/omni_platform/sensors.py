@@ -6,7 +6,6 @@ velocity and the velocity to the left of the axis. The footprint of a line camer
 integrates (section 4.3.2).
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -19,7 +18,6 @@ OVERLAP = 0.6
 """Smallest share of a line's field of view that the next line shows again (section 4.4) [1]."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Mount(Configuration):
     """Mounting of a ground sensor in the body frame, with its uncertainty."""
 
@@ -48,7 +46,6 @@ class Mount(Configuration):
         return (self.heading,)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LineSensor(Mount):
     """A line camera, which measures the velocity of its position along its axis."""
 
@@ -72,7 +69,6 @@ class LineSensor(Mount):
         return (1.0 - OVERLAP) * self.width * self.line_rate
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowSensor(Mount):
     """An optical-flow sensor, which measures the velocity along and to the left of its axis."""
 

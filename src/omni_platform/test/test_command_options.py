@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,6 @@ from omni_platform.command_options import (
 from omni_platform.configuration import ConfigurationError, parameter
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Of each kind one."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import pickle
 from collections.abc import Mapping
@@ -24,7 +23,6 @@ from omni_platform.configuration import (
 )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Spring(Configuration):
     stiffness: float = parameter(description="Stiffness", unit="N/m", above=0.0)
     coils: int = parameter(5, description="Coils", minimum=1, maximum=100)
@@ -32,14 +30,12 @@ class Spring(Configuration):
     tags: tuple[str, ...] = parameter((), description="Labels")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Machine(Configuration):
     main: Spring = parameter(description="Main spring")
     spares: Mapping[str, Spring] = section(dict, description="Spares")
     locked: bool = parameter(False, description="Locked")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Damper(Configuration):
     damping: float = parameter(unit="N s/m", above=0.0)
     """Damping at low
@@ -47,7 +43,6 @@ class Damper(Configuration):
     bare: float = parameter(0.0)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LongDamper(Damper):
     stroke: float = parameter(0.1, unit="m")
     """Stroke"""

@@ -1,6 +1,5 @@
 """Topics and stamps of a recording."""
 
-import dataclasses
 import heapq
 from collections.abc import Mapping
 
@@ -17,7 +16,6 @@ SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf"
 _HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is written in the order of the stamps
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class RecorderConfiguration(Configuration):
     """Parameters of the recorder."""
 

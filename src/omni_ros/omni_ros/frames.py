@@ -1,12 +1,10 @@
 """Prefix of the frames of one of several vehicles."""
 
-import dataclasses
 from typing import Any
 
 from omni_platform.configuration import Configuration, parameter
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FrameConfiguration(Configuration):
     """Names of the frames in the messages of a node."""
 

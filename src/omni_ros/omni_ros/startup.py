@@ -1,6 +1,5 @@
 """How a node waits for its subscribers before it publishes."""
 
-import dataclasses
 from collections.abc import Iterable
 
 from rclpy.publisher import Publisher
@@ -9,7 +8,6 @@ from omni_platform.configuration import Configuration, parameter
 from omni_ros import process
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class StartupConfiguration(Configuration):
     """Parameters of the wait for subscribers, without which the first messages would be lost."""
 

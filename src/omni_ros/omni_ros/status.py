@@ -17,7 +17,6 @@ OK, WARN, ERROR = range(3)  # levels
 _SILENCE = 1.0  # [s] without an update, after which the last status no longer holds
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class StatusConfiguration(Configuration):
     """Rate at which a node publishes its status."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,12 +12,10 @@ from omni_platform.geometry import WheelMount
 from omni_ros.flat_parameters import flatten, unflatten
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Brake(Configuration):
     torque: float = parameter(100.0, description="Torque", unit="N m")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Cart(Configuration):
     brake: Brake = section(Brake, description="Brake")
     wheels: Mapping[str, WheelMount] = section(dict, description="Wheels")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,12 +15,10 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_ros.parameters import declare_configuration, refuse_unknown_parameters
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Wheel(Configuration):
     radius: float = parameter(description="Radius", unit="m", above=0.0)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Cart(Configuration):
     name: str = parameter("cart", description="Name", choices=("cart", "trolley"))
     seats: int = parameter(1, description="Seats", minimum=0, maximum=4)

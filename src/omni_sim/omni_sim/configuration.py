@@ -1,6 +1,5 @@
 """Configuration of the simulated machine: vehicle, ground, sensors, maneuver and time steps."""
 
-import dataclasses
 from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
@@ -20,7 +19,6 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.velocity_sensor import VelocitySensorConfiguration
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class GroundConfiguration(Configuration):
     """Friction, elevation and texture of the ground."""
 
@@ -34,7 +32,6 @@ class GroundConfiguration(Configuration):
     """Height of the ground, flat by default"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulationConfiguration(Configuration):
     """Steps and end of a simulation."""
 
@@ -75,7 +72,6 @@ class SimulationConfiguration(Configuration):
             )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SimulatorConfiguration(Configuration):
     """Configuration of a simulator: vehicle, ground, sensors and maneuver."""
 

@@ -4,7 +4,6 @@ A reading is ``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` plus
 the angle ``q`` of a count. With infinite resolution it is the true speed at the stamp plus noise.
 """
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -15,7 +14,6 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class EncoderConfiguration(Configuration):
     """Resolution and noise of the wheel encoders; perfect ones by default."""
 

@@ -15,7 +15,6 @@ fault-free reading ``y`` and the time ``tau`` since the onset, the reading is
 Faults of one channel are applied in their order.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -59,7 +58,6 @@ _REMEMBERED = 64  # number of stored readings, the longest delay
 _WHISPER_NOISE = 1e-9
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FaultConfiguration(Configuration):
     """One fault of one sensor."""
 

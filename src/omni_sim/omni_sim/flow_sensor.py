@@ -6,7 +6,6 @@ counts by the time in between and publishes the velocity with the variance of no
 Above its largest speed the sensor has no value; real sensors report this by their surface quality.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -18,7 +17,6 @@ from omni_platform.sensors import FlowSensor
 from omni_platform.signals import Flow
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowConfiguration(Configuration):
     """Errors of the flow sensors; defaults of a PMW3901 about 80 mm above the ground."""
 

@@ -11,7 +11,6 @@ gives the yaw rate at the stamp. Both have a scale error, a bias, white noise an
 receiving nodes know none of these errors.
 """
 
-import dataclasses
 import math
 from typing import NamedTuple
 
@@ -26,7 +25,6 @@ IMU_DRAWS = 3
 """Standard normal draws that a reading needs."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ImuConfiguration(Configuration):
     """Mounting and errors of the inertial measurement unit; defaults of a good MEMS unit."""
 

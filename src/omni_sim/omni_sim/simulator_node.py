@@ -9,7 +9,6 @@ brakes are on. The contract (topics, types, QoS, parameters, timeouts) is in the
 package.
 """
 
-import dataclasses
 import math
 import time
 from functools import partial
@@ -54,7 +53,6 @@ _LARGEST_LAG = 0.1  # [s], longest delay that a simulation with a live driver ca
 _MARKER_PERIOD = 5  # control periods; a picture does not need every step
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LoopConfiguration(Configuration):
     """Synchronization of the simulator with other nodes."""
 

@@ -4,7 +4,6 @@ It can fail for a limited time in one of three ways that occur in real sensors: 
 reading, reads zero, or reports that it has no value.
 """
 
-import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -23,7 +22,6 @@ FAILURES = ("none", "frozen", "zero", "invalid")
 """Readings during a failure: the last reading, 0, or NaN."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class VelocitySensorConfiguration(Configuration):
     """Sampling and errors of the velocity sensor; without noise or offset by default."""
 

@@ -23,7 +23,6 @@ from omni_platform.quantities import FloatArray
 KINDS = (SPRING, PROPORTIONAL, TORQUE, VELOCITY)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class BrakeAdapterConfiguration(Configuration):
     """Brakes of a vehicle and the timing of their commands."""
 

@@ -3,7 +3,6 @@
 The contract (topics, types, parameters, timeouts) is in the README of this package.
 """
 
-import dataclasses
 import math
 import time
 from functools import partial
@@ -32,7 +31,6 @@ from omni_vehicle.brake_adapter import (
 _PEDALS = {"joint_state": JointState, "bool": Bool, "float": Float64, "twist": Twist}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TopicsConfiguration(Configuration):
     """Types of the vehicle's own topics."""
 

@@ -11,7 +11,6 @@ imported when a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gp
 
 from __future__ import annotations
 
-import dataclasses
 import enum
 import importlib
 import math
@@ -83,7 +82,6 @@ class FlowChip(Protocol):
         """
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowChipConfiguration(Configuration):
     """A chip, its bus and its calibration."""
 

@@ -3,7 +3,6 @@
 The contract (topics, types, parameters, timeouts) is in the README of this package.
 """
 
-import dataclasses
 import math
 import time
 from functools import partial
@@ -22,7 +21,6 @@ from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter, steady_cloc
 from omni_vehicle import flow_chips
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FlowNodeConfiguration(Configuration):
     """Name and rate of the sensor."""
 

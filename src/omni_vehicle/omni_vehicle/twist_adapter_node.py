@@ -3,7 +3,6 @@
 The contract (topics, types, parameters) is in the README of this package.
 """
 
-import dataclasses
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,6 @@ _TYPES = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TwistAdapterConfiguration(Configuration):
     """A source of the body twist."""
 

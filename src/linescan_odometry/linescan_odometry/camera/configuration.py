@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 from linescan_odometry.camera.cut import Cut, row_range
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfiguration(Configuration):
     """Camera and selection of the lines in its frames."""
 

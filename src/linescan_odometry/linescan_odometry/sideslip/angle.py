@@ -37,7 +37,6 @@ _SKEWEST = 30.0  # [deg] largest angle between camera and axis of rotation
 _ROUNDING = 1e-6  # [deg] by which sine and arcsine may increase this angle
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SideslipWheel(Configuration):
     """A wheel whose sideslip angle is measured."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -16,7 +15,6 @@ from omni_platform.configuration import ConfigurationError, check_choice
 from omni_platform.quantities import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SideslipConfiguration(OdometryConfiguration):
     """Parameters of the odometry for cameras that measure only sideslip: one camera suffices."""
 

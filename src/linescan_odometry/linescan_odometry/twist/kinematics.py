@@ -14,7 +14,6 @@ compared with them to detect a skid.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 from omni_platform.configuration import Configuration, parameter
@@ -22,7 +21,6 @@ from omni_platform.configuration import Configuration, parameter
 NONE, UNSTEERED_AXLE = "none", "unsteered_axle"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class KinematicsConfiguration(Configuration):
     """Kinematic constraint of a vehicle while its wheels grip."""
 

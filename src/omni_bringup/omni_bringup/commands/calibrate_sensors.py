@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
 WORK = "matching lines and fitting"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni calibrate-sensors``."""
 

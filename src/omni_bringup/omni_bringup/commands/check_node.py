@@ -12,7 +12,6 @@ import shlex
 import subprocess
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 WORK = "checking the node"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni check-node``."""
 

@@ -5,7 +5,7 @@ Compute the metrics of each stop: distance, rotation, odometry error and drift (
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from omni_bringup import command_report, workspace
@@ -14,7 +14,6 @@ from omni_platform.command_options import CommandOptions, option
 WORK = "measuring the recordings"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni compare``."""
 

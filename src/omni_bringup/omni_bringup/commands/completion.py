@@ -4,7 +4,6 @@ Enable it with: eval "$(./omni completion)"
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from omni_bringup import commands
@@ -32,7 +31,6 @@ _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "expe
 _NAMED = {"run": "experiments", "limit": "experiments"}  # commands whose first word is a name
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(configuration.Configuration):
     """Options of ``omni completion``: none."""
 

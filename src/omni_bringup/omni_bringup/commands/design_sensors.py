@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from omni_tools.placement.design import Design, DesignTask
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(PlacementOptions, CommandOptions):
     """Options of ``omni design-sensors``."""
 

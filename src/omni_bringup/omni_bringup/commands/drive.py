@@ -11,7 +11,6 @@ import ipaddress
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Options of ``omni drive``."""
 

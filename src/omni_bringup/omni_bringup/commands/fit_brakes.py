@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +25,6 @@ _UNITS = {"max_torque": "N m", "dead_time": "s", "time_constant": "s"}
 WORK = "reading stops and fitting the brakes"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni fit-brakes``."""
 

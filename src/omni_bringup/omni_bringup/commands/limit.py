@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +30,6 @@ _WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, 
 WORK = "bounding the stop"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
 

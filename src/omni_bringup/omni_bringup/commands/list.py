@@ -4,7 +4,6 @@ Print names and descriptions; ./omni show NAME shows one of them.
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report
@@ -19,7 +18,6 @@ STUDIES, LAWS = "studies", "laws"
 EVERY = (*KINDS, STUDIES, LAWS)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni list``."""
 

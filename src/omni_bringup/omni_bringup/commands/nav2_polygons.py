@@ -7,7 +7,6 @@ rotation, for each direction, speed and yaw rate, as YAML of Nav2's collision mo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from omni_tools.stopping_area.area import StopCampaign
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(AreaOptions, CommandOptions):
     """Options of ``omni nav2-polygons``."""
 

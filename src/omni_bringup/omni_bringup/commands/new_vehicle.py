@@ -8,7 +8,6 @@ import contextlib
 import dataclasses
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
 _USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni new-vehicle``."""
 

@@ -6,7 +6,6 @@ with the recorded outputs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 WORK = "replaying the recorded inputs"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni replay``."""
 

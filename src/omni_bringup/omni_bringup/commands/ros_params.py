@@ -4,7 +4,6 @@ Turn a vehicle file, or the configuration of a run, into the parameter files of 
 assistant and a URDF; docs/real_vehicle.md explains their use.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report
@@ -13,7 +12,6 @@ from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni ros-params``."""
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,7 +33,6 @@ REPLACEABLE = ("brake_assist", "linescan_odometry")
 """Nodes that a user's node may replace."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(LoopOptions, CommandOptions):
     """Options of ``omni run``."""
 

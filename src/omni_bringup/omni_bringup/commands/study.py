@@ -20,7 +20,6 @@ PACKAGE = "omni_studies.studies"
 _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _Output(CommandOptions):
     """Options of every study besides its own."""
 
@@ -43,9 +42,7 @@ class _StudyCommand:
     def __init__(self, name: str, study: Study) -> None:
         self._name = name
         self.__doc__ = study.__doc__
-        self.Options = dataclasses.make_dataclass(
-            "Options", [], bases=(_Output, study.Options), frozen=True, kw_only=True
-        )
+        self.Options: Any = type("Options", (_Output, study.Options), {})
 
     def run(self, options: Any, workspace: Workspace) -> Report:
         """Run the study."""

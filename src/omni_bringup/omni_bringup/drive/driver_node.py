@@ -43,7 +43,6 @@ _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Choice(Configuration):
     """Names of one kind that may be driven."""
 
@@ -53,7 +52,6 @@ class Choice(Configuration):
     """All that the page offers"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class DriverConfiguration(Configuration):
     """Parameters of the node of the driver."""
 

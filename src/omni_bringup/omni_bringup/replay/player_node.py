@@ -6,7 +6,6 @@ result comes, for example while a sensor is missing, one more round is sent. At 
 the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
 """
 
-import dataclasses
 import time
 from collections import deque
 from functools import partial
@@ -24,7 +23,6 @@ from omni_ros.messages import leading_stamp, message_class, to_time
 from omni_ros.report import report
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerConfiguration(Configuration):
     """Parameters of the player."""
 

@@ -1,7 +1,5 @@
 """Exposure, optics and noise of the line cameras (section 4.4)."""
 
-import dataclasses
-
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
@@ -11,7 +9,6 @@ FULL_SCALE = 255.0
 _MOST_WIDENING = 1.25  # largest factor on a view by the camera's heave: beyond, it is not sharp
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class CameraConfiguration(Configuration):
     """Exposure and optics of the line cameras."""
 

@@ -4,7 +4,6 @@ Without commands the vehicle brakes fully (dead man's switch). The drive acceler
 from the velocity of the vehicle, so that it does not follow steps of a joystick.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -16,7 +15,6 @@ from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 FULL_BRAKING = 1.0
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ManualDriverConfiguration(Configuration):
     """Limits of an external driver."""
 

@@ -1,6 +1,5 @@
 """The scripted driver: constant velocity and a stop at a given time, or a table of demands."""
 
-import dataclasses
 import math
 from typing import Protocol
 
@@ -11,7 +10,6 @@ from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class DemandConfiguration(Configuration):
     """Table of a driver's demands over time, interpolated linearly.
 
@@ -50,7 +48,6 @@ class DemandConfiguration(Configuration):
             raise ConfigurationError("pedal", "must be in 0..1")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ManeuverConfiguration(Configuration):
     """Demands of the scripted driver during a run."""
 

@@ -10,7 +10,6 @@ Every part is an analytic function ``z(x, y)``, smooth enough for the local road
 Without any part the ground is flat and none of this is computed.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -40,7 +39,6 @@ class Terrain(NamedTuple):
     sampling: float
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class WaveConfiguration(Configuration):
     """A straight, infinite wave of the ground."""
 
@@ -54,7 +52,6 @@ class WaveConfiguration(Configuration):
     """Phase at the origin; 90 puts a crest there"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class BumpConfiguration(Configuration):
     """A round bump or hollow of the ground."""
 
@@ -68,7 +65,6 @@ class BumpConfiguration(Configuration):
     """Radius of its rim"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class ElevationConfiguration(Configuration):
     """Height of the ground; the parts add up, and the default is flat."""
 

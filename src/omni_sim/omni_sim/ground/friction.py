@@ -1,6 +1,5 @@
 """Friction of the ground as a function of world position: a base factor and patches on it."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -11,7 +10,6 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class FrictionPatch(Configuration):
     """A rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
 

@@ -36,7 +36,6 @@ _BAND = 128  # rows drawn at a time
 _THREADS = 2
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TextureConfiguration(Configuration):
     """Texture of the ground: a material, or a user's picture."""
 

@@ -5,7 +5,6 @@ the parameters of every model under its name. Only those of the chosen model are
 evaluates the steady characteristic for plots, fits and tests.
 """
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -17,26 +16,20 @@ from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 
-# A field for every model in the folder, which a class statement cannot declare.
-_ModelFields: Any = dataclasses.make_dataclass(
+# A field for every model in the folder.
+_KINDS = {"model": str, **{name: model.configuration for name, model in MODELS.items()}}
+_ModelFields: Any = type(
     "_ModelFields",
-    [("model", str)]
-    + [
-        (
-            name,
-            model.configuration,
-            section(model.configuration, description=model.description),
-        )
-        for name, model in MODELS.items()
-    ],
-    bases=(Configuration,),
-    namespace={"__module__": __name__, "__doc__": "The parameters of every model."},
-    frozen=True,
-    kw_only=True,
+    (Configuration,),
+    {
+        "__module__": __name__,
+        "__doc__": "The parameters of every model.",
+        "__annotations__": _KINDS,
+        **{n: section(one.configuration, description=one.description) for n, one in MODELS.items()},
+    },
 )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TireConfiguration(_ModelFields):
     """A tire, by default TMeasy with Table 1; parameters of other models are ignored."""
 

@@ -1,6 +1,5 @@
 """Configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -23,7 +22,6 @@ from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geom
 from omni_sim.wheel.roller_geometry import RollerGeometry
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class DriveConfiguration(Configuration):
     """The drive of each wheel: an exact speed source behind a clutch (Appendix A)."""
 
@@ -35,7 +33,6 @@ class DriveConfiguration(Configuration):
     """Largest torque of the engaged clutch"""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class WheelCondition(Configuration):
     """Deviations of a wheel from the others: a worn or oily tire, a faulty brake."""
 
@@ -57,7 +54,6 @@ class WheelCondition(Configuration):
 _SOUND = WheelCondition()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 

@@ -29,7 +29,6 @@ MAXIMUM_WHEELS = 32
 """Wheels that the contact set of the load equilibrium can hold."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class MassConfiguration(Configuration):
     """A rigid mass on the platform, in the body frame."""
 

@@ -20,7 +20,6 @@ the center of gravity by a tilted chassis, and the work of the forces along the 
 roll.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -34,7 +33,6 @@ from omni_sim.wheel.roller_geometry import nearest_roller
 _BALANCES = 100  # most iterations for a chassis at rest
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; by default there are none."""
 

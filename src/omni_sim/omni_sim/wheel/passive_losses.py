@@ -18,14 +18,12 @@ whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their o
 carries load has the same resistance.
 """
 
-import dataclasses
 import math
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 

@@ -1,6 +1,5 @@
 """Configuration of the rollers of a vehicle's wheels, and check that they fit."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
 
@@ -9,7 +8,6 @@ from omni_platform.geometry import WheelMount
 from omni_sim.wheel.roller_geometry import RollerGeometry
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class RollerConfiguration(Configuration):
     """The rollers of every wheel of a vehicle.
 

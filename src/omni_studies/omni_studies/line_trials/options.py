@@ -1,6 +1,5 @@
 """Options and grounds that the studies of line cameras share."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ def noise_option(noise: float = 1.0) -> Any:
     return option(noise, metavar="LEVELS", description=words, minimum=0.0, maximum=100.0)
 
 
-@dataclass(frozen=True, kw_only=True)
 class LineOptions(Configuration):
     """Grounds, distance, number of pairs, noise and seed."""
 
@@ -64,7 +62,6 @@ def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
     return parameter(runs, description=f"random places {run}", minimum=1, maximum=1000)
 
 
-@dataclass(frozen=True, kw_only=True)
 class TextureOptions(Configuration):
     """Grounds, their resolution, random positions and the seed."""
 

@@ -83,7 +83,6 @@ class Case:
         return float(np.mean(self.error**2 / self.variance))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Cases and the number of pairs."""
 

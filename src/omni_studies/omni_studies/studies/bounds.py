@@ -6,7 +6,6 @@ a stop that keeps heading and line within half a degree with the bound of such s
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,7 +21,6 @@ from omni_tools.campaign.runner import CampaignOptions
 _COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION), strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
     """Number of stops, and workers."""
 

@@ -140,7 +140,6 @@ def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[
 Options = LoopOptions
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _StraightLine(LoopOptions):
     """The vehicle, and overrides of the experiment."""
 

@@ -50,7 +50,6 @@ class Trial:
     errors: tuple[float, ...]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(LineOptions):
     """Grounds, distance, pairs, noise and seed."""
 

@@ -75,7 +75,6 @@ class Curve:
         return float(self.shift[np.argmin(self.distance)]) - self.truth
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(LineOptions):
     """Grounds, distance, pairs, noise and seed."""
 

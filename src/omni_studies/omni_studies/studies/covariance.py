@@ -102,7 +102,6 @@ class Case:
         return float(np.mean([trial.measured for trial in self.trials]))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Extent of the drives, and noise."""
 

@@ -53,7 +53,6 @@ _NOISES = (0.0, 1.0, 5.0)  # gray levels, of Figure 66
 Found = list[tuple[Motion, Matches]]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(LineOptions):
     """Grounds, distance, pairs, noise and seed."""
 
@@ -61,7 +60,6 @@ class Options(LineOptions):
     pairs: int = line_options.pairs_option(20)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _Views(LineOptions):
     """Grounds, distance, pairs, noise and seed."""
 
@@ -71,7 +69,6 @@ class _Views(LineOptions):
     pairs: int = line_options.pairs_option(80)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _Medians(LineOptions):
     """Grounds, distance, pairs, noise and seed."""
 
@@ -79,7 +76,6 @@ class _Medians(LineOptions):
     pairs: int = line_options.pairs_option(60, fewest=GROUP)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _Directions(TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 
@@ -87,7 +83,6 @@ class _Directions(TextureOptions):
     noise: float = line_options.noise_option()
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class _Difficult(TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 

@@ -7,7 +7,6 @@ and fault-free assisted braking, brake faults with all other brakes on.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
@@ -20,7 +19,6 @@ from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
     """Number of stops, and workers."""
 

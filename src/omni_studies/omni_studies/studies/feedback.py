@@ -41,7 +41,6 @@ _EXPERIMENTS = ("straight_line", "three_wheel_diagonal", "ice_patch", "turn_whil
 _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
     """Vehicles, sources and number of stops."""
 

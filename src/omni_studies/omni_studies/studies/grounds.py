@@ -31,7 +31,6 @@ _GROUNDS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(TextureOptions):
     """Grounds, their resolution and the seed of the positions."""
 

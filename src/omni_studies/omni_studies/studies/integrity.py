@@ -60,7 +60,6 @@ _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
 _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
     """Grounds, faults and extent of the drives."""
 

@@ -7,7 +7,6 @@ import hashlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from matplotlib.figure import Figure
@@ -88,7 +87,6 @@ _COMPARED: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions):
     """Runs, and workers."""
 

@@ -46,7 +46,6 @@ Stops = Mapping[tuple[str, str, str], RunHistory]
 """Stops by case, variant and engine."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Vehicle and speed."""
 

@@ -34,7 +34,6 @@ _FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
 _REPEATED = {("ice_patch_noisy", "assisted")}  # is the run of ice_patch
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Experiments to compare."""
 

@@ -7,7 +7,6 @@ of the worst runs, which ``./omni run`` replays over the graph.
 import itertools
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -33,7 +32,6 @@ _COLUMNS = {
 """Columns of the table of violations besides their cause, with their units."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
     """Runs, and workers."""
 

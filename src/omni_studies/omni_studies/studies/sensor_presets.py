@@ -13,7 +13,6 @@ The whole odometry is then driven with three of the sensors at that speed, ahead
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +51,6 @@ _SECOND = "lis_770i_full"  # mode of Table 3
 _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(line_options.TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 

@@ -7,7 +7,6 @@ or omega R of a wheel with 1 % longitudinal slip.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,7 +32,6 @@ _ANGLES = np.radians(np.arange(-15.0, 15.1, 2.5))
 Case = tuple[str, str]  # ground, sensor
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 

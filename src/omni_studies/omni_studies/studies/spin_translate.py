@@ -163,7 +163,6 @@ def track(
     )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """The maneuver."""
 

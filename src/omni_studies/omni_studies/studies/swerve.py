@@ -35,7 +35,6 @@ _TITLES = {
 }
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Vehicle and speed."""
 

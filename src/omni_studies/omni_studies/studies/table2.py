@@ -6,7 +6,6 @@ search; ``--assumptions`` changes one assumption at a time.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from omni_studies.identification.sensitivity import Sensitivity, sensitivities
 from omni_studies.study import StudyResult, StudyRun
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Identification and assumptions."""
 

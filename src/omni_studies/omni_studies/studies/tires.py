@@ -1,7 +1,6 @@
 """Draw the tire models (Figures 4 to 6) and check convergence, rest and zero slip of vehicles."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ _TABLE_1 = "rill_table_1"
 _TIRES = (_TABLE_1, "linear", "magic_formula")
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """The tires and the vehicle."""
 

@@ -6,7 +6,6 @@ ones, and evaluated by the worst of several situations (`omni_studies.tuning.tri
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ _QUANTITIES = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CampaignOptions, LoopOptions):
     """Settings to try, and limits of the recommendation."""
 

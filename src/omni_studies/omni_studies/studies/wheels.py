@@ -8,7 +8,6 @@ a wheel costs.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -43,7 +42,6 @@ _STYLES: tuple[dict[str, Any], ...] = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Extent of the averages."""
 

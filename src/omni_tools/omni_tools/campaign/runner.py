@@ -24,7 +24,6 @@ depend on the distribution of the work. The jobs of a job array run parts (``--s
 from __future__ import annotations
 
 import csv
-import dataclasses
 import functools
 import math
 import os
@@ -59,7 +58,6 @@ class CampaignError(WorkError):
     """The campaign cannot go on."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class CampaignOptions(Configuration):
     """Options of a study with many runs."""
 

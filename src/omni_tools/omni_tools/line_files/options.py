@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
     from omni_tools.line_files.reading import RawFormat
 
 
-@dataclass(frozen=True, kw_only=True)
 class FileOptions(Configuration):
     """Layout of the lines in pictures and in raw bytes."""
 

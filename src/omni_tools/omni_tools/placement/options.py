@@ -1,11 +1,8 @@
 """Command-line options of a placement of line cameras."""
 
-from dataclasses import dataclass
-
 from omni_platform import command_options, configuration
 
 
-@dataclass(frozen=True, kw_only=True)
 class PlacementOptions(configuration.Configuration):
     """Chassis, cameras, motions and ground for which line cameras are placed."""
 

@@ -1,13 +1,10 @@
 """Command-line options of stopping areas."""
 
-from dataclasses import dataclass
-
 from omni_platform.command_options import overrides_option
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_tools.campaign.runner import CampaignOptions
 
 
-@dataclass(frozen=True, kw_only=True)
 class AreaOptions(CampaignOptions):
     """Motions, grounds and loads of stopping areas, with coverage and confidence."""
 

@@ -1,6 +1,5 @@
 """Files of a vehicle from a few measurements, with every estimate marked."""
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,7 +13,6 @@ from omni_sim.vehicle.loads import GRAVITY
 _MECANUM, _OMNI = "mecanum", "omni"
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Measured(Configuration):
     """Measured size and mass of a vehicle."""
 

@@ -4,7 +4,6 @@ Read a recording from end to end: every checksum, every message of a known type,
 the metadata, and gaps in the numbers of the messages. Exit code 1 if anything is wrong.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup import command_report, workspace
@@ -14,7 +13,6 @@ from omni_platform.command_options import CommandOptions
 WORK = "reading every message"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni bag check``."""
 

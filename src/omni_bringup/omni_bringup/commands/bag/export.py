@@ -4,7 +4,6 @@ Write one table for every topic whose messages are at most 256 values: times in 
 units, joints by name. Images are left out.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report, entries, printable
@@ -16,7 +15,6 @@ from omni_platform.configuration import parameter
 WORK = "writing tables"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni bag export``."""
 

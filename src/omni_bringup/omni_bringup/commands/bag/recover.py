@@ -4,7 +4,6 @@ Write every complete message into a new recording with index and metadata, and r
 The recording itself is not changed.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report, entries, printable
@@ -16,7 +15,6 @@ from omni_platform.command_options import CommandOptions
 WORK = "saving messages"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(CommandOptions):
     """Options of ``omni bag recover``."""
 

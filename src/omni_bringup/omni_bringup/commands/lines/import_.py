@@ -6,7 +6,6 @@ or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni line
 
 import dataclasses
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 from omni_bringup.command_report import Report, entries_by_case, in_words
@@ -18,7 +17,6 @@ from omni_tools.line_files.options import FileOptions, camera_files
 WORK = "reading and recording lines"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(FileOptions, CommandOptions):
     """Options of ``omni lines import``."""
 

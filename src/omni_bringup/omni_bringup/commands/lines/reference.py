@@ -8,7 +8,6 @@ drive. `odometry.flat_field_tables` takes the folder.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
 WORK = "averaging lines"
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(FileOptions, CommandOptions):
     """Options of ``omni lines reference``."""
 

@@ -5,7 +5,6 @@ has no second state: it slides exactly while it is saturated. It is the simplest
 reference for the effects of the falling part and the load dependence of the other models.
 """
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class LinearConfiguration(Configuration):
     """A linear tire; the defaults are the tire of Table 1 at its first nominal load."""
 

@@ -16,7 +16,6 @@ A friction factor scales ``D``. As ``B C D`` is kept, ``B`` scales inversely, an
 like ``D``.
 """
 
-import dataclasses
 import math
 from typing import Any, NamedTuple
 
@@ -32,7 +31,6 @@ _SHAPE_RANGE = (1.05, 1.95)
 _CURVATURE_RANGE = (-20.0, 0.95)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class MagicFormulaConfiguration(Configuration):
     """A Magic Formula tire; the defaults resemble the longitudinal tire of Table 1."""
 

@@ -27,7 +27,6 @@ from omni_sim.tire.contact import solve_contact
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TMeasyCurve(Configuration):
     """Force over slip in one direction at the two nominal loads, a half of Table 1."""
 
@@ -81,7 +80,6 @@ def _table_1(direction: str) -> TMeasyCurve:
     return TMeasyCurve(**dict(zip(_FITTED, _TABLE_1[direction], strict=True)))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class TMeasyConfiguration(Configuration):
     """A tire; the defaults are Table 1.
 
