@@ -52,7 +52,7 @@ class LineChain:
         """Return two or more consecutive lines, oldest first; see `join`.
 
         Args:
-            batch: as a camera delivered it.
+            batch: a batch of the camera, in the order of delivery.
             restart: called if the lines do not follow those of the batch before.
 
         Raises:

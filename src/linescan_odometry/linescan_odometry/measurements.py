@@ -34,7 +34,7 @@ class Displacement(NamedTuple):
 
     Attributes:
         value: mean displacement per line, along the camera's +axis [px].
-        variance: of the mean displacement [px^2].
+        variance: variance of the mean displacement [px^2].
         correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
         share: share of the line pairs that were used, 0..1.
         rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
@@ -54,8 +54,8 @@ class SensorReading:
     """Measurement of one line camera: mean velocity along its axis over a batch.
 
     Attributes:
-        velocity: of the sensor's position along its axis [m/s], 0 if not measured.
-        variance: of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
+        velocity: velocity of the sensor's position along its axis [m/s], 0 if not measured.
+        variance: variance of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
         correlation: mean similarity of the used line pairs at their peak, 1 is perfect.
         inlier_share: share of the line pairs that were used, 0..1.
         measured: whether velocity and variance can be used.
@@ -101,9 +101,10 @@ class FlowReading:
     """Measurement of one flow sensor.
 
     Attributes:
-        velocity: along its axis and to the left of it [m/s], shape (2,), 0 if not measured.
-        covariance: of the velocity [m^2/s^2], shape (2, 2), `UNMEASURED_VARIANCE` times the
-            identity if not measured.
+        velocity: velocity along the axis and to the left of it [m/s], shape (2,), 0 if not
+            measured.
+        covariance: covariance of the velocity [m^2/s^2], shape (2, 2), `UNMEASURED_VARIANCE` times
+            the identity if not measured.
         measured: whether velocity and covariance can be used.
         reason: why they cannot be used; empty if they can.
     """
@@ -148,8 +149,8 @@ class TwistEstimate:
         stamp_ns: exposure of the newest line that was used [ns].
         twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in base_link, shape (3,),
             mean over the lines of the batches; zero if not measured.
-        covariance: of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity if not
-            measured.
+        covariance: covariance of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity
+            if not measured.
         measured: whether enough sensors measured the motion.
         readings: measurement of each camera by name, in the order of the configuration.
         assumed: whether the kinematic constraint was used. If the vehicle then skids, the twist has

@@ -56,7 +56,7 @@ class _Solution:
 
     Attributes:
         twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        covariance: of the twist, shape (3, 3).
+        covariance: covariance of the twist, shape (3, 3).
         measured: whether each camera, each flow sensor and, last, the axle was used.
         count: number of velocities used.
         assumed: whether the axle was used.
@@ -284,16 +284,16 @@ class LineScanOdometry:
     def _covered(
         self, solution: _Solution, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return an occluded sensor as unmeasured.
+        """Return the reading of an occluded sensor as unmeasured.
 
-        Valid only for a twist without faulty sensors; otherwise others would seem occluded.
+        The twist must not contain faulty sensors; otherwise other sensors would seem occluded.
         """
         return {} if self._covers is None else self._covers.contradicted(readings, solution.twist)
 
     def _misled(
         self, solution: _Solution, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return sensors that are misled by an oblique texture as unmeasured."""
+        """Return readings over oblique textures, as unmeasured or with a larger variance."""
         return (
             {}
             if self._grain is None

@@ -27,7 +27,7 @@ class PairsMethod:
 
         Args:
             sensor: the camera.
-            configuration: of the odometry.
+            configuration: configuration of the odometry.
         """
         self._settings = configuration
         search = make_search(

@@ -49,7 +49,8 @@ class Plausibility:
 
         Args:
             stamp_ns: exposure of the newest line [ns].
-            displacement: of consecutive pairs of lines, the last ending there [px], shape (m,).
+            displacement: displacements of consecutive pairs of lines [px], shape (m,); the last
+                pair ends at the newest line.
         """
         if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
             return np.ones(len(displacement), np.bool_)

@@ -25,7 +25,7 @@ class References:
 
     Attributes:
         dark: dark signal [gray levels], shape (n,).
-        gain: of each pixel [1], shape (n,).
+        gain: gain of each pixel [1], shape (n,).
         dead: whether each pixel is interpolated, shape (n,).
         pattern: fixed pattern of an earlier drive; None if there is none.
     """

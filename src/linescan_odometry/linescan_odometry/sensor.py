@@ -74,7 +74,7 @@ class SensorOdometry:
 
         Args:
             sensor: the camera.
-            configuration: of the odometry.
+            configuration: configuration of the odometry.
             tables: file of its references; None without.
 
         Raises:

@@ -52,9 +52,9 @@ def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_r
     Args:
         line: changed in place.
         minimum_speed: speed below which a velocity has no usable direction [m/s].
-        v_x: body velocity [m/s].
-        v_y: body velocity in y [m/s].
-        yaw_rate: [rad/s].
+        v_x: body velocity, x [m/s].
+        v_y: body velocity, y [m/s].
+        yaw_rate: yaw rate [rad/s].
     """
     forget_line(line)
     line.stored = True

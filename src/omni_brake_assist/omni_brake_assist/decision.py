@@ -11,10 +11,10 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """A condition with its words.
+    """A fault of an input, with its description.
 
     Attributes:
-        state: one for which `AssistState.is_fault` holds.
+        state: a state for which `AssistState.is_fault` holds.
         reason: one line for people, with the value and its limit.
     """
 

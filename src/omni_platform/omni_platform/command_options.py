@@ -53,7 +53,7 @@ def option(
         default: value used if none is given; without it the option is required.
         flag: flag such as ``--set`` if it differs from the field's name.
         metavar: name of the value in the help.
-        positional: whether it is a positional argument without a flag.
+        positional: whether the option is a positional argument without a flag.
         many: whether one flag takes several values of a tuple.
         **declared: the other arguments of `parameter`.
     """
@@ -120,8 +120,8 @@ def parse_options(
 
     Args:
         cls: declares the options.
-        words: as people type them, such as ``--pairs 64``.
-        parser: without options; a new one by default.
+        words: words of the command line, such as ``--pairs 64``.
+        parser: parser without options; a new one by default.
 
     Raises:
         ConfigurationError: a value does not fit; the key of the error is the option as typed.

@@ -142,9 +142,9 @@ def planar_odometry(
     Args:
         stamp_ns: stamp [ns].
         pose: x, y [m] and yaw [rad], shape (3,).
-        pose_covariance: shape (3, 3).
+        pose_covariance: covariance of the pose, in the squares of its units, shape (3, 3).
         twist: v_x, v_y [m/s] and yaw rate [rad/s], shape (3,); NaN becomes zero.
-        twist_covariance: shape (3, 3).
+        twist_covariance: covariance of the twist, in the squares of its units, shape (3, 3).
     """
     message = Odometry(header=header(stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
     message.pose.pose = planar_pose(pose)

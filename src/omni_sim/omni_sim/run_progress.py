@@ -106,7 +106,7 @@ class RunProgress:
         return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:
-        """Update with the latest observation."""
+        """Update progress and outcome with the latest observation."""
         self._time = observation.stamp_ns / SECOND_NS
         self._speed = rim_speed(observation.twist)
         self._initial_speed = max(self._initial_speed, self._speed)

@@ -1,12 +1,12 @@
 """Reads optical-flow chips by their makers' libraries: ground velocity with covariance.
 
 - PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
-- the SparkFun OTOS (I2C) filters a PAA5160 with an IMU and reports velocities of its own frame of
-  tracking, with standard deviations.
+- the SparkFun OTOS (I2C) filters a PAA5160 with an IMU and reports velocities, with standard
+  deviations, in the frame in which it tracks its pose.
 
-A reading is taken at a time that the caller passes; nothing here reads a clock. The libraries are
-imported when a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gpiodevice``, and
-``qwiic_otos`` needs ``qwiic_i2c``.
+The caller passes the time of a reading; nothing here reads a clock. The libraries are imported when
+a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gpiodevice``, and ``qwiic_otos``
+needs ``qwiic_i2c``.
 """
 
 from __future__ import annotations

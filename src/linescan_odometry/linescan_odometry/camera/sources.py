@@ -106,7 +106,7 @@ class ArraySource:
         self._next = 0
 
     def read(self) -> Frame | None:
-        """Return the next picture."""
+        """Return the next picture, None at the end."""
         if self._next == len(self._pictures):
             self.ended = True
             return None

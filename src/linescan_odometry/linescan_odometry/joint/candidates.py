@@ -82,7 +82,7 @@ def correlate(spectra: Spectrum) -> Products:
     """Return the correlations along the lines of a batch.
 
     Args:
-        spectra: of the lines, shape (m, F).
+        spectra: spectra of the lines, shape (m, F).
     """
     m, count = spectra.shape
     distances = lags(m)
@@ -229,7 +229,7 @@ def coherent(
         products: see `correlate`.
         layout: sizes of the batch.
         removed: spectrum that is fixed in the view, shape (F,).
-        displacement: per line [px].
+        displacement: displacement per line [px].
         spread: width of the range of displacements of which the best one counts [px].
         which: index of the line spacing in `lags`.
     """

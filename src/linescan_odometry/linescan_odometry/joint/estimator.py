@@ -52,9 +52,9 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: mean displacement per line [px].
-        variance: of the displacement [px^2].
+        variance: variance of the displacement [px^2].
         reason: why the displacement is not valid, empty if it is.
-        coherence: of neighboring lines [1].
+        coherence: coherence of neighboring lines [1].
         details: effective number of independent values of the texture in a line.
     """
 
@@ -70,7 +70,7 @@ class _Choice(NamedTuple):
     """The candidate that explains the lines best.
 
     Attributes:
-        displacement: per line [px].
+        displacement: displacement per line [px].
         moves: whether the view changes.
         reason: why the displacement is not valid, empty if it is.
     """
@@ -197,7 +197,7 @@ class JointEstimator:
         """Return why lines without the fixed pattern contradict a displacement; empty if not.
 
         Args:
-            products: of the batch.
+            products: correlations of the batch.
             layout: sizes of the batch.
             value: displacement per line [px].
             c: candidate from which the displacement was refined [px].

@@ -2,8 +2,9 @@
 
 The lines are cut to the piece of ground that they share, so that no texture enters or leaves, and
 transformed again. The variance is the sandwich ``J^-1 (sum U U') J^-1`` over places of the ground:
-U are the slopes of the log-likelihood of each place, J its curvature. It holds without the noise
-being white or the model exact, as long as places err independently.
+U are the slopes of the log-likelihood of each place, and J is the curvature. This variance is valid
+even if the noise is not white and the model is not exact, as long as the errors of the places are
+independent.
 """
 
 from __future__ import annotations
@@ -43,11 +44,11 @@ class Fit(NamedTuple):
 
     Attributes:
         found: whether there is one.
-        displacement: per line, in the middle of the batch [px].
-        change: of the displacement from line to line [px].
-        variance: of the displacement [px^2].
+        displacement: displacement per line, in the middle of the batch [px].
+        change: change of the displacement from line to line [px].
+        variance: variance of the displacement [px^2].
         features: effective number of independent features that move with the displacement.
-        coherence: of neighboring lines, weighted by power [1].
+        coherence: coherence of neighboring lines, weighted by power [1].
         details: effective number of independent values of the texture in a line.
         contrast: energy of the gradients that neighboring lines share over that of the noise [1].
     """
@@ -94,7 +95,7 @@ class _Model(NamedTuple):
     """Covariance of the lines, at each frequency.
 
     Attributes:
-        edges: of the bands [bins], shape (B + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
         bands: S, rho, N of each band, shape (3, B).
         precision: inverse variance of the pattern, shape (F,).
         rate: angular frequency of each bin [rad per px], shape (F,).
@@ -110,7 +111,7 @@ class _Cut(NamedTuple):
     """Lines cut to the ground that they have in common, block by block.
 
     Attributes:
-        spectra: in the ground frame, shape (t, F).
+        spectra: spectra in the ground frame, shape (t, F).
         line: number of the line in each row, shape (t,).
         first: row of the first line of each block and, last, t, shape (blocks + 1,).
         ground: position on the ground at which each block begins [px], shape (blocks,).
@@ -193,7 +194,7 @@ def _marginalize(block: _Block, model: _Model, white: Spectrum, slopes: Doubles)
 
     Args:
         block: the lines.
-        model: their covariance.
+        model: covariance of the lines.
         white: receives ``T^-1 z`` without the pattern, shape (m, F).
         slopes: slopes of the log-likelihood by d and a, to which those of the term with c are
             added, shape (2,).
@@ -323,7 +324,7 @@ def _on_grid(precision: Precision, cut: _Cut, pixels: int) -> Doubles:
     """Return the precision of the pattern without one block, at the frequencies of the cut.
 
     Args:
-        precision: of the pattern; each block contributes an equal part to that of this batch.
+        precision: precision of the pattern; each block of this batch contributes an equal part.
         cut: the cut lines, which have less than n pixels.
         pixels: n of a line.
     """
@@ -397,9 +398,9 @@ def fit(
 
     Args:
         lines: logarithm of lines less the pattern, shape (m, n).
-        precision: of the pattern.
-        displacement: per line [px].
-        change: of the displacement from line to line [px].
+        precision: precision of the pattern.
+        displacement: displacement per line [px].
+        change: change of the displacement from line to line [px].
         spread: prior standard deviation of the change [px].
         last: whether to compute variance and features too.
     """
@@ -462,7 +463,7 @@ def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
     """Return the variance of the displacement [px^2], and the effective number of places.
 
     Args:
-        parts: of each place, see `_places`, shape (p, 4).
+        parts: result of `_places`, shape (p, 4).
         g_d: element of J^-1 in the row and the column of d.
         g_a: element of J^-1 in the row of d and the column of a.
     """

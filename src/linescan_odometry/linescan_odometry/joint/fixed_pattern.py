@@ -33,7 +33,7 @@ class FixedPattern(NamedTuple):
 
     Attributes:
         information: precision times mean of each frequency, shape (F,).
-        precision: of each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 where nothing is known, shape (F,).
     """
 
     information: Spectrum
@@ -52,7 +52,7 @@ def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
 
     Args:
         information: precision times mean, shape (F,).
-        precision: of each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 where nothing is known, shape (F,).
     """
     count = len(precision)
     mean = np.zeros(count, np.complex64)
@@ -75,7 +75,7 @@ def prior(information: Spectrum, precision: Doubles) -> Doubles:
 
     Args:
         information: precision times mean, shape (F,).
-        precision: of each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 where nothing is known, shape (F,).
     """
     mean = posterior(information, precision)
     power: Doubles = smoothed((mean.real**2 + mean.imag**2).astype(np.float64))
@@ -101,10 +101,10 @@ def observe(
     """Return the estimate of the pattern by one batch with given displacements of its lines.
 
     Args:
-        spectra: of whole lines, shape (m, F).
+        spectra: spectra of whole lines, shape (m, F).
         removed: pattern to subtract before the covariance is estimated, shape (F,).
         paths: displacement of every line [px], shape (m,).
-        size: of the transform [px].
+        size: size of the transform [px].
 
     Returns:
         Information (precision times mean) and precision, each with shape (F,).

@@ -30,7 +30,7 @@ class JointMethod:
 
         Args:
             sensor: the camera.
-            configuration: of the odometry.
+            configuration: configuration of the odometry.
             pattern: fixed pattern of an earlier drive; None if there is none.
         """
         self._limit = configuration.maximum_acceleration

@@ -122,7 +122,7 @@ def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size:
         table: logarithm of each gray level.
         pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
         taper: factor of each pixel, shape (n,).
-        size: of the transform [px].
+        size: size of the transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
     whole[: len(pattern)] = pattern
@@ -154,8 +154,8 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
 
     Args:
         paths: displacement X_k of every line [px], shape (m,).
-        size: of the transform [px].
-        count: of bins.
+        size: size of the transform [px].
+        count: number of bins.
     """
     turned = np.empty((len(paths), count), np.complex64)
     ones = np.ones(count, np.complex64)
@@ -173,7 +173,7 @@ def covariance(
     Args:
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
         first: row of the first line of each block and, last, t, shape (blocks + 1,).
-        edges: of the bands [bins], shape (B + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
         least_noise: smallest noise power of each band; if negative, a share of the band's power.
 
     Returns:
@@ -253,9 +253,9 @@ def whiten(
     ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
 
     Args:
-        spectra: shape (m, F).
+        spectra: spectra of the lines, shape (m, F).
         weight: factor of each line, shape (m,).
-        edges: of the bands [bins], shape (B + 1,).
+        edges: edges of the bands [bins], shape (B + 1,).
         model: S, rho, N of each band, see `covariance`.
         white: receives T^-1 of the weighted spectra, shape (m, F).
 

@@ -56,7 +56,7 @@ class _Batch(NamedTuple):
         kind: number of the distance.
         lines: one row per line.
         codes: rank of each gray level among those that occur, one row per line.
-        sums: of the first k pixels of each line and of their squares, see `_add_up`.
+        sums: sums of the first k pixels of each line and of their squares, see `_add_up`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
 

@@ -41,9 +41,9 @@ class Overlaps(NamedTuple):
     """Residuals of the matches of m pairs, summed over the parts of each overlap.
 
     Attributes:
-        sums: of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
+        sums: sums of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
             4); the parts of a pair are in consecutive blocks of ground.
-        length: of the overlap of each pair [px], shape (m,).
+        length: length of the overlap of each pair [px], shape (m,).
         parts: number of parts of each pair, shape (m,).
         block: number of the block of ground of the first part of each pair, shape (m,).
     """
@@ -79,8 +79,8 @@ def mean_variance(overlaps: Overlaps, weight: FloatArray) -> float:
     """Return the variance of a weighted mean of displacements [px^2].
 
     Args:
-        overlaps: of the pairs.
-        weight: of each pair in the mean, zero for excluded ones, shape (m,).
+        overlaps: residuals of the matched pairs.
+        weight: weight of each pair in the mean, zero for excluded ones, shape (m,).
     """
     sums, length, parts, block = overlaps
     low, behind = block.max(), 0

@@ -29,7 +29,7 @@ def mark_inliers(
     which at most half of the pairs agree has no valid member.
 
     Args:
-        displacement: of m consecutive pairs [px], shape (m,).
+        displacement: displacements of m consecutive pairs [px], shape (m,).
         usable: whether the pair has a displacement, shape (m,).
         group_lines: n of the median.
         tolerance: largest distance from the median [px].
@@ -82,8 +82,8 @@ def average(
     """Return the mean of the inliers.
 
     Args:
-        displacement: of m consecutive pairs [px], shape (m,).
-        inlier: which to average, at least one, shape (m,).
+        displacement: displacements of m consecutive pairs [px], shape (m,).
+        inlier: whether to average each displacement, at least one, shape (m,).
         weight: receives the weight of each displacement in the mean, sum 1, shape (m,).
 
     Returns:

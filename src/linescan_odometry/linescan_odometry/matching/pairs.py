@@ -20,7 +20,7 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        variance: of each displacement, from its match [px^2], shape (m,).
+        variance: variance of each displacement, from its match [px^2], shape (m,).
         similarity: correlation at the peak [1], shape (m,).
         usable: whether the pair has a sufficiently high peak, shape (m,).
     """
@@ -70,8 +70,8 @@ class PairMatcher:
         """Return the variance of a weighted mean of the pairs matched last [px^2].
 
         Args:
-            displacement: of each pair as matched [px], shape (m,).
-            weight: of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
+            displacement: displacement of each pair as matched [px], shape (m,).
+            weight: weight of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         return self._refiner.mean_variance(displacement, weight)
 

@@ -57,7 +57,7 @@ def correlation(old: Lines | FloatArray, new: Lines | FloatArray, shift: int) ->
     Args:
         old: a line, shape (n,).
         new: the line after it, shape (n,).
-        shift: of the ground towards smaller indices.
+        shift: shift of the ground towards smaller indices.
     """
     overlap = len(new) - abs(shift)
     if overlap < 2:

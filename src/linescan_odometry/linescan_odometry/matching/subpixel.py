@@ -137,8 +137,8 @@ class SubpixelRefiner:
         """Return the variance of a weighted mean of the displacements refined last [px^2].
 
         Args:
-            displacement: of each pair as refined [px], shape (m,).
-            weight: of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
+            displacement: displacement of each pair as refined [px], shape (m,).
+            weight: weight of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
         """
         square: float = _weigh(
             self._centered, self._shift, self._filters, self._sums, self._ground_block,
@@ -155,7 +155,7 @@ class SubpixelRefiner:
 
 @njit(cache=True, error_model="numpy")
 def _center(lines: Lines, centered: NDArray[np.float32]) -> None:
-    """Copy lines less their means, rounded down."""
+    """Copy lines minus their means; the means are rounded down."""
     for row in range(lines.shape[0]):
         line = lines[row]
         out = centered[row]
@@ -256,7 +256,8 @@ def _lay_out(
         pixels: n of a line.
         shift: integer shifts of m pairs [px], shape (m,).
         displacement: refined displacements [px], shape (m,).
-        weight: of each pair in the mean, shape (m,); pairs with zero weight move by the mean.
+        weight: weight of each pair in the mean, shape (m,); pairs with zero weight move by the
+            mean.
         cut: receives everything except the length of the blocks.
     """
     length, block, number, lead, parts = cut

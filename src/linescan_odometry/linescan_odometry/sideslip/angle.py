@@ -111,11 +111,11 @@ class WheelSideslip:
         """Return the angle from the camera's velocity and the motion across its axis.
 
         Args:
-            reading: of the camera.
+            reading: reading of the camera.
             forward: velocity of the wheel's center along its rolling direction [m/s].
-            yaw_rate: of the body to which camera and wheel are fixed [rad/s].
-            covariance: of (velocity along the camera's axis, forward, yaw rate), in the squares of
-                their units, shape (3, 3).
+            yaw_rate: yaw rate of the body to which camera and wheel are fixed [rad/s].
+            covariance: covariance of (velocity along the camera's axis, forward, yaw rate), in the
+                squares of their units, shape (3, 3).
         """
         if not reading.measured:
             return SideslipEstimate.unmeasured(reading.reason)
@@ -148,7 +148,7 @@ class WheelSideslip:
         """Return the angle from a twist that was estimated with this camera.
 
         Args:
-            estimate: of the platform, with the camera's own reading.
+            estimate: twist of the platform, with the reading of this camera.
         """
         reading = estimate.readings[self._wheel.sensor]
         if not estimate.measured:

@@ -61,8 +61,8 @@ class SideslipMeter:
 
         Args:
             batch: the lines.
-            forward_velocity: of the wheel's center along its rolling direction, mean over the
-                batch [m/s]: omega R without longitudinal slip.
+            forward_velocity: mean velocity of the wheel's center along its rolling direction during
+                the batch [m/s]: omega R without longitudinal slip.
             yaw_rate: used for a camera that is not at the wheel's center [rad/s].
             forward_deviation: standard deviation of the forward velocity [m/s].
             yaw_rate_deviation: standard deviation of the yaw rate [rad/s].

@@ -29,7 +29,7 @@ class FlowMonitor:
 
         Args:
             sensor: the flow sensor.
-            maximum_acceleration: of its position [m/s^2]; 0 for any.
+            maximum_acceleration: largest acceleration of the sensor [m/s^2]; 0 for any.
         """
         self._sensor = sensor
         self._acceleration = maximum_acceleration

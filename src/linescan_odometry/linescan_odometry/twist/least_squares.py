@@ -134,10 +134,10 @@ class TwistSolver:
         """Estimate the twist; `problem` must be empty for these sensors.
 
         Args:
-            velocity: along each sensor's axes [m/s], shape (R,); an axle has the last place and
-                the velocity 0.
-            variance: of these velocities [m^2/s^2], positive, shape (R,), or their covariance,
-                shape (R, R), if those of flow sensors are correlated.
+            velocity: velocities along the axes of the sensors [m/s], shape (R,); an axle is the
+                last one and has the velocity 0.
+            variance: variances of these velocities [m^2/s^2], positive, shape (R,), or their
+                covariance, shape (R, R), if those of flow sensors are correlated.
             measured: which of the S sensors to use, and whether to use the axle, if there is one.
 
         Returns:
@@ -193,7 +193,7 @@ class TwistSolver:
         Args:
             variance: as in `solve`.
             measured: as in `solve`.
-            covariance: that `solve` returned.
+            covariance: covariance from `solve`.
         """
         rows = self._matrix / self._unit
         own = variance if variance.ndim == 1 else np.diag(variance)
@@ -218,8 +218,8 @@ class TwistSolver:
             velocity: as in `solve`.
             variance: as in `solve`.
             measured: as in `solve`.
-            twist: that `solve` returned.
-            covariance: that `solve` returned.
+            twist: twist from `solve`.
+            covariance: covariance from `solve`.
 
         Returns:
             Standard deviations of the residuals [1], of each sensor (and the axle), shape (S,) or

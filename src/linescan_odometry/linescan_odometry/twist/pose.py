@@ -39,8 +39,8 @@ class PoseIntegrator:
         """Start at the origin.
 
         Args:
-            maximum_speed: of the vehicle [m/s].
-            maximum_yaw_rate: of the vehicle [rad/s].
+            maximum_speed: largest speed of the vehicle [m/s].
+            maximum_yaw_rate: largest yaw rate of the vehicle [rad/s].
         """
         self._pose = Pose(0, np.zeros(3), np.zeros((3, 3)))
         self._started = False
@@ -51,9 +51,9 @@ class PoseIntegrator:
         """Integrate a twist and return the pose.
 
         Args:
-            stamp_ns: of the twist [ns]; one that is not newer than the last changes nothing.
+            stamp_ns: stamp of the twist [ns]; one that is not newer than the last changes nothing.
             twist: v_x, v_y [m/s] and yaw rate [rad/s] in `base_link`, shape (3,).
-            covariance: of the twist, shape (3, 3).
+            covariance: covariance of the twist, shape (3, 3).
         """
         before = self._pose
         dt = max(stamp_ns - before.stamp_ns, 0) * 1e-9

@@ -139,10 +139,10 @@ def _compare(
     Args:
         lines: consecutive lines, oldest first, shape (m + 1, n).
         step: number of pixels in each sum of `_differentiate`.
-        shift: of the newest line against the earlier one [px].
-        displacement: per line [px].
+        shift: shift of the newest line against the earlier one [px].
+        displacement: displacement per line [px].
         hopeless: correlation below which the comparison ends.
-        gradient: of the earlier line, and working memory for two more, shape (3, n').
+        gradient: gradient of the earlier line, and working memory for two more, shape (3, n').
 
     Returns:
         The largest correlation of the two newest lines near their shift; the smallest correlation
@@ -215,8 +215,8 @@ class Grain:
         measured shortly before gives that motion.
 
         Args:
-            stamp_ns: of the readings [ns].
-            readings: of all cameras by name, too few for a twist.
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras by name, too few for a twist.
         """
         blind = [
             name for name, reading in readings.items() if reading.unlike and not reading.measured
@@ -234,7 +234,7 @@ class Grain:
         """Integrate the motion of each camera across its axis.
 
         Args:
-            stamp_ns: of the twist [ns].
+            stamp_ns: stamp of the twist [ns].
             twist: measured twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         """
         if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
@@ -266,8 +266,8 @@ class Grain:
         """Return readings over oblique textures as unmeasured, or with a larger variance.
 
         Args:
-            stamp_ns: of the readings [ns].
-            readings: of all cameras by name.
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras by name.
             twist: estimated from the readings.
         """
         misled = {}

@@ -54,8 +54,8 @@ class Covers:
         A camera stays occluded until its view changes.
 
         Args:
-            stamp_ns: of the readings [ns].
-            readings: of all cameras by name.
+            stamp_ns: stamp of the readings [ns].
+            readings: readings of all cameras by name.
         """
         if stamp_ns < self._stamp_ns:  # a recording that is played again
             self._start_anew()
@@ -84,11 +84,11 @@ class Covers:
         """Return as unmeasured the reading whose constant view contradicts the twist most.
 
         Args:
-            readings: of all cameras by name.
+            readings: readings of all cameras by name.
             twist: estimated from the readings.
 
         Returns:
-            One reading by its name, or none.
+            This reading by the name of its camera; empty if there is none.
         """
         farthest, covered = _STILL_SHARE, {}
         for name, reading in readings.items():

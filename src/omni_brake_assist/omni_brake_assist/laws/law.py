@@ -51,7 +51,7 @@ class Motion(NamedTuple):
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether time has passed since the last step, or a braking begins."""
+    """Return whether time has passed since the last step, or a stop begins."""
     return bool(motion.first or motion.dt > 0.0)
 
 

@@ -12,7 +12,7 @@ def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry)
     """Create the user's law that a configuration names; None for a built-in law.
 
     Args:
-        configuration: of the assistant.
+        configuration: configuration of the assistant.
         geometry: wheels of the vehicle.
 
     Raises:

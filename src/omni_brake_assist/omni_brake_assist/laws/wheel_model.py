@@ -27,7 +27,7 @@ class NominalBrake(NamedTuple):
     Attributes:
         max_torque: torque with the pedal fully down [N m].
         dead_time: time from a command to the first change of the torque [s].
-        time_constant: of the lag after the dead time [s].
+        time_constant: time constant of the lag after the dead time [s].
         pressure_step: resolution of the enable [1], 1 for on-off valves.
     """
 

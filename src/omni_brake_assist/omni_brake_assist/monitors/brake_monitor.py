@@ -101,7 +101,7 @@ def watch_brakes(
     """Update with a step of braking; return a wheel whose brake has failed, or NO_WHEEL.
 
     Args:
-        constants: of the vehicle.
+        constants: constants of the vehicle.
         memory: from `brake_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand in the step, 0 while the pedal is up [1].

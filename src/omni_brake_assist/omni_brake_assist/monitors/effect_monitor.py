@@ -154,7 +154,7 @@ def watch_effect(
     """Add the last step; return whether all brakes must act.
 
     Args:
-        constants: of the vehicle.
+        constants: constants of the vehicle.
         memory: from `effect_memory`, changed in place.
         step: length and commands of the step.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.

@@ -22,7 +22,7 @@ _TABLE_BITS = 12
 
 
 class _Response(NamedTuple):
-    """Conversion of gray levels of the ground to those of a pixel [levels of a pixel]."""
+    """Gain and offset from gray levels of the ground to those of a pixel [levels of a pixel]."""
 
     gain: np.float32
     offset: np.float32

@@ -55,7 +55,7 @@ def transmission(
 
     Args:
         sensor: the camera.
-        configuration: its optics.
+        configuration: optics of the camera.
         key: seed of the positions and sizes of the specks, and of the gains of the pixels.
     """
     unlike = configuration.photo_response > 0.0
@@ -94,8 +94,8 @@ def pixel_faults(
 
     Args:
         sensor: the camera.
-        configuration: its faults.
-        key: seed of their positions.
+        configuration: faults of the camera.
+        key: seed of the positions of the faults.
     """
     pixels = sensor.pixels
     generator = _pattern(key, 3)

@@ -101,7 +101,7 @@ class ElevationConfiguration(Configuration):
 
     @property
     def terrain(self) -> Terrain:
-        """The ground as the kernels read it."""
+        """The ground in the layout of the kernels."""
         return Terrain(self.table(), self.sampling_distance)
 
     def table(self) -> FloatArray:

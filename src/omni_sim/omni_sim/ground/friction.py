@@ -35,8 +35,8 @@ class FrictionMap:
 
     Attributes:
         base: friction factor outside all patches [1].
-        table: the patches as the kernels read them: center x, y [m], cosine and sine of the
-            heading, half length, half width [m], friction factor [1], 1 for an ellipse; (P, 8).
+        table: one row per patch: center x, y [m], cosine and sine of the heading, half length, half
+            width [m], friction factor [1], 1 for an ellipse; shape (P, 8).
     """
 
     def __init__(

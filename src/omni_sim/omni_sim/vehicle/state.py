@@ -96,8 +96,8 @@ class Plant(NamedTuple):
 
     Attributes:
         dt: physics step [s].
-        mass: m [kg].
-        yaw_inertia: J about the center of gravity [kg m^2].
+        mass: mass m of the vehicle [kg].
+        yaw_inertia: moment of inertia J about the center of gravity [kg m^2].
         center: center of gravity in the body frame [m].
         height: height of the center of gravity [m].
         filter_share: weight of the newest acceleration in the low-pass [1].
@@ -106,8 +106,8 @@ class Plant(NamedTuple):
         mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
         position: position of the wheels from the center of gravity [m], shape (N, 2).
-        plane: plane from `loads.load_plane`.
-        hull: hull from `loads.support_polygon`.
+        plane: load plane from `loads.load_plane`, shape (N, 3).
+        hull: indices of the wheels from `loads.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
@@ -120,12 +120,12 @@ class Plant(NamedTuple):
         vertical_stiffness: vertical stiffness c_z of a tire [N/m].
         slip_speed: speed v_num that keeps the slip finite [m/s].
         friction: friction factor of the ground outside the patches [1].
-        patches: patches from `friction.FrictionMap`, shape (P, 8).
+        patches: table of the patches from `friction.FrictionMap`, shape (P, 8).
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
         brake_power: largest power of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
-        roller_pitch: angle between two rollers [rad]; 0 where contacts stay under the wheels.
+        roller_pitch: angle between two rollers [rad]; 0 if the contacts stay under the wheels.
     """
 
     dt: float

@@ -203,7 +203,7 @@ class Vehicle:
         """Apply a constant force at the center of gravity from the next step on.
 
         Args:
-            force: along the ground, in the world frame [N], shape (2,).
+            force: force along the ground, in the world frame [N], shape (2,).
         """
         self._force = _finite("force", force, (2,))
 
@@ -378,12 +378,12 @@ class Vehicle:
 
     @property
     def wheels(self) -> layout.Structured:
-        """State of each wheel by name, `state.WHEEL`: a copy, shape (N,)."""
+        """State of each wheel, a copy of the records `state.WHEEL`, shape (N,)."""
         return self.state.wheels.copy()
 
     @property
     def rollers(self) -> layout.Structured:
-        """State of each individual roller by name, `state.ROLLER`: a copy, shape (N, n).
+        """State of each individual roller, a copy of the records `state.ROLLER`, shape (N, n).
 
         Raises:
             VehicleInputError: the wheels have no individual rollers.

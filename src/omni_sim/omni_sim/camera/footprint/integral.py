@@ -91,7 +91,7 @@ def integrate_lines(
 
     Args:
         texture: the ground.
-        centers: shape (m, 3): center of the footprint x, y [m] and direction of its axis [rad].
+        centers: center x, y of each footprint [m] and direction of its axis [rad], shape (m, 3).
         length: footprint along the axis [m].
         width: footprint across the axis [m]; at least 10 texels.
         pixels: pixels of a line.
