@@ -47,7 +47,7 @@ __all__ = [
 _UNKNOWNS = 3  # components of the twist
 _MOST_EARLY = 4  # batches of a camera that wait for the others
 _MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
-_SMALLEST_SHARE = 1e-9  # of the largest variance, below which weights are lost to rounding
+_SMALLEST_SHARE = 1e-9  # smallest over largest variance; below, weights are lost to rounding
 
 
 @dataclasses.dataclass(frozen=True)

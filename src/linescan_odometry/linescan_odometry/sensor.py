@@ -31,7 +31,7 @@ _FROZEN_PAIRS = 3  # identical neighbors that the noise of a live camera rules o
 _LONGEST_STRETCH = 0.25  # largest `LineChain.stretch` of a batch that is measured
 _STATIC_PAIRS = 4  # fewest line pairs that show that a view is static
 _STATIC_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
-_STATIC_TOLERANCE = 0.002  # of correlations, in addition to twice the loss between neighbors
+_STATIC_TOLERANCE = 0.002  # loss of correlation allowed beyond twice that between neighbors
 _BACKGROUND = 16384  # pixels of a batch, from which a background thread is worth its hand-over
 
 

@@ -24,7 +24,7 @@ _LINE = np.dtype(
         ("across_x", "f8"),  # unit vector across it in the body axes of that moment; 0 if none [1]
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since [rad]
-        ("yaw_rate", "f8"),  # of the last sample [rad/s]
+        ("yaw_rate", "f8"),  # yaw rate of the last sample [rad/s]
     ]
 )
 

@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # loads scipy.fft at its first use, so not in processes that only read configurations
 from numpy.typing import NDArray
 
 from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum, bands, smoothed

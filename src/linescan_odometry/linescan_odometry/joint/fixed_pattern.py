@@ -25,7 +25,7 @@ from linescan_odometry.joint.spectra import (
 )
 from omni_platform.kernels import kernel
 
-LEAST_NOISE = 0.2  # of the power of a band: no single band outweighs all others
+LEAST_NOISE = 0.2  # smallest noise over a band's power, so that no band outweighs all others
 
 
 class FixedPattern(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # loads scipy.fft at its first use, so not in processes that only read configurations
 from numpy.typing import NDArray
 
 from linescan_odometry.measurements import Lines

@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose fft is loaded by its first use: not where configurations are read
+import scipy  # loads scipy.fft at its first use, so not in processes that only read configurations
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.transforms import load_transforms
@@ -289,7 +289,7 @@ def _decide(
                 behind_block = min(first + _BLOCK, shifts)
                 if not _any_within(upper[:, first:behind_block], reach):
                     continue
-                for s in range(first, behind_block):  # by size: the smaller motion wins a tie
+                for s in range(first, behind_block):  # smaller ones first, which win a tie
                     if upper[0, s] >= reach:
                         r = _exact(lines[new, : pixels - s], lines[old, s:])
                         if r > best:

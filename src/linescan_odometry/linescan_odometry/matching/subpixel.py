@@ -90,7 +90,7 @@ class SubpixelRefiner:
         self._recovery = recovery
         self._sigma = kernel_sigma(pixels)
         self._ground_block = max(4, pixels // _GROUND_BLOCKS)
-        self._shift = np.empty(0, np.int64)  # of the pairs refined last, with recovered peaks
+        self._shift = np.empty(0, np.int64)  # shifts of the last pairs, with recovered peaks
         self._make_room(0)
 
     def refine(

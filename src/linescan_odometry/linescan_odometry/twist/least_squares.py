@@ -94,7 +94,7 @@ class TwistSolver:
             if len(sensor.directions) == 1:
                 self._across[place, 0] = -matrix[place, 1]
                 self._across[place, 1] = matrix[place, 0]
-            else:  # of a flow sensor, each axis measures the motion across the other one
+            else:  # each axis of a flow sensor measures the motion across the other one
                 self._across[place] = matrix[place][::-1] * ((1.0,), (-1.0,))
             errors = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
             self._left[place] = errors

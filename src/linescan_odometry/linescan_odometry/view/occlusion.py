@@ -16,7 +16,7 @@ from linescan_odometry.measurements import SensorReading
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_STILL_SHARE = 0.25  # of the width: motion across the axis after which a view must change
+_STILL_SHARE = 0.25  # motion across the axis, over the width, after which a view must change
 _STILL_PIXELS = 2.0  # px of motion along the axis after which a view must change
 _HARDEST_STOP = 50.0  # m/s^2
 

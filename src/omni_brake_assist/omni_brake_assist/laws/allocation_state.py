@@ -29,7 +29,7 @@ BODY = np.dtype(
         ("yaw_rate", "f8"),  # yaw rate of the last step [rad/s]
         ("a_x", "f8"),  # acceleration, with the lag of the friction observer [m/s^2]
         ("a_y", "f8"),  # acceleration, with the lag of the friction observer [m/s^2]
-        ("yaw_acceleration", "f8"),  # with the lag of the friction observer [rad/s^2]
+        ("yaw_acceleration", "f8"),  # yaw acceleration, with the same lag [rad/s^2]
         ("deceleration", "f8"),  # magnitude of the acceleration, filtered [m/s^2]
         ("force", "f8"),  # magnitude of the sum of friction forces, filtered [N]
         ("mass", "f8"),  # estimated mass of the vehicle [kg]

@@ -16,7 +16,7 @@ from omni_platform.kernels import lean
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
 _VISIBLE = 0.02  # smallest expected loss that is compared, as a share of the wheel speed [1]
 _LONGEST_EXTRA = 0.15  # largest estimated excess over the nominal dead time [s]
-_LEAST_CAPACITY = 1.0  # so that shares of it are defined [N]
+_LEAST_CAPACITY = 1.0  # smallest capacity, so that shares of it are defined [N]
 
 
 @lean

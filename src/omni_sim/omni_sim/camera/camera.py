@@ -125,7 +125,7 @@ class LineCamera:
         """Return means over the exposure, during which each line moves at its own velocity."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
-        motion = velocities.copy()  # of the footprint: v + Omega k x r, Eq. (23)
+        motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)
         motion[:, 0] -= velocities[:, 2] * (footprints[:, 1] - poses[:, 1])
         motion[:, 1] += velocities[:, 2] * (footprints[:, 0] - poses[:, 0])
         samples = blur_samples(self._seen, exposure_time, footprints[:, 2], motion)

@@ -28,7 +28,7 @@ from omni_sim.texture.texture import (
 )
 
 _CHECKSUM_BYTES = 4
-_FORMAT = (1, 0)  # of numpy's files
+_FORMAT = (1, 0)  # version of numpy's file format
 
 
 class TextureCache:

@@ -141,7 +141,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
         shorter <<= _LEVEL
-    lead = shorter // divisor  # of the start before the end, and one more with a carry
+    lead = shorter // divisor  # start minus end [columns], plus 1 with a carry
     lead_rest = divisor - shorter % divisor
     for j in range(len(rows.classes)):
         at = above + per_row * j
