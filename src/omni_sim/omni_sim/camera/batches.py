@@ -50,7 +50,7 @@ class LineExposures:
         self._batches = _Batches({}, self._render)
 
     def complete(self) -> None:
-        """Render the lines that nobody has read, because the noise depends on the line count."""
+        """Render the lines that were not read, because the noise depends on the line count."""
         for name in self._batches:
             self._batches[name]
 
