@@ -45,7 +45,7 @@ class BrakeConfiguration(Configuration):
     """Time until the pressure begins to fall after a release, if that is longer than dead_time,
     as with spring-applied brakes (0: dead_time)"""
     time_constant: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Time constant with which the pressure then builds up and falls"""
+    """Time constant with which the pressure builds up and falls after the dead time"""
 
     @property
     def pressure_step(self) -> float:

@@ -28,8 +28,9 @@ class Mount(Configuration):
     heading_deg: float = parameter(unit="deg", minimum=-360.0, maximum=360.0)
     """Sensor axis (measuring direction), counter-clockwise from forward"""
     scale_error: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Standard error of its scale (of a camera pixel pitch times line rate), as a share, which
-    remains after calibration (`omni calibrate-sensors`); 0 if the scale is taken as exact"""
+    """Relative standard error of the scale that remains after calibration (`omni
+    calibrate-sensors`); the scale of a camera is pixel pitch times line rate; 0 if the scale is
+    taken as exact"""
     heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
     """Standard error of the axis"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
@@ -77,8 +78,8 @@ class FlowSensor(Mount):
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
     """Standard deviation of each velocity if a measurement states none"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=1000.0)
-    """Largest speed that it can measure (of a sensor that counts angles, its largest rate times
-    its height), above which it counts as unmeasured; 0 for no limit"""
+    """Largest speed that the sensor can measure, above which a velocity counts as unmeasured; for a
+    sensor that counts angles, its largest rate times its height; 0 for no limit"""
 
     @property
     def directions(self) -> tuple[float, ...]:

@@ -32,7 +32,7 @@ class FlowConfiguration(Configuration):
     """Kind of the failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) or
     twice the velocity (double)"""
     failure_start: float = parameter(0.0, unit="s", minimum=0.0)
-    """Time from which it fails"""
+    """Time from which the sensor fails"""
 
 
 def check_flow_sensors(

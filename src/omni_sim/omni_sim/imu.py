@@ -29,7 +29,7 @@ class ImuConfiguration(Configuration):
     """Mounting and errors of the inertial measurement unit; defaults of a good MEMS unit."""
 
     enabled: bool = parameter(True)
-    """Whether the vehicle has one"""
+    """Whether the vehicle has an IMU"""
     x: float = parameter(0.0, unit="m")
     """Mounting, forward of the platform center"""
     y: float = parameter(0.0, unit="m")

@@ -40,7 +40,7 @@ class VelocitySensorConfiguration(Configuration):
     failure: str = parameter("none", choices=FAILURES)
     """Failure: 'frozen' holds the last reading, 'zero' reads 0, 'invalid' reads NaN"""
     failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time at which it fails"""
+    """Time at which the failure begins"""
     failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the failure"""
 

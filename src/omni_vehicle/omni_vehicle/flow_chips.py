@@ -86,7 +86,7 @@ class FlowChipConfiguration(Configuration):
     """A chip, its bus and its calibration."""
 
     chip: str = parameter(choices=CHIPS)
-    """Which chip it is"""
+    """Type of the chip"""
     bus: int = parameter(0, minimum=0, maximum=9)
     """Number of the SPI port"""
     chip_select: int = parameter(1, minimum=0, maximum=9)

@@ -28,11 +28,12 @@ class KinematicsConfiguration(Configuration):
     """Constraint used if the sensors do not suffice: none, or that an axle that is not steered does
     not slip sideways (differential and Ackermann drives)"""
     axle_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """That axle, forward of base_link"""
+    """Position of the axle, forward of base_link"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
     """Standard deviation of the axle's sideways velocity while its wheels grip"""
     deviation_share: float = parameter(0.005, minimum=0.0, maximum=1.0)
-    """In addition to it, share of the largest velocity that a sensor measures"""
+    """Additional standard deviation of this velocity, as a share of the largest velocity that a
+    sensor measures"""
 
     @property
     def axle(self) -> float | None:

@@ -26,18 +26,19 @@ class CameraConfiguration(Configuration):
     """Time over which a line is exposed, half before and half after its stamp; motion blurs the
     line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
-    """Whether the magnification is the same at every height or goes with it"""
+    """Whether the magnification is the same at every height (telecentric) or depends on the
+    height"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
     """Distance of an ordinary lens from the ground at which the field of view is as configured"""
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
-    """Mounting height above that distance"""
+    """Mounting height minus the working distance"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the brightness lost at both ends of a line, by the square of the distance from its
     middle"""
     dirt_spots: int = parameter(0, minimum=0, maximum=1000)
     """Specks of dirt on the optics, at random places"""
     dirt_size: float = parameter(0.002, unit="m", above=0.0, maximum=1.0)
-    """Mean diameter of their blurred shadows, measured on the ground"""
+    """Mean diameter of the blurred shadows of the specks, measured on the ground"""
     dirt_opacity: float = parameter(0.5, minimum=0.0, maximum=1.0)
     """Share of the light lost in the middle of a shadow"""
     photo_response: float = parameter(0.0, minimum=0.0, maximum=0.5)

@@ -62,7 +62,7 @@ class BumpConfiguration(Configuration):
     height: float = parameter(unit="m", minimum=-10.0, maximum=10.0)
     """Height at the center, negative for a hollow"""
     radius: float = parameter(unit="m", minimum=0.1, maximum=1.0e4)
-    """Radius of its rim"""
+    """Radius of the bump"""
 
 
 class ElevationConfiguration(Configuration):

@@ -28,7 +28,7 @@ class RollerConfiguration(Configuration):
     """Stiffness of a roller's tread against horizontal deflection; replaces that of the tire in the
     wheel model 'rollers'"""
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
-    """Damping of that deflection"""
+    """Damping of a roller's tread against horizontal deflection"""
     overlap: float = parameter(0.1, minimum=0.01, maximum=0.5)
     """Share of half a pitch before and after a change of rollers, in which both carry the load"""
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)

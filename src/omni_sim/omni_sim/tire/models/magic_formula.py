@@ -39,11 +39,11 @@ class MagicFormulaConfiguration(Configuration):
     friction: float = parameter(1.25, above=0.0)
     """Largest force per wheel load at small loads, a_2"""
     friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N")
-    """Its change with the load, a_1"""
+    """Change of the largest force per load with the load, a_1"""
     stiffness: float = parameter(62500.0 / 3000.0, above=0.0)
     """Slope dF/ds at zero slip per wheel load at small loads, a_4"""
     stiffness_gradient: float = parameter(-12500.0 / 3000.0**2, unit="1/N")
-    """Its change with the load, a_3"""
+    """Change of the slope per load with the load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
     """Shape C; the force at unlimited slip is sin(C 90 deg) of the peak"""
     curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
