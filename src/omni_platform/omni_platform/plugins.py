@@ -1,7 +1,6 @@
 """User's classes, named in a configuration as ``module:Class`` or as an entry point."""
 
 import ast
-import difflib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -11,7 +10,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, did_you_mean
 
 
 def described_modules(package: str) -> dict[str, tuple[str, str]]:
@@ -61,12 +60,9 @@ def check_name(key: str, name: str, built_in: Collection[str], group: str) -> No
     known = [*built_in, *sorted(_entry_points(group))]
     if name in known:
         return
-    close = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    raise ConfigurationError(
-        key,
-        f"{name!r} is not known; {hint}known: {', '.join(known)}, or module:Class for your own",
-    )
+    hint = did_you_mean(name, known) or ";"
+    words = f"{name!r} is not known{hint} known: {', '.join(known)}, or module:Class for your own"
+    raise ConfigurationError(key, words)
 
 
 def load_class(

@@ -240,19 +240,10 @@ class _Tables:
     def add(self, opcode: int, content: bytes) -> None:
         if opcode == Opcode.SCHEMA:
             schema = _parsed(Schema, content)
-            if schema.id not in self._schemas:
-                self._grow(content)
-                self._schemas[schema.id] = schema
-            elif self._schemas[schema.id] != schema:
-                raise McapError(f"is damaged: schema {schema.id} is described in two ways")
+            self._store("schema", self._schemas, schema.id, schema, content)
         elif opcode == Opcode.CHANNEL:
             channel = _parsed(Channel, content)
-            made = self._make(channel)
-            if channel.id not in self.channels:
-                self._grow(content)
-                self.channels[channel.id] = made
-            elif self.channels[channel.id] != made:
-                raise McapError(f"is damaged: channel {channel.id} is described in two ways")
+            self._store("channel", self.channels, channel.id, self._make(channel), content)
 
     def message(self, content: bytes) -> RecordedMessage:
         if len(content) < _MESSAGE_HEAD.size:
@@ -277,7 +268,14 @@ class _Tables:
             channel.topic, name, text, language, channel.message_encoding, channel.metadata
         )
 
-    def _grow(self, content: bytes) -> None:
+    def _store(
+        self, kind: str, table: dict[int, Any], number: int, entry: Any, content: bytes
+    ) -> None:
+        if number in table:  # chunks repeat them
+            if table[number] != entry:
+                raise McapError(f"is damaged: {kind} {number} is described in two ways")
+            return
+        table[number] = entry
         self._size += len(content)
         if self._size > LIMITS.description:
             raise McapError(f"describes its topics in more than {LIMITS.description} bytes")

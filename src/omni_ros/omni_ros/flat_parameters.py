@@ -5,6 +5,7 @@ A nested configuration becomes ``parent.child``; a mapping of named entries beco
 known by name before they can be read.
 """
 
+import dataclasses
 import typing
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -98,8 +99,4 @@ def _default_of(cls: type[declared.Configuration], name: str) -> Any:
     field = cls.__dataclass_fields__[name]
     if callable(field.default_factory):
         return field.default_factory()
-    return (
-        field.default
-        if isinstance(field.default, bool | int | float | str | tuple)
-        else (field.default if isinstance(field.default, declared.Configuration) else None)
-    )
+    return None if field.default is dataclasses.MISSING else field.default

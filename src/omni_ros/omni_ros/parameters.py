@@ -1,6 +1,5 @@
 """Declares a component's configuration as ROS parameters."""
 
-import difflib
 import sys
 import typing
 from collections.abc import Collection, Mapping
@@ -16,6 +15,7 @@ from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
     ParameterInfo,
+    did_you_mean,
 )
 from omni_ros.flat_parameters import unflatten
 
@@ -63,9 +63,7 @@ def refuse_unknown_parameters(node: Node) -> None:
     for name in _given(node):
         known = node.has_parameter(name) or name in _OF_RCLPY or name.startswith(_OF_RCLPY_BELOW)
         if not known:
-            declared = [key for key in node._parameters if key not in _OF_RCLPY]
-            close = difflib.get_close_matches(name, declared, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
+            hint = did_you_mean(name, [key for key in node._parameters if key not in _OF_RCLPY])
             raise ConfigurationError(name, f"is not a parameter of {node.get_name()}{hint}")
 
 
@@ -130,18 +128,15 @@ def _descriptor(kind: Any, info: ParameterInfo, read_only: bool) -> ParameterDes
     if lower is None and info.maximum is None:
         return descriptor
     descriptor.additional_constraints = info.bounds_in_words()
+    if kind not in (float, int):
+        return descriptor
+    largest = sys.float_info.max if kind is float else LARGEST_INTEGER
+    bounds = {
+        "from_value": kind(-largest if lower is None else lower),
+        "to_value": kind(largest if info.maximum is None else info.maximum),
+    }
     if kind is float:
-        descriptor.floating_point_range = [
-            FloatingPointRange(
-                from_value=float(lower) if lower is not None else -sys.float_info.max,
-                to_value=float(info.maximum) if info.maximum is not None else sys.float_info.max,
-            )
-        ]
-    elif kind is int:
-        descriptor.integer_range = [
-            IntegerRange(
-                from_value=int(lower) if lower is not None else -LARGEST_INTEGER,
-                to_value=int(info.maximum) if info.maximum is not None else LARGEST_INTEGER,
-            )
-        ]
+        descriptor.floating_point_range = [FloatingPointRange(**bounds)]
+    else:
+        descriptor.integer_range = [IntegerRange(**bounds)]
     return descriptor
