@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from omni_loop.history import RunHistory
+from omni_loop.history import SIGNALS, RunHistory
 
 PERIOD_NS = 10_000_000
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -75,3 +76,38 @@ def straight_stop(  # one argument for each property of the run that some test v
 def make_history() -> Callable[..., RunHistory]:
     """Return `straight_stop`."""
     return straight_stop
+
+
+def first_difference(a: RunHistory, b: RunHistory) -> str | None:
+    """Return a description of the first difference of two histories, None if all bits are equal.
+
+    NaN equals NaN. The real-time factor and the states of the assistant are not compared.
+    """
+    if a.wheel_names != b.wheel_names:
+        return f"the wheels are {', '.join(a.wheel_names)} against {', '.join(b.wheel_names)}"
+    common = min(len(a.stamp_ns), len(b.stamp_ns))
+    earliest: tuple[int, str] | None = None
+    for name in SIGNALS:
+        left, right = getattr(a, name)[:common], getattr(b, name)[:common]
+        different = np.argwhere(_different_bits(left, right))
+        if different.size and (earliest is None or different[0][0] < earliest[0]):
+            place = tuple(int(index) for index in different[0])
+            what = f"{name}{_column_in_words(a.columns(name), place)}"
+            values = f"{left[place]!r} against {right[place]!r}"
+            earliest = place[0], f"{what} at {a.stamp_ns[place[0]] * 1e-9:.3f} s is {values}"
+    if earliest is not None:
+        return earliest[1]
+    if len(a.stamp_ns) != len(b.stamp_ns):
+        return f"there are {len(a.stamp_ns)} stamps against {len(b.stamp_ns)}"
+    return None
+
+
+def _different_bits(a: NDArray[Any], b: NDArray[Any]) -> NDArray[np.bool_]:
+    different: NDArray[np.bool_] = a.view(np.uint64) != b.view(np.uint64)
+    if a.dtype.kind == "f":
+        different &= ~(np.isnan(a) & np.isnan(b))
+    return different
+
+
+def _column_in_words(columns: Sequence[str], place: tuple[int, ...]) -> str:
+    return f" of {columns[place[1]]}" if len(place) > 1 else ""

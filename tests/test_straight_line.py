@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from made_histories import first_difference
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.history import first_difference
 from omni_loop.loop import run_closed_loop
 from omni_loop.recorded_run import read_run
 from omni_platform.configuration import from_mapping

@@ -17,18 +17,14 @@ def cut(history: RunHistory, first: int, last: int) -> RunHistory:
     return dataclasses.replace(history, assist_state=history.assist_state[part], **signals)
 
 
-def stops_of(history: RunHistory, rest: RestCriterion | None = None) -> tuple[RunHistory, ...]:
+def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
     """Return the stops of a history, in order.
 
     A stop begins when the pedal goes down in motion and ends at rest with the pedal still down;
     it includes a second before and half a second after. Slowing down without coming to rest is no
     stop. A history without a stop, or with one stop that begins in motion, is returned unchanged.
-
-    Args:
-        history: history of a run or a drive.
-        rest: when the vehicle counts as stopped.
     """
-    spans = _spans(history, rest or RestCriterion())
+    spans = _spans(history, RestCriterion())
     if not spans or (len(spans) == 1 and _moves(history, 0)):
         return (history,)
     return tuple(cut(history, first, last) for first, last in spans)

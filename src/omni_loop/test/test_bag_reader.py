@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_histories import first_difference
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from omni_loop.history import RunHistory, first_difference
+from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import BagError, read_run
 

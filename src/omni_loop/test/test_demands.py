@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_histories import first_difference
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.demands import read_demands
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.history import first_difference
 from omni_loop.loop import run_closed_loop
 from omni_loop.recorded_run import read_run
 from omni_loop.stops import stops_of

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_histories import first_difference
 
 from omni_brake_assist.conditions import AssistState
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.history import first_difference
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import run_metrics
 from omni_platform.configuration import ConfigurationError

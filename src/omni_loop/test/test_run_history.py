@@ -10,13 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_histories import first_difference
 
-from omni_loop.history import (
-    RunHistory,
-    continuous_yaw,
-    first_difference,
-    quaternion_from_yaw,
-)
+from omni_loop.history import RunHistory, continuous_yaw, quaternion_from_yaw
 
 MakeHistory = Callable[..., RunHistory]
 

@@ -6,7 +6,7 @@ import dataclasses
 import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from omni_platform.configuration import InputError
 from omni_recording.decode import DecodeError, MessageDecoder
@@ -135,12 +135,6 @@ class _Layouts:
     def _skip(self, topic: str, why: str) -> None:
         self.skipped[topic] = why
         self.columns.pop(topic, None)
-
-
-class _Table(Protocol):
-    def add(self, row: Mapping[str, Value]) -> None: ...
-
-    def close(self) -> None: ...
 
 
 class _CsvTable:
