@@ -1,4 +1,4 @@
-"""A vehicle that a person drives, as `omni drive`; the page's address is in the driver's log.
+"""Start a vehicle that a person drives, as `omni drive` does; the driver logs the page's address.
 
 ``ros2 launch omni_bringup drive.launch.py experiment:=small_stop``
 """

@@ -37,11 +37,11 @@ def generate_launch_description() -> LaunchDescription:
 def start(context: LaunchContext) -> list[Any]:
     """Return the nodes for the arguments, and the actions when a node exits."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
-    # Arguments of another launch file that includes this one are its own.
+    # A launch file that includes this one has arguments of its own; they are not checked here.
     directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
     nodes = hardware_nodes(given, context.argv if directly else ())
     for node in nodes:
-        get_package_prefix(node.package)  # before any other node has been started
+        get_package_prefix(node.package)  # raises before any node starts
     return [action for node in nodes for action in started(node, given)]
 
 
@@ -65,7 +65,7 @@ def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
 
 
 def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:
-    """Start a node again, or end all of them."""
+    """Restart a node that has ended, or raise an error, which ends the launch."""
     if context.is_shutdown:
         return []
     if starts_again(event.returncode, given):

@@ -1,4 +1,4 @@
-"""A run in lockstep, as `omni run`: every step waits for its replies.
+"""Start a run in lockstep, as `omni run` does: every step waits for its replies.
 
 ``ros2 launch omni_bringup lockstep.launch.py out:=/tmp/run``
 """

@@ -1,4 +1,4 @@
-"""A run paced to the wall clock, as `omni run --real-time`.
+"""Start a run paced to the wall clock, as `omni run --real-time` does.
 
 ``ros2 launch omni_bringup real_time.launch.py out:=/tmp/run``
 """

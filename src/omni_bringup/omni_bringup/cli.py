@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
-    """Return the program of a command line, as in ``omni bag info``, its module and its options.
+    """Return the program name of a command line (``omni bag info``), its module and its options.
 
     Raises:
         InputError: the value of an option does not fit.
@@ -71,7 +71,7 @@ def _run(words: Sequence[str]) -> int:
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
-        # What a law of the user's prints is no part of the document.
+        # The user's law may print; its output must not enter the JSON document.
         with work, redirect_stdout(sys.stderr if as_json else sys.stdout):
             report = command.run(options, Workspace(workspace_folder(), program))
             report = dataclasses.replace(report, name=report.name or _name(program))
@@ -132,17 +132,17 @@ def _complain(program: str, problem: str) -> None:
 
 
 def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
-    """Return the document of a command without a result."""
+    """Return the JSON document of a command that failed or was refused."""
     return {"name": _name(program), "error": problem, "exit_code": code}
 
 
 def _name(program: str) -> str:
-    """Return the name of the document of a command, such as ``bag_info``."""
+    """Return the name of a command's JSON document, such as ``bag_info``."""
     return program.removeprefix("omni ").replace(" ", "_")
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
-    """Return the command of a group named by the first word; exit after help and errors."""
+    """Return the group's command that the first word names; exit after help or an error."""
     what = "STUDY" if program == "omni study" else "ACTION" if program != "omni" else "COMMAND"
     known = commands.commands_of(group.PACKAGE)
     if words and words[0] in known:
@@ -169,7 +169,7 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the introduction in a docstring: its second paragraph, else its first line."""
+    """Return the second paragraph of a docstring, or its first line if there is no second one."""
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:

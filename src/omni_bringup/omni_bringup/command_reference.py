@@ -1,7 +1,7 @@
 """The reference of every command and study, made from their declarations.
 
-``python -m omni_bringup.command_reference > docs/options.md`` writes it for the documentation
-site; it is not kept.
+``python -m omni_bringup.command_reference > docs/options.md`` writes it for the documentation site;
+the file is not in the repository.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ def reference() -> str:
 
 
 def _sections(group: Any, above: str, level: int) -> Iterator[str]:
-    """Yield a section for each command of a group, and those of the groups in it."""
+    """Yield a section for each command of a group and of its subgroups."""
     for name in commands.commands_of(group.PACKAGE):
         command, program = commands.load_command(group, name), f"{above} {name}"
         words = inspect.cleandoc(command.__doc__ or "")
@@ -45,7 +45,7 @@ def _sections(group: Any, above: str, level: int) -> Iterator[str]:
 
 
 def _prose(words: str) -> str:
-    """Return a docstring as Markdown: its code spans are those of reStructuredText."""
+    """Convert the code spans of a docstring from reStructuredText to Markdown."""
     return words.replace("``", "`")
 
 

@@ -17,11 +17,11 @@ class Report:
     """The result of a command.
 
     Attributes:
-        name: name of the JSON document; that of the command if empty.
+        name: name of the JSON document; if empty, the name of the command is used.
         metrics: entries of the document by ``quantity.case``.
         details: further entries of the document.
-        text: lines, and tables of rich, that are printed without ``--json``; read only then.
-        files: that were written, printed after the text.
+        text: lines and `rich` tables that are printed without ``--json``; iterated only then.
+        files: paths of the written files, printed after the text.
         hints: lines printed last, such as how to use the files.
         summary: folder in which the document is kept as ``summary.json``.
         problems: sentences for standard error; if there are any, the exit code is 1.
@@ -40,38 +40,38 @@ class Report:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The results for programs."""
+        """Content of the JSON document."""
         return {"name": self.name, "metrics": dict(self.metrics), **self.details}
 
 
 def entries(values: Mapping[str, tuple[float, str]]) -> dict[str, dict[str, Any]]:
-    """Return metrics of the JSON document for (value, unit) by ``quantity.case``."""
+    """Return pairs (value, unit) by ``quantity.case`` as metrics of the JSON document."""
     return {key: {"value": value, "unit": unit} for key, (value, unit) in values.items()}
 
 
 def entries_by_case(
     cases: Mapping[str, Mapping[str, tuple[float, str]]],
 ) -> dict[str, dict[str, Any]]:
-    """Return metrics of the JSON document for (value, unit) by case and quantity."""
+    """Return pairs (value, unit) by case and quantity as metrics of the JSON document."""
     return entries(
         {f"{key}.{case}": value for case, row in cases.items() for key, value in row.items()}
     )
 
 
 def in_words(row: Mapping[str, tuple[float, str]]) -> str:
-    """Return quantities with (value, unit) in one line."""
+    """Return pairs (value, unit) by quantity as one line of text."""
     return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
 
 
 def estimate(value: float, unit: str, error: float, *, bounded: bool = False) -> dict[str, Any]:
-    """Return the entry of an estimated quantity, which may be on its bound."""
+    """Return the metric of an estimated quantity, with a note if the estimate is on its bound."""
     known = None if math.isnan(error) else float(error)
     entry = {"value": float(value), "unit": unit, "standard_error": known}
     return entry | ({"note": "on its bound"} if bounded else {})
 
 
 def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return a table of the metrics that have a standard error, beside the described values."""
+    """Return a table of estimates with standard errors and, if known, the described values."""
     from rich.table import Table
 
     described = any("described" in entry for entry in metrics.values())
@@ -91,7 +91,7 @@ def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a file completely or not at all, and its folder; return its absolute path."""
+    """Make the folder, write the file completely or not at all, and return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.part")
     try:

@@ -25,7 +25,7 @@ STATUSES = {
 
 
 class Row(NamedTuple):
-    """One item of the text: place, content, status, module, command, remark and number."""
+    """One item of the dissertation: place, content, status, module, command, remark and number."""
 
     place: str
     what: str
@@ -37,14 +37,14 @@ class Row(NamedTuple):
 
 
 def chapters(folder: Path) -> dict[str, list[Row]]:
-    """Return the rows of a workspace by chapter."""
+    """Return the items in the workspace's ``docs/dissertation.yaml`` by chapter."""
     text = (folder / "docs/dissertation.yaml").read_text(encoding="utf-8")
     document = yaml.safe_load(filled(text, "", stored(folder)))
     return {title: [Row(*map(str, row)) for row in rows] for title, rows in document.items()}
 
 
 def page(folder: Path) -> str:
-    """Return the page of a workspace as Markdown."""
+    """Return the page as Markdown, made from the files of the workspace."""
     found = chapters(folder)
     counts = Counter(row.status for rows in found.values() for row in rows)
     parts = [

@@ -15,9 +15,9 @@ def leave_at_once_on_signals() -> None:
     replace it by another one.
     """
     for number in _SIGNALS:
-        if signal.getsignal(number) != signal.SIG_IGN:  # as a shell has it for background jobs
+        if signal.getsignal(number) != signal.SIG_IGN:  # a shell sets SIG_IGN for background jobs
             signal.signal(number, _leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # the launcher holds them back
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # blocked by the launcher
 
 
 def clean_up_on_signals() -> None:

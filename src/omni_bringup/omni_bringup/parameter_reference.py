@@ -1,4 +1,4 @@
-"""The reference of every parameter, made from the declarations themselves.
+"""The reference of every parameter, made from the declarations.
 
 ``python -m omni_bringup.parameter_reference > docs/parameters.md`` writes it anew.
 """

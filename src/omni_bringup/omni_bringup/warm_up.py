@@ -1,7 +1,7 @@
 """Compile every kernel and render the ground of the standard experiment in advance.
 
-The launcher starts this after a build, beside the first command. Processes share the kernels
-(`omni_platform.compilation.cache`): those that ``omni run`` uses come first.
+The launcher starts this after a build, at the same time as the first command. Processes share the
+compiled kernels (`omni_platform.compilation.cache`), so the kernels of ``omni run`` come first.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from omni_loop import compiled, experiment, loop
 from omni_sim.simulator import Simulator
 
 _EXPERIMENT = "straight_line"
-_OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # as one from outside is asked
+_OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # the name of an external law
 
 
 def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
@@ -32,7 +32,7 @@ def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
 
 
 def compile_others(configuration: experiment.ExperimentConfiguration) -> None:
-    """Compile the kernels of campaigns, of lines of 16 bits, and of laws from outside."""
+    """Compile the kernels of campaigns, of 16-bit lines, and of external control laws."""
     compiled.run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
     deep = dataclasses.replace(configuration.camera, bit_depth=16)
     loop.run_closed_loop(dataclasses.replace(configuration, camera=deep))

@@ -57,7 +57,7 @@ class Workspace:
         print(f"{self.program}: note: {remark}", file=sys.stderr)
 
     def results(self, out: Path | None, *parts: str) -> Path:
-        """Return the folder of results: the chosen one, else one below ``results``."""
+        """Return the chosen folder of results, or a folder below ``results`` if none is chosen."""
         return out or self.folder.joinpath("results", *parts)
 
     def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:

@@ -1,17 +1,17 @@
 """The commands of the command line, one module each.
 
-A command is a module of this package. The first line of its docstring names the command and what
-it does; the second paragraph, if there is one, introduces its help. It has its options
-as a `Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
-`Report`. It raises `InputError` to refuse before anything starts, and `WorkError` or `OSError`
-if work fails that has begun. It imports what it needs when it runs, so that help and errors in
-options are printed without delay.
+A command is a module of this package. The first line of its docstring names the command and what it
+does; the second paragraph, if there is one, introduces its help. It has its options as a
+`Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
+`Report`. It raises `InputError` before anything starts, and `WorkError` or `OSError` if the work
+fails after its start. It imports what it needs when it runs, so that help and errors in options are
+printed without delay.
 
 A command that may take long without reporting progress describes its work in ``WORK``; a line with
 the time elapsed goes to standard error every few seconds.
 
-A module with a ``PACKAGE`` has subcommands: the modules of that package, which ``command(name)`` of
-the module turns into commands if it is defined.
+A module with a ``PACKAGE`` has subcommands, the modules of that package. If the module defines
+``command(name)``, that function makes the command; otherwise the submodule is the command.
 """
 
 import functools
@@ -40,10 +40,11 @@ class Command(Protocol):
 
 @functools.cache
 def commands_of(package: str) -> dict[str, str]:
-    """Return the description of each command of a package by name, without importing them.
+    """Return the descriptions of a package's commands by name, without importing the commands.
 
     Args:
-        package: dotted name; modules that begin with ``_`` are no commands.
+        package: dotted name of the package; its modules whose names begin with ``_`` are no
+            commands.
     """
     return {
         _command_name(package, name): first_line(words)
@@ -52,11 +53,11 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return a command, or a module with a ``PACKAGE`` of further ones.
+    """Return a command, or a module whose ``PACKAGE`` has subcommands.
 
     Args:
-        group: this module, or another one with a ``PACKAGE``.
-        name: one of its `commands_of`.
+        group: module with a ``PACKAGE``, such as this one.
+        name: one of the names from `commands_of`.
     """
     if hasattr(group, "command"):
         return group.command(name)
@@ -65,7 +66,7 @@ def load_command(group: Any, name: str) -> Any:
 
 
 def _command_name(package: str, module: str) -> str:
-    """Return the command name of a module: ``fit-tire``, but ``straight_line`` for a study."""
+    """Return the name of a command: ``fit-tire`` for fit_tire; studies keep their underscores."""
     return module.rstrip("_").replace("_", "-") if package.startswith(PACKAGE) else module
 
 

@@ -1,8 +1,8 @@
 """``./omni check-node``: check whether a user's node keeps the contract of its topics.
 
-An odometry or a brake assistant is fed a recording in real time: as it is, with a gap in one input,
-with values that cannot be used, and ended while it brakes. A simulator is listened to while its
-enables are answered. Each breach is one sentence; the exit code is 1 if there is any.
+Play a recording to an odometry or a brake assistant in real time: unchanged, with a gap in one
+input, with unusable values, and cut off during braking. Send valid and invalid enables to a
+simulator. Report each breach in one sentence; the exit code is 1 if there is any.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 @contextmanager
 def _node(command: str | None) -> Iterator[tuple[int, Any]]:
-    """Start the node if it has a command; yield its ROS domain, and whether it runs."""
+    """Start the node if a command is given; yield its ROS domain and a test that it still runs."""
     from omni_bringup.graph.domain import reserved_domain
     from omni_ros.environment import chosen_domain, node_environment
 

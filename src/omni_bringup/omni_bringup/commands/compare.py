@@ -46,7 +46,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     missed = []
     for name, metrics in columns.items():
         for key, limit in limits.items():
-            if key not in metrics:  # a drive as a whole
+            if key not in metrics:  # a whole drive has no stop to judge
                 continue
             metrics[key] = replace(metrics[key], at_most=limit)
             if metrics[key].status == "missed":

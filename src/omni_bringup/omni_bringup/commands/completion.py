@@ -28,7 +28,7 @@ _omni() {{
 complete -o filenames -F _omni ./omni omni
 """
 _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
-_NAMED = {"run": "experiments", "limit": "experiments"}  # commands whose first word is a name
+_NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows
 
 
 class Options(configuration.Configuration):
@@ -40,7 +40,7 @@ def run(_options: Options, workspace: Workspace) -> Report:
     names = {kind: sorted(names_of(kind, workspace.folder)) for kind in EVERY}
     cases = list(_cases(commands, "", names))
     values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]
-    # The longest first, as "study" is the beginning of "study table2".
+    # The shell takes the first match: "study table2" must stand before "study".
     cases.sort(key=lambda case: -len(case[0]))
     lines = [f'    "{path}"{"*" if path else ""}) choices="{words}" ;;' for path, words in cases]
     script = _SCRIPT.format(cases="\n".join(lines), values="\n".join(values))
@@ -48,7 +48,7 @@ def run(_options: Options, workspace: Workspace) -> Report:
 
 
 def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
-    """Yield the words typed so far and those that may follow."""
+    """Yield pairs: the words typed so far, and the words that may follow."""
     known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
     yield path, " ".join(known)
     for name in known:

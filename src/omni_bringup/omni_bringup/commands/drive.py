@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
-# Under the left wheels only, straight ahead: where an unassisted stop swerves most.
+# Ice ahead of the left wheels only, on which an unassisted stop swerves most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 
@@ -85,7 +85,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     _is_local(options.host)
     configuration = _compose(library, options, workspace)
     while True:
-        # A recording is of one vehicle on one ground.
+        # A recording contains one vehicle on one ground, so the page offers no choice.
         choices = {} if folder else _choices(library, options, configuration)
         with (
             reserved_domain() as domain,
@@ -110,7 +110,7 @@ def _is_local(host: str) -> bool:
     """Return whether an address is reachable from this machine only.
 
     Raises:
-        ConfigurationError: it is no address, or one that stands for any address.
+        ConfigurationError: the text is no IP address, or the wildcard address.
     """
     try:
         address = ipaddress.ip_address(host)
@@ -166,7 +166,7 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration of a drive, with the largest speed forward and sideways."""
+    """Return the configuration with a maneuver at the largest speed, forward and then sideways."""
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(
@@ -186,10 +186,10 @@ def drive_nodes(
 
     Args:
         configuration: the whole loop.
-        scratch: folder for the files of their parameters.
+        scratch: folder for the parameter files of the nodes.
         parameters: parameters of the driver's node.
         folder: rosbag2 folder to record to, if any.
-        lines: whether the lines of the cameras, most of the data, are recorded.
+        lines: whether the camera lines are recorded; they are most of the data.
     """
     from omni_bringup.graph import nodes as graph
 
@@ -201,7 +201,7 @@ def drive_nodes(
             if lines or not topic.endswith("/lines")
         }
         nodes.append(graph.recorder(configuration, folder, scratch, chosen=topics))
-    listeners = 1 + len(nodes)  # besides the driver, who may come later
+    listeners = 1 + len(nodes)  # without the driver's node, which may start later
     optical = configuration.uses_lines
     return [
         *nodes,
@@ -222,12 +222,13 @@ def drive_nodes(
 def _follow(
     group: ProcessGroup, domain: int, parameters: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
-    """Print the address of the page once it is served, watch the nodes, and yield its choices.
+    """Print the page's address once it is served, watch the nodes, and yield the page's choices.
 
     Args:
         group: the nodes.
         domain: ROS domain of the nodes.
-        parameters: parameters of the driver's node; keeps its address for one that follows it.
+        parameters: parameters of the driver's node; token and port are stored in it for its
+            restart.
 
     Raises:
         ProcessError: a node has ended.
@@ -242,7 +243,7 @@ def _follow(
             if "choose" in document:
                 yield document["choose"]
             elif "token" not in parameters:
-                # Standard output holds the address alone, for programs.
+                # Only the address goes to standard output, where programs read it.
                 print(document["url"], flush=True)
                 place, parameters["token"] = document["url"].rstrip("/").rsplit("/", 1)
                 parameters["port"] = int(place.rsplit(":", 1)[1])

@@ -85,7 +85,7 @@ def _entries(fit: BrakeFit, vehicle: VehicleConfiguration) -> dict[str, Any]:
         for (key, unit), value, error in zip(_UNITS.items(), fit.values, errors, strict=True)
     }
     for wheel, value, error in zip(vehicle.wheels, fit.wheel_torque, fit.wheel_error, strict=True):
-        if not math.isnan(value):  # where the stops do not distinguish the wheels
+        if not math.isnan(value):  # nan if the stops do not distinguish the wheels
             entries[f"max_torque.{wheel}"] = estimate(value, "N m", error)
     entries["residual.all"] = {"value": fit.residual, "unit": "m/s"}
     entries["intervals.all"] = {"value": float(fit.intervals), "unit": "1"}
@@ -109,7 +109,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
 
 
 def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
-    """Yield table and remarks; one is that the relative error of the torque exceeds `vague`."""
+    """Yield table and remarks; one remark warns of a relative torque error above `vague`."""
     yield estimate_table(entries)
     yield (
         f"a wheel turned under its brake in {fit.intervals} intervals of {stops} recorded, "

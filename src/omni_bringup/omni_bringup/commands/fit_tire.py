@@ -102,7 +102,7 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 
 def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
-    """Return the YAML of a tire, to be named by a vehicle."""
+    """Return the YAML of a tire file, which a vehicle can refer to by its name."""
     from omni_loop.commented_yaml import commented_yaml
     from omni_tools.vehicles.estimates import tire_stiffness
 

@@ -117,10 +117,10 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _asked(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value from the terminal, or the usual one, None if there is none.
+    """Return a value entered on the terminal, or else the usual value.
 
     Raises:
-        ConfigurationError: there is neither of them.
+        ConfigurationError: there is no terminal and no usual value.
     """
     from rich import console, markup, prompt
 

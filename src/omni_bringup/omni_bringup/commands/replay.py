@@ -78,7 +78,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known).values()
-    except BagError as error:  # found out only in the middle of the recording
+    except BagError as error:  # damage found only while the recording is played
         raise WorkError(str(error)) from None
     return Report(
         metrics={

@@ -71,7 +71,7 @@ def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
     from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 
     if run.configuration is None:
-        return {}  # a note of the run explains it
+        return {}  # a note in the results of the run explains why
     bag, odometry = open_vehicle(path), run.configuration.odometry
     counts = bag_summary(bag).counts
     cameras = [camera for camera in odometry.sensors if counts.get(topics.lines(camera).path)]

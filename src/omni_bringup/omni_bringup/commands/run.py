@@ -58,11 +58,11 @@ class Options(LoopOptions, CommandOptions):
 
     @property
     def external(self) -> frozenset[str]:
-        """Nodes that are not started."""
+        """Names of the nodes that are not started."""
         return frozenset(words.partition("=")[0] for words in self.replace)
 
     def check_consistency(self) -> None:
-        """Refuse to replace nodes that cannot be replaced."""
+        """Raise `ConfigurationError` if a node in ``--replace`` cannot be replaced."""
         for words in self.replace:
             check_choice("--replace", words, [f"{name}=external" for name in REPLACEABLE])
 
@@ -92,7 +92,7 @@ def _checked_configurations(
 
     library = workspace.experiment_library()
     for variant in options.variant:
-        # The second may have been meant to be another.
+        # A repeated name is probably a mistake for another variant.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
     overrides = (*ground_overrides(options.ground, options.dpi), *options.changes)
@@ -111,7 +111,7 @@ def _result_folder(options: Options, workspace: Workspace) -> Path:
     from omni_bringup.graph.run_folder import check_unused, time_in_name
 
     with reserved_domain():
-        pass  # better refused before there is a folder; each run reserves its own
+        pass  # fail before the folder is made; each run reserves a domain again
     if options.out is not None:
         folder: Path = options.out
         check_unused(folder)
@@ -133,14 +133,14 @@ def _run_variants(
     """Run the variants over real processes; keep the results of each.
 
     Raises:
-        WorkError: a run did not come to its end; names what is left of its recording.
+        WorkError: a run ended early; the message names what is left of its recording.
     """
     from omni_bringup.graph.nodes import RecordingOptions
     from omni_bringup.graph.run_folder import write_summary
     from omni_bringup.graph.run_variant import finish_runs, run_variant
 
     interruption.clean_up_on_signals()
-    # Printed while the first run is under way, whose start it would delay.
+    # Checked and printed during the first run, because this check would delay the start.
     note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
     results = {}
@@ -196,7 +196,7 @@ def _left_behind(folder: Path) -> Iterator[str]:
 
 
 def _titles(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, str]:
-    """Return the title of each variant, which names a law of the user's own."""
+    """Return the title of each variant, with the law if it is the user's own."""
     laws = {variant: one.brake_assist for variant, one in configurations.items()}
     return {
         variant: f"{variant} ({one.law})" if one.enabled and ":" in one.law else variant
@@ -210,7 +210,7 @@ def _draw(
     titles: Mapping[str, str],
     folder: Path,
 ) -> list[Path]:
-    # Not before the run, which would begin a second later.
+    # Imported after the run: the import takes about a second.
     from omni_figures.run_figures import draw_run_figures
 
     histories = {titles[result.variant]: result.history for result in results}

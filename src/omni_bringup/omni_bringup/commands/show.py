@@ -125,7 +125,7 @@ def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, 
         return drawings.tire_in_words(tire), drawings.draw_tire(tire, Path(name).stem)
     if kind == "grounds":
         ground = library.load(base, variant, [f"ground={name}"]).ground
-        if ground.texture.kind != "picture":  # finer than a screen, which takes long to grow
+        if ground.texture.kind != "picture":  # full resolution takes long, and no screen shows it
             coarse = [f"ground={name}", "ground.texture.dpi=300"]
             ground = library.load(base, variant, coarse).ground
         return drawings.ground_in_words(ground), drawings.draw_ground(ground, Path(name).stem)

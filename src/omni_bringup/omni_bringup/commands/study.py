@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from omni_studies.study import Study, StudyResult
 
 PACKAGE = "omni_studies.studies"
-# Options of a study that brakes what its user names; only there something may not fit together.
+# Options that name what is simulated. Only studies with one of them report implausible values.
 _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 class _Output(CommandOptions):
-    """Options of every study besides its own."""
+    """Options that every study has in addition to its own."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of the figures and data (default: results/STUDY)"""

@@ -7,7 +7,7 @@ vehicle brakes fully
 - while a page is open but sends nothing: a hidden tab, a halted browser, a lost connection,
 - after a page was closed, until a page opens again or `cmd_vel` sends zero, so that a teleoperation
   node takes over only after a deliberate stop,
-- without a page, when `cmd_vel` sends nothing: the key must be held down.
+- if no page is open and `cmd_vel` sends nothing, so that a teleoperation key must be held down.
 """
 
 import dataclasses
@@ -75,7 +75,7 @@ class DemandSource:
         self._page_time = now
 
     def take_command(self, twist: Twist, now: float) -> None:
-        """Store a `cmd_vel`; one that is not finite is ignored."""
+        """Store a twist from `cmd_vel`; ignore it if a component is not finite."""
         if not all(math.isfinite(value) for value in twist):
             return
         self._command, self._command_time = twist, now

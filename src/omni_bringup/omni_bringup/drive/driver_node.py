@@ -44,7 +44,7 @@ _SWITCH = "enabled"
 
 
 class Choice(Configuration):
-    """Names of one kind that may be driven."""
+    """Vehicles, grounds or other items that the page offers for one kind of choice."""
 
     chosen: str = parameter()
     """The one that is driven"""
@@ -130,7 +130,7 @@ class DriverNode(Node):
         self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
         self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
-        # A recording's stop begins where the vehicle is at the stamp of the pedal: half a second.
+        # Poses of the last half second: a stop begins at the pose with the stamp of the pedal.
         self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
@@ -150,13 +150,13 @@ class DriverNode(Node):
         self._pedal.publish(pedal)
 
     def _receive(self, demand: Demand) -> None:
-        # Nothing is lost where the assistant is not there yet: the page shows what holds.
+        # A switch before the assistant has started is ignored; the page shows the actual state.
         switched = demand.assist is not None and demand.assist != self.state["assist"]
         if switched and self._assist.service_is_ready():
             given = Parameter(_SWITCH, value=demand.assist).to_parameter_msg()
             self._assist.call_async(SetParameters.Request(parameters=[given]))
         kind, name = demand.choose or ("", "")
-        # The command that started the nodes restarts them; a name that was not offered is ignored.
+        # `omni drive` restarts the nodes with the choice; a name that was not offered is ignored.
         if kind in self._choices and name in self._choices[kind].names:
             report({"choose": {kind: name}})
 
@@ -235,7 +235,7 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
 
 
 def _take_in(node: DriverNode, spinner: process.Spinner) -> None:
-    """Run the callbacks of all received messages; one call serves one topic."""
+    """Run the callbacks of all received messages; each `spin_once` runs one callback."""
     before = -1
     while node.received != before:
         before = node.received

@@ -65,11 +65,11 @@ def parse_demand(text: str | bytes) -> Demand:
     """Return the demand in a page's message.
 
     Args:
-        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0], "assist": true}`` or with
-            ``"choose": ["ground", "cork"]``; both may be left out.
+        text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0]}``, optionally with ``"assist": true``
+            and ``"choose": ["ground", "cork"]``.
 
     Raises:
-        PageError: it is not such a message.
+        PageError: the text is no message of this form.
     """
     try:
         document = json.loads(text)
@@ -106,7 +106,7 @@ class DriveServer:
     """Serves the page; the page opened last is the source of the demand.
 
     Attributes:
-        url: address of the page, token included.
+        url: address of the page, including the token.
     """
 
     def __init__(
@@ -120,14 +120,14 @@ class DriveServer:
         clock: Callable[[], float],
         address: tuple[str, int] = ("127.0.0.1", 0),
     ) -> None:
-        """Take the port.
+        """Bind the port.
 
         Args:
             source: selects the source of the demand.
             largest: body twist of a full stick [m/s, m/s, rad/s].
             greeting: sent to a page when it opens.
             receive: called with the messages of a page other than pedal and stick.
-            token: token of the address; a new one if it is empty.
+            token: token of the address; if empty, a random token is made.
             clock: returns a monotonic time [s].
             address: IP address of this machine, and TCP port; 0 for any free one.
 
@@ -181,7 +181,7 @@ class DriveServer:
         except PageError as error:
             await page.close(CloseCode.INVALID_DATA, str(error))
         except ConnectionClosed:
-            pass  # without a farewell, as when the browser is killed
+            pass  # no closing handshake, as when the browser is killed
         finally:
             if page is self._driver:
                 self._driver = None
@@ -190,7 +190,8 @@ class DriveServer:
     def _take(self, text: str | bytes) -> None:
         demand = parse_demand(text)
         stick = demand.stick
-        # A diagonal of a keyboard is no faster than straight on.
+        # Two keys together give a stick of length 1.41; a diagonal must be no faster than straight
+        # on.
         reach = max(1.0, math.hypot(stick[0], stick[1]))
         twist = (
             stick[0] / reach * self._largest[0],

@@ -10,7 +10,7 @@ from pathlib import Path
 from omni_platform.configuration import InputError
 from omni_ros.environment import chosen_domain
 
-# Domains 0-101 work with the default port range of every operating system; 0 is everybody's.
+# Domains 0-101 work with the default port range of every operating system; 0 is the default.
 _DOMAINS = range(1, 102)
 _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
@@ -27,15 +27,16 @@ def reserved_domain() -> Iterator[int]:
     one may contain programs that only subscribe; the recorder refuses other publishers.
 
     Yields:
-        The domain's number; that in ``ROS_DOMAIN_ID`` where the user has set it.
+        Number of the domain; the value of ``ROS_DOMAIN_ID`` if the user has set it.
 
     Raises:
         ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
-        NoFreeDomainError: the chosen domain, or each of them, is taken.
+        NoFreeDomainError: the chosen domain is taken, or all domains are.
     """
     chosen = chosen_domain(os.environ)
     if chosen is None:
-        # Starting at a place of one's own keeps two runs from racing for the same domains.
+        # Each process begins its search at another domain, so that two runs rarely try the same
+        # one.
         first = os.getpid() % len(_DOMAINS)
         candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
     else:
@@ -74,15 +75,16 @@ def _is_inhabited(ports: set[int], number: int) -> bool:
     # on for itself (RTPS 2.2, 9.6.1.1).
     first = 7400 + 250 * number
     pairs = range(first + 10, first + 250, 2)
-    # A single port of the range may be anybody's.
+    # A program without ROS may use a single port of the range.
     return first in ports or any({port, port + 1} <= ports for port in pairs)
 
 
 def _take(mark: socket.socket, number: int) -> bool:
-    """Mark a domain as taken until the socket is closed, by the end of the process at the latest.
+    """Mark a domain as taken until the socket closes; return False if it is already taken.
 
-    The mark is a name in Linux' abstract socket namespace: there is no file whose owner could keep
-    other users from it, and its reach is that of the network that the domains share.
+    The mark is a name in Linux' abstract socket namespace. Unlike a lock file, it has no owner who
+    could lock other users out. It is visible in exactly the network namespace that shares the
+    domains. The end of the process removes it.
     """
     try:
         mark.bind(f"\0omni-ros-domain-{number}")

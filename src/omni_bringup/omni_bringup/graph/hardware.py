@@ -21,7 +21,7 @@ from omni_platform.configuration import (
 from omni_platform.description import urdf
 from omni_ros.flat_parameters import flatten
 
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a third of the time
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, made faster
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
@@ -31,7 +31,7 @@ WARNING = "feedback_warning"  # a parameter of the assistant
 LOG_ONLY = "log_only"  # a file on top of the assistant's own
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 _TWIST = "odometry/twist"
-_REFUSED = 2  # exit code of a node whose configuration is wrong, which another start cannot mend
+_REFUSED = 2  # exit code for a wrong configuration, which a restart cannot mend
 
 # Launch arguments: default, None where one is required, and description.
 ARGUMENTS = {
@@ -53,8 +53,8 @@ class Hardware:
 
     Attributes:
         brake_assist: configuration of the assistant.
-        odometry: odometry of line cameras and flow sensors; None where the twist comes from
-            elsewhere.
+        odometry: configuration of the odometry of line cameras and flow sensors; None if the twist
+            comes from another source.
     """
 
     brake_assist: BrakeAssistConfiguration
@@ -68,9 +68,9 @@ class HardwareNode:
     Attributes:
         package: package of the node.
         executable: executable of the package, and the node's name.
-        files: parameter files, the last of which holds.
+        files: parameter files; a later file overrides an earlier one.
         remappings: pairs of topics.
-        ros_arguments: further words behind ``--ros-args``.
+        ros_arguments: further arguments after ``--ros-args``.
     """
 
     package: str
@@ -106,7 +106,7 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
             f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} makes "
             "it",
         )
-    # Parameters given as mappings would become files that launch leaves in the temporary folder.
+    # Given as a mapping, launch would write this parameter to a temporary file and not remove it.
     prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
     own = given["twist"] == _TWIST
     nodes = []
@@ -177,7 +177,7 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
 
     Args:
         hardware: configuration of the nodes.
-        folder: made if it is missing.
+        folder: folder of the files; made if it is missing.
         warning: sentence about the source of the twist that the assistant reports.
 
     Raises:
@@ -211,7 +211,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
         configuration: configuration of the node.
         **others: further parameters.
     """
-    # An empty list has no type in a parameter file; left out, the declared one holds.
+    # An empty list has no type in a parameter file. Without an entry the declared default holds.
     flat = {key: value for key, value in flatten(configuration).items() if value != []}
     return parameters_text(flat | others)
 

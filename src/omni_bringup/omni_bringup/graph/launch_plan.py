@@ -36,10 +36,10 @@ class LaunchPlan:
     """The processes of a launch file.
 
     Attributes:
-        nodes: listeners first.
+        nodes: processes in the order of their start; a subscriber starts before its publishers.
         scratch: folder of the nodes' parameter files and reports; to be removed at the end.
-        experiment: its name.
-        variant: its name.
+        experiment: name of the experiment.
+        variant: name of the variant.
         configuration: configuration of the whole loop.
         folder: folder of the recording, if there is one.
         is_run: whether the simulation ends by itself and has results.
@@ -54,19 +54,19 @@ class LaunchPlan:
     is_run: bool
 
     def reports(self, name: str) -> Path:
-        """Return the file in which a node reports."""
+        """Return the path of the file with a node's reports."""
         return self.scratch / f"{name}.reports"
 
     def finish(self) -> run_variant.VariantResult:
         """Write configuration, versions and results next to a finished recording.
 
         Raises:
-            ProcessError: the run did not come to its end.
+            ProcessError: the run ended early.
             RunError: data are lost.
         """
         if self.folder is None:
             raise ConfigurationError("out", "is needed: the folder of the recording")
-        if self.folder.is_dir():  # for what was interrupted too
+        if self.folder.is_dir():  # also for an interrupted run
             run_folder.write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
         run_variant.check_report(report)

@@ -14,7 +14,7 @@ from omni_ros.flat_parameters import flatten
 from omni_sim.configuration import SimulatorConfiguration
 
 _SHARED = (topics.CLOCK.path, topics.DIAGNOSTICS.path)
-_IMU = "imu"  # frame of its messages
+_IMU = "imu"  # frame ID of the IMU's messages
 _RECORDER = 1  # subscriptions that the recorder adds to every topic
 
 
@@ -90,7 +90,7 @@ def recorder(
 def odometry(
     configuration: ExperimentConfiguration, scratch: Path, *, lockstep: bool, listeners: int = 0
 ) -> process_group.NodeProcess:
-    """Return the process of the line-scan odometry; `listeners` of 0 means those of a run."""
+    """Return the process of the line-scan odometry, which waits for its `listeners`."""
     listeners = listeners or _RECORDER + 1 + configuration.uses_lines
     parameters = _flat(configuration.odometry) | _timing(lockstep) | _listeners(listeners)
     if configuration.own_odometry:
@@ -223,17 +223,17 @@ def _relative(topic: str) -> str:
 
 
 def _timing(lockstep: bool) -> dict[str, Any]:
-    """Return the parameters for runs that repeat bit for bit, or for simulated time."""
+    """Return the parameters of a node for lockstep (no periodic diagnostics) or simulated time."""
     return {"diagnostics_period": 0.0} if lockstep else {"use_sim_time": True}
 
 
 def _listeners(count: int) -> dict[str, Any]:
-    # Another node may have to compile kernels first.
+    # A long timeout, because another node may have to compile kernels first.
     return {"subscribers": count, "match_timeout": 300.0}
 
 
 def _flat(configuration: Configuration, part: type[Configuration] | None = None) -> dict[str, Any]:
-    # An empty list has no type in a parameter file; left out, the declared one holds.
+    # An empty list has no type in a parameter file. Without an entry the declared default holds.
     flat = flatten(configuration, part=part)
     return {key: value for key, value in flat.items() if value != []}
 

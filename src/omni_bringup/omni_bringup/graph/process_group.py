@@ -17,7 +17,7 @@ from typing import IO, Any
 from omni_platform.configuration import WorkError
 from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
 
-_COLORS = re.compile(r"\x1b\[[0-9;]*m")  # of the DDS implementation's messages
+_COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
 
 
 class ProcessError(WorkError):
@@ -33,7 +33,7 @@ class NodeProcess:
         package: package in the ament index.
         executable: name below ``lib/PACKAGE``.
         arguments: command-line arguments.
-        own_code: whether it runs the user's code, whose output is shown on the screen.
+        own_code: whether the node runs the user's code; the output is then shown on the screen.
     """
 
     name: str
@@ -72,20 +72,20 @@ class RunningProcess:
         self._stop_timeout = stop_timeout
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
-        # A file and no pipe: a bring-up that is slow to read never holds a node up.
+        # A file instead of a pipe: a node never waits for a slow reader.
         self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         shown = {"PYTHONUNBUFFERED": "1"} if node.own_code else {}
-        # A process group of its own: Ctrl-C reaches the bring-up alone, which ends the nodes in
-        # order. No session of its own: of one that is halted when the bring-up dies, the kernel
-        # takes care with SIGHUP and SIGCONT, and so it ends too.
+        # Each node has its own process group: Ctrl-C reaches only this process, which ends the
+        # nodes in order. The nodes stay in the session: if this process dies, the kernel sends
+        # SIGHUP and SIGCONT to a halted node, which then ends.
         self.process = subprocess.Popen(
             command,
             env={**environment, **shown, REPORT_VARIABLE: str(descriptor)},
             pass_fds=(descriptor,),
             stdin=subprocess.DEVNULL,
-            # Standard error in both cases: a document on standard output must stand there alone.
+            # The user's output goes to standard error, as standard output holds only the document.
             stdout=sys.stderr.fileno() if node.own_code else self._output,
             stderr=None if node.own_code else self._errors,
             preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
@@ -139,10 +139,10 @@ class RunningProcess:
             self.process.send_signal(number)
 
     def ask_to_stop(self) -> None:
-        """Request the end of the process; after a second one a node does not wait for readers."""
-        self._note_halts()  # which going on takes along
+        """Request the end of the process; a second request also ends waiting for readers."""
+        self._note_halts()  # SIGCONT would clear this state
         self.signal(signal.SIGTERM)
-        self.signal(signal.SIGCONT)  # one that is halted could not answer
+        self.signal(signal.SIGCONT)  # a halted process could not end
 
     def stop(self) -> int:
         """Request the end of the process and return its exit code, as `wait_or_kill`."""
@@ -163,7 +163,7 @@ class RunningProcess:
 
 
 def _read_from(file: IO[bytes], offset: int) -> bytes:
-    # pread leaves the position alone, which the writing process shares.
+    # pread does not move the file position, which the writing process shares.
     size = os.fstat(file.fileno()).st_size
     return os.pread(file.fileno(), max(0, size - offset), offset)
 
@@ -171,7 +171,7 @@ def _read_from(file: IO[bytes], offset: int) -> bytes:
 class ProcessGroup:
     """Starts processes in order and ends them in the reverse order.
 
-    The first one is the recorder, which ends last.
+    The recorder must be started first, so that it ends last.
     """
 
     def __init__(self, environment: Mapping[str, str], stop_timeout: float = 12.0) -> None:
@@ -183,7 +183,7 @@ class ProcessGroup:
         """Start one more process.
 
         Raises:
-            ProcessError: its executable is not to be found.
+            ProcessError: the executable of the node is not found.
         """
         with _interrupt_deferred():
             process = RunningProcess(node, self._environment, self._stop_timeout)
@@ -193,8 +193,9 @@ class ProcessGroup:
     def stop(self) -> None:
         """End every process, the last started first.
 
-        After a failure, processes may wait for acknowledgments that never come. All but the first
-        then get one common, shorter timeout for what they have to do besides waiting.
+        If a process has failed, the others may wait for acknowledgments that never come. All but
+        the first are then asked to end at once. If the first (the recorder) has ended, they are
+        asked a second time after a short common timeout, so that they stop waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
@@ -231,11 +232,11 @@ def check_counts(reports: Sequence[Mapping[str, Any]], sent: Mapping[str, int]) 
     """Check that the recorder has stored every message.
 
     Args:
-        reports: those of the recorder.
-        sent: messages by topic.
+        reports: reports of the recorder.
+        sent: number of sent messages by topic.
 
     Raises:
-        ProcessError: something is missing.
+        ProcessError: messages are missing in the recording.
     """
     recorded: Mapping[str, int] = reports[-1].get("recorded", {}) if reports else {}
     for topic, count in sent.items():
@@ -271,7 +272,7 @@ def process_group(
         yield group
         ending = False
     finally:
-        # A second Ctrl-C must not leave a node behind; a first one still counts.
+        # A second Ctrl-C must not leave a node running; the first one takes effect afterwards.
         with _interrupt_deferred(repeated=ending):
             group.stop()
 

@@ -41,7 +41,7 @@ def check_unused(folder: Path, option: str = "--out") -> None:
         option: option by which it was given.
 
     Raises:
-        ConfigurationError: it is a file or not empty.
+        ConfigurationError: the path is a file, or the folder is not empty.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigurationError(
@@ -61,15 +61,14 @@ def write_configuration(configuration: ExperimentConfiguration, folder: Path) ->
 
 
 def write_summary(document: Mapping[str, Any], folder: Path) -> None:
-    """Save the results of a run in the shape of `--json`."""
+    """Save the results of a run as the JSON document that `--json` prints."""
     _write(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
     """Return the recordings in a folder of runs whose recorder was killed.
 
-    Such a file can be read from the beginning up to its last complete chunk; its index, which is
-    at the end, is missing.
+    Such a file lacks the index at its end. It can be read up to its last complete chunk.
     """
     return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]
 

@@ -1,4 +1,4 @@
-"""Variants of an experiment over the real graph: start, follow, stop, measure.
+"""Runs of an experiment's variants over the real graph: start, follow, stop, measure.
 
 A run is a generator, which yields while it waits for its processes, so that several can go on at
 once.
@@ -40,7 +40,7 @@ class VariantResult:
     """Results of a finished run.
 
     Attributes:
-        variant: its name.
+        variant: name of the variant.
         folder: the rosbag2 folder.
         history: arrays for analysis, read back from the bag.
         metrics: metrics by quantity.
@@ -66,16 +66,16 @@ Run = Generator[None, None, VariantResult]
 
 
 def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
-    """Take runs to their ends and yield the result of each.
+    """Advance runs until they end, and yield the result of each.
 
     If one fails, or the iterator is closed, all processes of the others are ended.
 
     Args:
-        runs: not begun yet.
-        at_once: how many go on at the same time.
+        runs: generators of `run_variant` that have not started.
+        at_once: number of runs at the same time.
 
     Raises:
-        RunError: of the first run that failed.
+        RunError: a run failed; the error is that of the first one.
     """
     waiting, running = list(runs), list[Run]()
     with contextlib.ExitStack() as stack:
@@ -133,12 +133,12 @@ def measured(
     """Return the results of a finished run.
 
     Args:
-        report: the last one of the simulator.
+        report: last report of the simulator.
         variant: name of the case.
         folder: rosbag2 folder of the run.
         configuration: configuration of the whole loop.
     """
-    # The loop's own time: the wall time between its first and its last step.
+    # `wall` is the wall time from the first to the last step of the loop, without start-up.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
     metrics = run_metrics(history) | {
@@ -150,7 +150,7 @@ def measured(
 
 
 def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
-    """Return the time outside the validity of the simulation [s], and a warning."""
+    """Return the time for which a limit of the simulation was exceeded [s], with a warning."""
     time, sentence = report["limits"].get(limit, (0.0, ""))
     return Metric(time, "s", note=sentence)
 
@@ -172,10 +172,11 @@ def _run_graph(
             write_beside_bag(configuration, folder, recorder)
             report = yield from _follow(group, simulator, on_progress)
             check_report(report)
-        _check_life(group)  # the recorder listens to their end
+        _check_life(group)  # the nodes end before the recorder
         processes.check_counts(recorder.new_reports(), report["sent"])
     except processes.ProcessError as error:
-        # A halted node silences those that wait for it: it is the cause, whichever was noticed.
+        # Nodes that wait for a halted node fall silent too, so the halted node is named as the
+        # cause.
         halted = (one.node.name for one in group.running if one.was_halted)
         cause = next((name for name in halted if name != simulator.node.name), None)
         raise RunError(_HALTED.format(cause) if cause else str(error)) from None
@@ -206,10 +207,10 @@ def _follow(
 
     Args:
         group: all processes.
-        simulator: one of them.
-        on_progress: called with its reports.
+        simulator: process of the simulator, one of the group.
+        on_progress: called with each report of the simulator.
         patience: longest time without a report [s]; kernels may have to be compiled.
-        halted_patience: longest time for which a signal may halt it [s].
+        halted_patience: longest time for which a signal may halt the simulator [s].
 
     Raises:
         ProcessError: a node has ended before, or the simulator makes no progress.
@@ -225,7 +226,7 @@ def _follow(
             on_progress(report)
             received = now
         running = running if simulator.is_halted else now
-        halted = simulator.was_halted  # the end of a process takes what is known of it along
+        halted = simulator.was_halted  # no longer readable after the process has ended
         if now - running > halted_patience:
             raise processes.ProcessError("the simulator was halted by a signal")
         if now - received > patience:
@@ -243,8 +244,9 @@ def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> Non
     """Check by the simulator's last report that a run finished and no node stopped sending.
 
     Args:
-        report: the report.
-        longest_silence: of a node in real time [s]; a busy machine causes less.
+        report: last report of the simulator.
+        longest_silence: longest accepted time without a message of a node, in real time [s]; a busy
+            machine causes shorter ones.
 
     Raises:
         ProcessError: names the node.
@@ -254,7 +256,7 @@ def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> Non
             f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
         )
     silence, node = max(((time, node) for node, time in report["silence"].items()), default=(0, ""))
-    if silence > longest_silence:  # of several the one that was silent first
+    if silence > longest_silence:  # the longest silence began first and caused the others
         raise processes.ProcessError(
             f"{node} published nothing for {silence:.1f} s: the vehicle braked on all wheels"
         )

@@ -1,4 +1,4 @@
-"""What a node's messages must be; each function returns a sentence for each breach."""
+"""Requirements on the messages of a node; each function yields a sentence for each breach."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,17 +14,17 @@ from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 @dataclass(frozen=True)
 class Contract:
-    """Limits of what a node may do.
+    """Limits that a node must keep.
 
     Attributes:
-        largest_age: age of a twist that the assistant refuses, and of enables for which vehicles
-            brake all wheels [s].
-        least_answered: share of the inputs that are answered [1].
-        least_rate: of wheel speeds and pedal [1/s].
+        largest_age: largest age of the messages by node [s]. The assistant rejects an older twist;
+            a vehicle without newer enables brakes all wheels.
+        least_answered: smallest share of the inputs that the node answers [1].
+        least_rate: lowest rate of wheel speeds and pedal [1/s].
         warm_up: time that a node may take to load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
         recovery: time within which a node measures again after a fault [s].
-        largest_variance: of a velocity that is measured [m^2/s^2].
+        largest_variance: variance below which a velocity counts as measured [m^2/s^2].
     """
 
     largest_age: Mapping[str, float]
@@ -55,7 +55,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield breaches of publishers, rate, age and stamps."""
+    """Yield breaches in the number and reliability of publishers, and in rate, age and stamps."""
     if len(exchange.publishers) != 1:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
@@ -160,7 +160,7 @@ def simulator_breaches(
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
-    """Return the answers to inputs well after the fault of a phase."""
+    """Return the answers of a phase to inputs after its fault and the recovery time."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 
@@ -170,7 +170,7 @@ def _is_measured(one: Answer) -> bool:
 
 
 def _twist_problem(message: Any) -> str:
-    """Return the breach in a twist, None if there is none."""
+    """Return the breach in a twist, an empty text if there is none."""
     twist, covariance = planar_twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"

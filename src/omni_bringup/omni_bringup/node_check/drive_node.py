@@ -19,16 +19,16 @@ def receive_drive(
 
     Args:
         partner: this process's node, in the namespace of the vehicle.
-        wheels: names in the order of the columns.
+        wheels: names of the wheels in the order of the columns.
         timeout: time within which the drive must be complete [s].
         rest: time at rest at the end of the stop [s].
-        least: messages on each of the topics that must exist.
+        least: smallest number of messages on each required topic.
 
     Raises:
         WorkError: wheel speeds or demand are not published.
-        ConfigurationError: other wheels, or other motions, than expected.
+        ConfigurationError: the wheels or the motions are not the expected ones.
     """
-    # Best effort receives publishers of either reliability.
+    # A best-effort subscription also receives reliable publishers.
     seen = subscribe(partner, {topic.name: topic for topic in TOPICS}, BEST_EFFORT)
     deadline = time.monotonic() + timeout
     while True:

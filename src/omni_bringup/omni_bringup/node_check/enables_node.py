@@ -15,7 +15,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_ros import messages, qos
 
 _PHASE_NS = SECOND_NS // 5
-_SETTLING_NS = SECOND_NS // 10  # from a change of the enables until the brakes must have followed
+_SETTLING_NS = SECOND_NS // 10  # time for the brakes to follow the enables
 _FIRST_WHEEL = (1.0, 0.0, math.nan)
 """Enable of the first wheel in each phase after the pedal goes down."""
 

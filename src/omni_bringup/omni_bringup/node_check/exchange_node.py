@@ -1,7 +1,7 @@
 """Send a recording with faults to a node, and record its answers.
 
-The recording is published in real time, once for each phase: as it is, with a gap in one input,
-with unusable values in it, and ended in the middle. Stamps go on from phase to phase.
+The recording is published in real time, once for each phase: unchanged, with a gap in one input,
+with unusable values in this input, and cut off in the middle. Stamps go on from phase to phase.
 """
 
 import os
@@ -31,7 +31,7 @@ PHASES = ("recorded", "gap", "unusable", "silence")
 GAP = 0.3
 """Time without an input, or with unusable values [s]."""
 
-_STAMP = struct.Struct("<iI")  # behind the four bytes of the encapsulation
+_STAMP = struct.Struct("<iI")  # after the four bytes of the CDR header
 _PAUSE_NS = 2 * SECOND_NS  # between two phases, longer than any time-out of a node
 _LISTEN = 0.5  # [s] after the last input
 _START = 60.0  # [s] within which a node must be there
@@ -93,7 +93,7 @@ class Partner:
         """Wait for a publisher of a topic; return whether each of its publishers is reliable.
 
         Raises:
-            WorkError: there is none within a minute, or the node has ended.
+            WorkError: no publisher appears within a minute, or the node has ended.
         """
         deadline = time.monotonic() + _START
         while not (found := self.node.get_publishers_info_by_topic(topic)):
@@ -102,7 +102,7 @@ class Partner:
             if time.monotonic() > deadline:
                 raise WorkError(f"nothing publishes {topic} in this ROS domain; start the node")
             self.spin(time.monotonic() + 0.1)
-        self.spin(time.monotonic() + 1.0)  # until it has found this node, too
+        self.spin(time.monotonic() + 1.0)  # until the node has found this one too
         found = self.node.get_publishers_info_by_topic(topic)
         reliable = QoSReliabilityPolicy.RELIABLE
         return [entry.qos_profile.reliability == reliable for entry in found]
@@ -120,8 +120,8 @@ class _Exchanging:
         self.exchange = Exchange()
         self.phase = PHASES[0]
         self._kind = message_class(output.type)
-        self._arrivals: dict[int, float] = {}  # steady time at which a stamp was sent [s]
-        self._last = 0.0  # of them
+        self._arrivals: dict[int, float] = {}  # steady time of sending [s] by stamp
+        self._last = 0.0  # steady time of the last input [s]
 
     def keep(self, data: bytes) -> None:
         now, stamp = time.monotonic(), leading_stamp(data) or 0
@@ -157,14 +157,14 @@ def feed(
     Args:
         partner: this process's node.
         recording: rosbag2 folder.
-        inputs: topics that the node reads.
-        faulty: that of them which gets the gap and the unusable values.
-        paced: that whose messages are answered.
+        inputs: input topics of the node.
+        faulty: input that gets the gap and the unusable values.
+        paced: input whose messages the node answers.
         output: topic of the answers.
         alive: whether the node's process still runs.
 
     Raises:
-        WorkError: the node is not there.
+        WorkError: the node does not publish `output`, or has ended.
     """
     exchanging, node = _Exchanging(output), partner.node
     topics = {topic.path: topic for topic in inputs}

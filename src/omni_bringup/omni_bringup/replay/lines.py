@@ -1,4 +1,4 @@
-"""Writes camera lines into recordings, and reads them."""
+"""Functions that write camera lines into recordings and read them."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -29,12 +29,12 @@ def write_lines(
     Args:
         folder: rosbag2 folder to make.
         lines: lines of each camera, oldest first, shape (m, n).
-        sensors: sensors of which only the line rates are used.
+        sensors: sensors by name; only their line rates are used.
         batch_time: duration of the lines of a message [s].
         start_ns: stamp of the first line [ns].
 
     Raises:
-        RecordingError: it cannot be written.
+        RecordingError: the recording cannot be written.
     """
     messages: list[tuple[int, str, Lines]] = []
     for name, own in lines.items():
@@ -61,11 +61,11 @@ def read_batches(
     Args:
         bag: the recording.
         sensors: names of the cameras.
-        start: since the first line of any of them [s].
+        start: start of the part that is read, since the first line of any camera [s].
         duration: duration of the part that is read [s].
 
     Raises:
-        BagError: a message cannot be read, or there is none of a camera.
+        BagError: a message cannot be read, or a camera has no messages.
     """
     names = {topics.lines(name).path: name for name in sensors}
     batches: dict[str, list[LineBatch]] = {name: [] for name in names.values()}

@@ -61,7 +61,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
 
 
 class _Cores:
-    """The function that processes the messages of each topic."""
+    """The cores of the nodes, and the function that takes the messages of each topic."""
 
     def __init__(self, plan: plans.ReplayPlan) -> None:
         configuration = plan.configuration
@@ -82,7 +82,7 @@ class _Cores:
 
     def take(self, topic: str, message: Any) -> list[Result]:
         results = list(self._takers[topic](message))
-        # What one core answers another may be waiting for.
+        # The output of one core may be an input of another.
         for result in list(results):
             if result[0] in self._takers:
                 results += self._takers[result[0]](result[2])

@@ -21,7 +21,7 @@ class ReplayPlan:
 
     Attributes:
         configuration: configuration of the nodes.
-        nodes: those that run, some of `NODES`.
+        nodes: names of the nodes that run, from `NODES`.
         inputs: message type of each topic taken from the recording.
         outputs: message type of each topic that the nodes publish.
     """
@@ -100,11 +100,11 @@ def recorded_configuration(
     Args:
         bag: the recording.
         overrides: ``dotted.key=value`` texts.
-        option: option that replaces it if there is none.
-        remedy: what to do with the option, in words.
+        option: option that the message names if there is no stored configuration.
+        remedy: advice at the end of the message.
 
     Raises:
-        ConfigurationError: there is none, or a key or value does not fit.
+        ConfigurationError: no configuration is stored, or a key or value does not fit.
     """
     path = (bag.path if bag.path.is_dir() else bag.path.parent) / CONFIGURATION
     if not path.is_file():
@@ -114,7 +114,7 @@ def recorded_configuration(
 
 
 def node_listeners(plan: ReplayPlan, node: str) -> int:
-    """Return the number of subscribers of each output of a node: recorder, player, other nodes."""
+    """Return the number of subscribers of a node's outputs: recorder, player and other nodes."""
     subscribes_odometry = BRAKE_ASSIST in plan.nodes and (
         feedback_topic(plan.configuration) == topics.TWIST
     )

@@ -45,10 +45,10 @@ class PlayerConfiguration(Configuration):
     most_ahead: int = parameter(100, minimum=1)
     """Most rounds without a result; half of what a queue of the nodes holds"""
     most_ahead_first: int = parameter(20, minimum=1)
-    """The same before the first result"""
+    """Most rounds without a result before the first result"""
 
     def check_consistency(self) -> None:
-        """Refuse lists of different lengths."""
+        """Raise an error if topics and types differ in number."""
         for key, names, kinds in (
             ("input_types", self.inputs, self.input_types),
             ("output_types", self.outputs, self.output_types),
@@ -89,7 +89,7 @@ class PlayerNode(Node):
         for message in messages:
             self.inputs[message.channel.topic].publish(message.data)
             self.published[message.channel.topic] += 1
-        # A result has the stamp of the newest input that it came from, or of an earlier one.
+        # The stamp of a result is that of its newest input, or an earlier one.
         self._waiting.append(min(leading_stamp(message.data) or 0 for message in messages))
 
     @property
@@ -111,7 +111,7 @@ def play(node: PlayerNode, spinner: process.Spinner) -> None:
     Raises:
         NodeError: the recording cannot be read, or a node does not answer.
     """
-    # One listener each: the node that is replayed; the recorder listens to the clock.
+    # Each topic has one subscriber: the replayed node, or the recorder for the clock.
     listened = [node.clock, *node.inputs.values()]
     node.startup.await_subscribers(listened, spinner, 1)
     try:
@@ -135,7 +135,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
         if spinner.stop:
             return
         if rate > 0.0:
-            # Counted from the first round, so that no delay adds up.
+            # The time is counted from the first round, so that delays do not add up.
             recorded = messages[0].log_ns / SECOND_NS / rate
             start = time.monotonic() - recorded if start is None else start
             _spin_until_time(spinner, start + recorded)
@@ -152,7 +152,7 @@ def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int
     limits, started = node.configuration, any(node.results.values())
     timeout = limits.answer_timeout
     most = limits.most_ahead if started else limits.most_ahead_first
-    # Before the first result the node may only be slow to start.
+    # Before its first result, a node may only be slow to start: wait longer.
     patient = ahead == most or (ahead == 1 and not started)
     followed = spinner.spin_until(
         lambda: node.unanswered < ahead, timeout if patient else limits.patience

@@ -1,4 +1,4 @@
-"""The known motion of a recorded drive: true, or from the speeds of the wheels."""
+"""The reference motion of a recorded drive: the true motion, or that of the wheel speeds."""
 
 import math
 
@@ -14,7 +14,7 @@ TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
 _TOPICS = {TRUTH: topics.GROUND_TRUTH, WHEELS: topics.WHEEL_STATES}
-_SPREAD = 3  # samples to either side over which the acceleration is taken
+_SPREAD = 3  # samples before and after, for the acceleration
 
 
 def read_reference(
@@ -27,10 +27,10 @@ def read_reference(
     Args:
         bag: the recording.
         configuration: configuration of the vehicle.
-        kind: one of `REFERENCES`; the truth of a simulation, if there is one, with `AUTO`.
+        kind: one of `REFERENCES`; `AUTO` takes the true motion if it is recorded, else the wheels.
 
     Raises:
-        BagError: the recording lacks it.
+        BagError: the recording does not contain the reference.
     """
     streams = recorded_run.read_streams(bag, _TOPICS.values())
     if kind == AUTO:
@@ -61,13 +61,13 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists between poses, which short shocks do not affect."""
+    """Return the mean twists between successive poses; short shocks do not affect means."""
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)
     turn = (np.diff(pose[:, 2]) + math.pi) % (2.0 * math.pi) - math.pi
     yaw = pose[:-1, 2] + 0.5 * turn
-    chord = np.sinc(0.5 * turn / math.pi)  # over its arc
+    chord = np.sinc(0.5 * turn / math.pi)  # chord length over arc length
     cos, sin = np.cos(yaw) / chord, np.sin(yaw) / chord
     way = np.column_stack(
         (cos * place[:, 0] + sin * place[:, 1], cos * place[:, 1] - sin * place[:, 0], turn)
@@ -76,7 +76,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
-    """Return the times at which wheels slip, beyond an acceleration [m/s^2, rad/s^2]."""
+    """Return the samples with an acceleration above `steady` [m/s^2, rad/s^2]: wheels may slip."""
     padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)

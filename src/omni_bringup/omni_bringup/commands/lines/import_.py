@@ -1,7 +1,8 @@
 """``./omni lines import``: import files of real cameras into a recording.
 
 Make a recording of the lines in files: a folder of pictures (PNG, TIFF), one picture with many rows
-or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` take it.
+or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` read this
+recording.
 """
 
 import dataclasses

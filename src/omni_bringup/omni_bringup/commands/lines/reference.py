@@ -1,8 +1,8 @@
 """``./omni lines reference``: compute tables of the fixed pattern of line cameras.
 
-Compute the tables with which the odometry corrects lines from the first one on, from dark lines
-(lens covered), from white lines (an even surface under the lamp), or from the lines of a recorded
-drive. `odometry.flat_field_tables` takes the folder.
+Compute the tables with which the odometry corrects every line, including the first. They come from
+dark lines (lens covered), from white lines (an even surface under the lamp), or from the lines of a
+recorded drive. Set `odometry.flat_field_tables` to the folder of the tables.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _pattern_of(
 
 
 def _quantities(references: References) -> dict[str, tuple[float, str]]:
-    """Return the figures of a camera's tables, as (value, unit)."""
+    """Return statistics of a camera's tables as (value, unit) by name."""
     dark, pattern = references.dark, references.pattern
     gain = 1.0 / references.gain
     still = 0.0 if pattern is None else pattern.deviation(len(dark))

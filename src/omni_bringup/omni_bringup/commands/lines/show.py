@@ -77,7 +77,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _quantities(kymograph: Kymograph) -> dict[str, tuple[float, str]]:
-    """Return the figures of a camera's lines, as (value, unit)."""
+    """Return statistics of a camera's lines as (value, unit) by name."""
     matched = np.isfinite(kymograph.displacement)
     velocity = [reading.velocity for reading in kymograph.readings if reading.measured]
     values = {}
