@@ -27,19 +27,8 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
-from omni_ros import parameters, process, shared_clock, startup
+from omni_ros import messages, parameters, process, shared_clock, startup
 from omni_ros.frames import FrameConfiguration, prefix_frames
-from omni_ros.messages import (
-    camera_info,
-    diagnostics,
-    joint_state,
-    leading_stamp,
-    line_image,
-    planar_twist,
-    planar_twist_with_covariance,
-    to_nanoseconds,
-    to_time,
-)
 from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, subscribe
 from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
@@ -165,21 +154,21 @@ class SimulatorNode(Node):
             mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
         self._description.publish(String(data=urdf("vehicle", vehicle.wheels, mounts, size)))
         for name, sensor in self.configuration.sensors.items():
-            info = camera_info(name, sensor.pixels, sensor.length, sensor.width)
+            info = messages.camera_info(name, sensor.pixels, sensor.length, sensor.width)
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
         """Publish one step, with the pedal last because it triggers the answers."""
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
-            image = line_image(batch.stamp_ns, self._prefix + name, batch.lines)
+            image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
             self._send(self._lines[name], image)
         clock = self._shared_clock.publisher() if self._shared_clock else None
         if clock is not None:
-            self._send(clock, Clock(clock=to_time(stamp_ns)))
+            self._send(clock, Clock(clock=messages.to_time(stamp_ns)))
         for name, flow in observation.flows.items():
             self._send(self._flows[name], flow_message(name, flow))
-        wheels = joint_state(
+        wheels = messages.joint_state(
             stamp_ns,
             self._wheels,
             position=observation.wheel_angle,
@@ -191,15 +180,17 @@ class SimulatorNode(Node):
             self._send(self._imu, imu_message(stamp_ns, observation.imu, self.configuration.imu))
         self._send(
             self._velocity,
-            planar_twist_with_covariance(
+            messages.planar_twist_with_covariance(
                 observation.velocity_sensor.stamp_ns,
                 observation.velocity_sensor.value,
                 observation.velocity_sensor.covariance,
             ),
         )
-        pedal = joint_state(stamp_ns, ("brake_pedal",), position=np.array([observation.pedal]))
+        pedal = messages.joint_state(
+            stamp_ns, ("brake_pedal",), position=np.array([observation.pedal])
+        )
         self._send(self._pedal, pedal)
-        self._send(self._command, planar_twist(stamp_ns, observation.command))
+        self._send(self._command, messages.planar_twist(stamp_ns, observation.command))
         self._send(self._truth, ground_truth(observation))
         if (stamp_ns // self.simulator.control_period_ns) % _MARKER_PERIOD == 0:
             self._joints.publish(wheels)
@@ -232,7 +223,7 @@ class SimulatorNode(Node):
         words = "; ".join(sentences[state][1] for state in sorted(exceeded))
         if exceeded:
             self.get_logger().warning(words)
-        status = diagnostics(
+        status = messages.diagnostics(
             stamp_ns,
             self.get_fully_qualified_name().removeprefix("/"),
             1 if exceeded else 0,
@@ -321,11 +312,11 @@ class SimulatorNode(Node):
             enable = self._all_on
         # NaN must not release a brake.
         self._enable = np.where(np.isfinite(enable), np.clip(enable, 0.0, 1.0), 1.0)
-        self._enable_stamp_ns = to_nanoseconds(message.header.stamp)
+        self._enable_stamp_ns = messages.to_nanoseconds(message.header.stamp)
         self._last_message["brake_assist"] = time.monotonic()
 
     def _on_twist(self, wire: bytes) -> None:
-        self._twist_stamp_ns = leading_stamp(wire) or 0
+        self._twist_stamp_ns = messages.leading_stamp(wire) or 0
         self._last_message["linescan_odometry"] = time.monotonic()
 
 

@@ -16,19 +16,11 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
+from omni_sim.camera import optics
 from omni_sim.camera.configuration import CameraConfiguration
 from omni_sim.camera.exposure import expose, noise_key
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture, padded_levels
-from omni_sim.camera.optics import (
-    blur_samples,
-    check_exposure,
-    instants,
-    pixel_faults,
-    seen,
-    shade,
-    transmission,
-)
 from omni_sim.texture.texture import GroundTexture
 
 __all__ = ["CameraConfiguration", "LineCamera", "LineCameraArray"]
@@ -68,9 +60,9 @@ class LineCamera:
             key: key of its noise, see `exposure.noise_key`.
         """
         self.sensor = sensor
-        self._seen = seen(sensor, configuration)
-        self._transmission = transmission(sensor, configuration, key)
-        self._faults = pixel_faults(sensor, configuration, key)
+        self._seen = optics.seen(sensor, configuration)
+        self._transmission = optics.transmission(sensor, configuration, key)
+        self._faults = optics.pixel_faults(sensor, configuration, key)
         self._texture = texture
         self._configuration = configuration
         self._key = key
@@ -128,11 +120,11 @@ class LineCamera:
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)
         motion[:, 0] -= velocities[:, 2] * (footprints[:, 1] - poses[:, 1])
         motion[:, 1] += velocities[:, 2] * (footprints[:, 0] - poses[:, 0])
-        samples = blur_samples(self._seen, exposure_time, footprints[:, 2], motion)
+        samples = optics.blur_samples(self._seen, exposure_time, footprints[:, 2], motion)
         grays = np.zeros((len(poses), self._seen.pixels), np.float32)
         for count in np.unique(samples):
             chosen = samples == count
-            for instant in instants(int(count), exposure_time):
+            for instant in optics.instants(int(count), exposure_time):
                 grays[chosen] += self._integrate(poses[chosen] + instant * velocities[chosen])
             grays[chosen] /= np.float32(count)
         return grays
@@ -183,7 +175,7 @@ class LineCamera:
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:
-            grays = shade(grays, self._seen, exposure, first_line)
+            grays = optics.shade(grays, self._seen, exposure, first_line)
         if self._faults is not None:
             grays = grays * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
         expose(
@@ -226,8 +218,8 @@ class LineCameraArray:
             ConfigurationError: a footprint is longer or wider than the period of the ground, or
                 narrower than 10 texels, or an exposure lasts longer than a line.
         """
-        check_exposure(sensors, configuration)
-        views = {name: seen(sensor, configuration) for name, sensor in sensors.items()}
+        optics.check_exposure(sensors, configuration)
+        views = {name: optics.seen(sensor, configuration) for name, sensor in sensors.items()}
         padded = padded_levels(views, texture, configuration.most_widening)
         self.cameras: dict[str, LineCamera] = {
             name: LineCamera(sensor, padded[name], configuration, noise_key(seed, name))

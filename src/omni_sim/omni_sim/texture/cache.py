@@ -18,14 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import to_mapping
+from omni_sim.texture import texture as ground
 from omni_sim.texture.picture import read_picture
-from omni_sim.texture.texture import (
-    GENERATION,
-    PICTURE,
-    GroundTexture,
-    TextureConfiguration,
-    generate_texture,
-)
 
 _CHECKSUM_BYTES = 4
 _FORMAT = (1, 0)  # version of numpy's file format
@@ -55,27 +49,27 @@ class TextureCache:
             folder = Path(os.environ.get("OMNI_CACHE_DIR") or tempfile.gettempdir())
         return cls(folder / "omni_sim" / "textures")
 
-    def texture(self, configuration: TextureConfiguration) -> GroundTexture:
+    def texture(self, configuration: ground.TextureConfiguration) -> ground.GroundTexture:
         """Return a texture, from the cache if possible; a picture is read from its own file.
 
         Raises:
             ConfigurationError: the picture cannot be used.
         """
-        if configuration.kind == PICTURE:
+        if configuration.kind == ground.PICTURE:
             return read_picture(configuration.picture, configuration.dpi)
         path = self.path(configuration)
         texels, size = configuration.extent
         gray = _read(path, texels)
         if gray is not None:
-            return GroundTexture(gray, size)
-        texture = generate_texture(configuration)
+            return ground.GroundTexture(gray, size)
+        texture = ground.generate_texture(configuration)
         with contextlib.suppress(OSError):
             _write(path, texture.gray)
         return texture
 
-    def path(self, configuration: TextureConfiguration) -> Path:
+    def path(self, configuration: ground.TextureConfiguration) -> Path:
         """Return the path of a texture's file."""
-        identity = json.dumps([GENERATION, to_mapping(configuration)], sort_keys=True)
+        identity = json.dumps([ground.GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
         return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.texture"
 

@@ -94,43 +94,15 @@ class VehicleConfiguration(Configuration):
     """Time constant with which wheel loads follow the acceleration; represents pitch and roll on
     the tires"""
 
-    @property
-    def grip(self) -> quantities.FloatArray:
-        """Factor on the friction under each wheel [1], shape (N,)."""
-        return np.array([self._condition(name).friction for name in self.wheels])
-
-    @property
-    def brake_share(self) -> quantities.FloatArray:
-        """Factor on the torque of each wheel's brake [1], shape (N,)."""
-        return np.array([self._condition(name).brake for name in self.wheels])
-
-    @property
-    def mounted(self) -> quantities.FloatArray:
-        """Mounting height of each wheel relative to the others [m], shape (N,)."""
-        return np.array([self._condition(name).mounted for name in self.wheels])
+    def by_wheel(self, field: str) -> quantities.FloatArray:
+        """Return a field of `WheelCondition` of each wheel, shape (N,)."""
+        conditions = (self.conditions.get(name, _SOUND) for name in self.wheels)
+        return np.array([getattr(condition, field) for condition in conditions])
 
     @property
     def chassis_size(self) -> quantities.FloatArray:
         """Length and width of the chassis [m], shape (2,)."""
         return np.array([self.chassis_length, self.chassis_width])
-
-    @property
-    def open_valves(self) -> quantities.FloatArray:
-        """Smallest share of the pressure that each valve passes [1], shape (N,)."""
-        return np.array([self._condition(name).open_valve for name in self.wheels])
-
-    @property
-    def stuck_brakes(self) -> quantities.FloatArray:
-        """Share of the largest torque that each brake always exerts [1], shape (N,)."""
-        return np.array([self._condition(name).stuck_brake for name in self.wheels])
-
-    @property
-    def brake_fault_onsets(self) -> quantities.FloatArray:
-        """Time from which the brake faults of each wheel apply [s], shape (N,)."""
-        return np.array([self._condition(name).onset for name in self.wheels])
-
-    def _condition(self, name: str) -> WheelCondition:
-        return self.conditions.get(name, _SOUND)
 
     @property
     def contacts_move(self) -> bool:
@@ -205,7 +177,10 @@ class VehicleConfiguration(Configuration):
 
     def _check_heights(self) -> None:
         """Refuse mounting heights of wheels without suspension."""
-        for place, has in (("conditions", self.mounted.any()), ("rollers.gap", self.rollers.gap)):
+        for place, has in (
+            ("conditions", self.by_wheel("mounted").any()),
+            ("rollers.gap", self.rollers.gap),
+        ):
             if has and self.suspension.stiffness == 0.0:
                 raise ConfigurationError(
                     place, "heights of wheels need springs: set suspension.stiffness [N/m]"

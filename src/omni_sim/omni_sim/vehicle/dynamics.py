@@ -21,25 +21,15 @@ from omni_platform.kernels import lean, lean_inline, linked
 from omni_platform.quantities import FloatArray, Pair, Triple
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
+from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.loads import GRAVITY, wheel_loads
-from omni_sim.vehicle.roller_dynamics import roller_energies, step_roller_wheel
-from omni_sim.vehicle.state import (
-    Control,
-    Energies,
-    Log,
-    Plant,
-    Record,
-    Rollers,
-    State,
-    Step,
-    Structured,
-)
+from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies, step_roller_wheel
+from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
 from omni_sim.wheel.brake_pressure import ask, press
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, limited, ramped_speed, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
-from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import Patch, TireConstants
 
 # Smallest load per mass in the computation of load transfer, if the ground falls away [m/s^2].
@@ -47,7 +37,9 @@ _LEAST_PRESSING = 0.1
 
 
 @lean_inline
-def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -> None:
+def move(
+    plant: layout.Plant, body: layout.Record, heading: Pair, pull: Triple, other: Pair
+) -> None:
     """Advance the motion of the body in the plane by one step.
 
         x_dot = v,    m v_dot = R(psi) f + f_other,    psi_dot = Omega,    J Omega_dot = M
@@ -81,7 +73,7 @@ def move(plant: Plant, body: Record, heading: Pair, pull: Triple, other: Pair) -
 
 @linked
 @lean
-def advance(state: State, control: Control, log: Log) -> None:
+def advance(state: layout.State, control: layout.Control, log: layout.Log) -> None:
     """Advance a vehicle in place.
 
     Args:
@@ -148,7 +140,7 @@ def advance(state: State, control: Control, log: Log) -> None:
 
 
 @lean
-def _log_step(state: State, log: Log, k: int) -> None:
+def _log_step(state: layout.State, log: layout.Log, k: int) -> None:
     """Record the wheels and energies after step k."""
     for i in range(state.wheels.shape[0]):
         log.wheels[k, i] = state.wheels[i]
@@ -158,7 +150,7 @@ def _log_step(state: State, log: Log, k: int) -> None:
 
 
 @lean_inline
-def _carry(state: State, body: Record, pressing: float, pull: Pair) -> bool:
+def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair) -> bool:
     """Distribute the weight over the wheels; return whether fewer than three carry it.
 
     Args:
@@ -188,7 +180,7 @@ def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float
 
 
 @lean
-def base_motion(body: Record, center: Pair, motion: FloatArray) -> None:
+def base_motion(body: layout.Record, center: Pair, motion: FloatArray) -> None:
     """Write pose and twist of `base_link` from the motion of the center of gravity, Eq. (23).
 
     Args:
@@ -211,7 +203,7 @@ def base_motion(body: Record, center: Pair, motion: FloatArray) -> None:
 
 
 @lean
-def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
+def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> None:
     """Write pose and velocity of base_link in the world frame, shape (6,)."""
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
     c_x, c_y = plant.center
@@ -229,7 +221,7 @@ def _write_pose(plant: Plant, body: Record, row: FloatArray) -> None:
 
 
 @lean_inline
-def energies(state: State) -> Energies:
+def energies(state: layout.State) -> Energies:
     """Return the energies of a vehicle."""
     plant, body = state.plant, state.body[0]
     spin, elastic = _wheel_energies(state, state.rollers)
@@ -246,7 +238,7 @@ def energies(state: State) -> Energies:
 
 
 @lean
-def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
+def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair:
     """Return the energy of the spin of all wheels and the energy of their deflection [J]."""
     squared_speed, squared_deflection = 0.0, 0.0
     for i in range(state.wheels.shape[0]):
@@ -260,7 +252,7 @@ def _wheel_energies(state: State, rollers: Rollers | None) -> Pair:
 
 
 @lean
-def standing(state: State, ahead: float) -> tuple[float, float, float, float, float, float]:
+def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
     """Return the vehicle's attitude on the ground after a time [s], see `uneven_ground.stand`."""
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
@@ -277,7 +269,7 @@ def standing(state: State, ahead: float) -> tuple[float, float, float, float, fl
 
 
 @lean
-def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
+def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pair, float]:
     """Rotate yaw and velocity into the path plane at the middle of the step.
 
     Returns:
@@ -303,7 +295,7 @@ def _follow_ground(state: State, body: Record) -> tuple[float, Pair, float]:
 
 
 @lean_inline
-def _resultant(state: State, rollers: Rollers | None) -> Triple:
+def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
     """Return the sums of the wheels' forces in the body frame [N] and of their moments [N m]."""
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
@@ -324,7 +316,7 @@ def _resultant(state: State, rollers: Rollers | None) -> Triple:
 
 
 @lean
-def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
+def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatArray) -> None:
     """Compute the passive losses of all wheels for a step; arguments as in `_step_wheels`."""
     plant, losses = state.plant, state.losses
     dt = plant.dt
@@ -355,30 +347,13 @@ def _resist(state: State, body: Record, step: Step, loads: FloatArray) -> None:
         wheel.gain = -dt * lever * force / plant.wheel_inertia
 
 
-@lean
-def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
-    """Move the contacts to the contact points of the rollers, Eqs. (9), (10).
-
-    Args:
-        plant: constants, with a roller pitch.
-        wheels: `state.WHEEL`, shape (N,).
-        contacts: `state.CONTACT`, written in place, shape (N,).
-    """
-    for i in range(wheels.shape[0]):
-        angle = wheels[i].angle + 0.5 * plant.dt * wheels[i].speed
-        nearest = nearest_roller(angle, plant.roller_pitch)
-        gamma = angle - plant.roller_pitch * nearest
-        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
-        contact = contacts[i]
-        contact.r_x, contact.r_y = plant.contact[i].r_x + x, plant.contact[i].r_y + y
-        contact.n_x, contact.n_y = n_x, n_y
-        contact.moment = contact.r_x * n_y - contact.r_y * n_x
-        contact.rim = rim
-
-
 @lean_inline
 def _step_wheels(
-    state: State, rollers: Rollers | None, step: Step, brake: FloatArray, loads: FloatArray
+    state: layout.State,
+    rollers: layout.Rollers | None,
+    step: Step,
+    brake: FloatArray,
+    loads: FloatArray,
 ) -> None:
     """Advance all wheels by one step.
 
@@ -424,7 +399,7 @@ def _step_wheels(
 
 
 @lean_inline
-def _step_wheel(state: State, step: Step, i: int, brake: float, drive: Drive) -> None:
+def _step_wheel(state: layout.State, step: Step, i: int, brake: float, drive: Drive) -> None:
     """Advance a wheel under its load by one step; see `wheel_step`."""
     plant, wheel, contact = state.plant, state.wheels[i], state.contacts[i]
     dt, ahead = plant.dt, step.ahead

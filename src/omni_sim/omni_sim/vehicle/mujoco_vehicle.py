@@ -156,24 +156,21 @@ class MujocoVehicle(Vehicle):
         """
         return self.kinematics.wheel_speeds(np.asarray(twist))
 
-    def _run(
-        self, n_steps: int, control: layout.Control, *, traced: bool, logged: bool
-    ) -> layout.Log:
-        if logged or control.force_x or control.force_y:
+    def _run(self, control: layout.Control, log: layout.Log) -> None:
+        if len(log.wheels) or control.force_x or control.force_y:
             raise VehicleInputError("wheel_model 'mujoco' has neither pushes nor logs of each step")
         plant, pressure, data = self.state.plant, self.state.pressure, self._data
-        log = layout.Log.of(n_steps, len(self._hinges), traced=traced, logged=False)
         ask(pressure, control.brake, control.enable)
         limits = self._set_friction()
         self._model.actuator_gainprm[:, 0] = control.drive_stiffness
         self._model.actuator_biasprm[:, 2] = -control.drive_stiffness
         start, twist = self.pose[2], control.twist
-        for k in range(n_steps + 1):
+        for k in range(log.steps + 1):
             pose, rates = self._base()
             self.state.body["yaw"] = pose[2]
-            if traced:
+            if len(log.trajectory):
                 log.trajectory[k] = *pose, *rates
-            if k == n_steps:
+            if k == log.steps:
                 break
             turned = pose[2] - start if control.in_world else 0.0
             ahead = *in_turned_frame(twist[0], twist[1], turned), twist[2]
@@ -188,9 +185,8 @@ class MujocoVehicle(Vehicle):
         self._write_back(limits)
         loads, counters = self.state.wheels["load"], self.state.counters[0]
         self._tipping = bool(np.count_nonzero(loads > 0.0) < 3)
-        counters["tipping_steps"] += n_steps * self._tipping
-        counters["overloaded_steps"] += n_steps * np.count_nonzero(loads > plant.largest_load)
-        return log
+        counters["tipping_steps"] += log.steps * self._tipping
+        counters["overloaded_steps"] += log.steps * np.count_nonzero(loads > plant.largest_load)
 
     def _set_friction(self) -> FloatArray:
         """Set the friction of each wheel's rollers; return its largest force [N], shape (N,)."""

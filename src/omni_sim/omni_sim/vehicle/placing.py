@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from omni_platform.quantities import FloatArray
-from omni_sim.vehicle import dynamics, suspension, uneven_ground
+from omni_sim.vehicle import dynamics, roller_dynamics, suspension, uneven_ground
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.state import ROLLER, State
@@ -71,7 +71,7 @@ def along_active(state: State, twist: FloatArray) -> FloatArray:
 def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
     """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
     state.wheels["speed"] = 0.0
-    dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
+    roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
     hub = along_active(state, np.array([*velocity, yaw_rate]))
     speed: FloatArray = hub / (rolling_radius(state) * state.contacts["rim"])
     return speed

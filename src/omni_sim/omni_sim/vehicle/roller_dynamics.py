@@ -47,6 +47,27 @@ class _Touch(NamedTuple):
 
 
 @lean
+def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
+    """Move the contacts to the contact points of the rollers, Eqs. (9), (10).
+
+    Args:
+        plant: constants, with a roller pitch.
+        wheels: `state.WHEEL`, shape (N,).
+        contacts: `state.CONTACT`, written in place, shape (N,).
+    """
+    for i in range(wheels.shape[0]):
+        angle = wheels[i].angle + 0.5 * plant.dt * wheels[i].speed
+        nearest = nearest_roller(angle, plant.roller_pitch)
+        gamma = angle - plant.roller_pitch * nearest
+        n_x, n_y, x, y, rim, _, _ = roller_contact(gamma, plant.rollers[i])
+        contact = contacts[i]
+        contact.r_x, contact.r_y = plant.contact[i].r_x + x, plant.contact[i].r_y + y
+        contact.n_x, contact.n_y = n_x, n_y
+        contact.moment = contact.r_x * n_y - contact.r_y * n_x
+        contact.rim = rim
+
+
+@lean
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:

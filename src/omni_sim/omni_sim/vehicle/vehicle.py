@@ -1,6 +1,7 @@
 """The simulated vehicle: masses, wheels, tires, brakes and ground."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +20,6 @@ from omni_sim.wheel.brake_pressure import build_brake_pressure
 
 DEFAULT_PHYSICS_STEP = 0.0005
 """Physics step [s]."""
-
-_COARSEST = 0.5  # largest phase of the fastest motion on the springs in a step [rad]
 
 
 class VehicleInputError(ValueError):
@@ -84,7 +83,7 @@ class Vehicle:
         self._rest = np.zeros(3)
         if self.state.suspension.stiffness > 0.0:
             self._rest = self._settled()
-        self.brake_fault_onsets = configuration.brake_fault_onsets
+        self.brake_fault_onsets = configuration.by_wheel("onset")
         self.apply_brake_faults(0.0)
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
@@ -123,15 +122,18 @@ class Vehicle:
             loads=np.empty(n),
         )
 
-    def _settled(self) -> quantities.FloatArray:
-        """Return heave, pitch and roll at rest with equal mounting heights, shape (3,)."""
+    def _settled(self, largest: float = 0.5) -> quantities.FloatArray:
+        """Return heave, pitch and roll at rest with equal mounting heights, shape (3,).
+
+        The fastest motion on the springs turns by at most an angle [rad] in a step.
+        """
         plant, suspension = self.state.plant, self.state.suspension
         fastest = fastest_motion(plant, suspension)
-        if fastest * self.physics_step > _COARSEST:
+        if fastest * self.physics_step > largest:
             raise VehicleInputError(
                 f"springs of {suspension.stiffness:g} N/m oscillate at {fastest:.3g} rad/s; "
                 f"softer ones or a physics step below "
-                f"{_COARSEST / fastest:.2g} s are needed"
+                f"{largest / fastest:.2g} s are needed"
             )
         n = len(self.state.wheels)
         level_springs = suspension._replace(mounted=np.zeros(n))
@@ -141,9 +143,9 @@ class Vehicle:
     def apply_brake_faults(self, time: float) -> None:
         """Set the brake faults whose onset is before a time [s]."""
         faults, begun = self.configuration, self.brake_fault_onsets <= time
-        self.state.plant.brake_share[:] = np.where(begun, faults.brake_share, 1.0)
-        self.state.pressure.open[:] = np.where(begun, faults.open_valves, 0.0)
-        stuck = faults.brake.max_torque * faults.stuck_brakes
+        self.state.plant.brake_share[:] = np.where(begun, faults.by_wheel("brake"), 1.0)
+        self.state.pressure.open[:] = np.where(begun, faults.by_wheel("open_valve"), 0.0)
+        stuck = faults.brake.max_torque * faults.by_wheel("stuck_brake")
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
@@ -166,6 +168,7 @@ class Vehicle:
         *,
         hold_world_direction: bool = False,
         traced: bool = True,
+        log: layout.Log | None = None,
     ) -> quantities.FloatArray:
         """Advance by ``n_steps`` physics steps under constant inputs.
 
@@ -178,26 +181,30 @@ class Vehicle:
             hold_world_direction: whether the commanded velocity keeps its direction in the world
                 while the body turns during the call.
             traced: whether the steps are returned, which takes time.
+            log: receives every step, in place of a log with the trajectory alone.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
             at the start and after each step, shape (n_steps + 1, 6); shape (0, 6) if not traced.
         """
-        control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        return self._run(n_steps, control, traced=traced, logged=False).trajectory
+        control = self._control(pedal, enable, command_twist, hold_world_direction)
+        if n_steps < 0:
+            raise VehicleInputError(f"{n_steps} steps: the number must not be negative")
+        wheels = len(self.state.wheels)
+        log = log or layout.Log.of(n_steps, wheels, traced=traced, logged=False)
+        self._run(control, log)
+        return log.trajectory
 
-    def advance_logged(
-        self,
-        n_steps: int,
-        pedal: float,
-        enable: ArrayLike,
-        command_twist: ArrayLike,
-        *,
-        hold_world_direction: bool = False,
-    ) -> layout.Log:
-        """Advance like `advance` and record every step."""
-        control = self._control(n_steps, pedal, enable, command_twist, hold_world_direction)
-        return self._run(n_steps, control, traced=True, logged=True)
+    def _run(self, control: layout.Control, log: layout.Log) -> None:
+        before = self.tipping_steps
+        dynamics.advance(self.state, control, log)
+        self._tipping = self.tipping_steps > before
+
+    def advance_logged(self, n_steps: int, *inputs: Any, **options: Any) -> layout.Log:
+        """Record every step; arguments as of `advance`."""
+        log = layout.Log.of(n_steps, len(self.state.wheels), traced=True, logged=True)
+        self.advance(n_steps, *inputs, log=log, **options)
+        return log
 
     def push(self, force: ArrayLike) -> None:
         """Apply a constant force at the center of gravity from the next step on.
@@ -219,15 +226,8 @@ class Vehicle:
         return np.asarray(np.asarray(twist) @ self.state.plant.rolling.T, dtype=np.float64)
 
     def _control(
-        self,
-        n_steps: int,
-        pedal: float,
-        enable: ArrayLike,
-        command_twist: ArrayLike,
-        hold_world: bool,
+        self, pedal: float, enable: ArrayLike, command_twist: ArrayLike, hold_world: bool
     ) -> layout.Control:
-        if n_steps < 0:
-            raise VehicleInputError(f"{n_steps} steps: the number must not be negative")
         shares = _finite("enable", enable, (len(self.state.wheels),))
         if not 0.0 <= pedal <= 1.0:
             raise VehicleInputError(f"pedal {pedal!r} must be in 0..1")
@@ -245,15 +245,6 @@ class Vehicle:
             force_x=float(self._force[0]),
             force_y=float(self._force[1]),
         )
-
-    def _run(
-        self, n_steps: int, control: layout.Control, *, traced: bool, logged: bool
-    ) -> layout.Log:
-        log = layout.Log.of(n_steps, len(self.state.wheels), traced=traced, logged=logged)
-        before = self.tipping_steps
-        dynamics.advance(self.state, control, log)
-        self._tipping = self.tipping_steps > before
-        return log
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
@@ -286,12 +277,6 @@ class Vehicle:
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
-
-    @property
-    def velocity_of_gravity_center(self) -> quantities.FloatArray:
-        """Velocity of the center of gravity along the ground, in the world frame [m/s], (2,)."""
-        body = self.state.body[0]
-        return np.array([body["v_x"], body["v_y"]])
 
     @property
     def attitude(self) -> quantities.FloatArray:
@@ -391,15 +376,6 @@ class Vehicle:
         if self.state.rollers is None:
             raise VehicleInputError("the wheel model 'single' has no individual rollers")
         return self.state.rollers.state.copy()
-
-    @property
-    def roller_speed(self) -> quantities.FloatArray:
-        """Surface speeds of the rollers ``u_w . v_i - omega r_D (u_w . u_i)`` [m/s], (N,)."""
-        geometry = self.kinematics.geometry
-        rim = np.sum(geometry.passive * geometry.rolling, axis=1)
-        hub = np.sum(geometry.passive * self.kinematics.wheel_velocities(self.twist), axis=1)
-        speed = self.state.wheels["speed"] * rolling_radius(self.state)
-        return np.asarray(hub - speed * rim, dtype=np.float64)
 
     @property
     def wheel_force_body(self) -> quantities.FloatArray:

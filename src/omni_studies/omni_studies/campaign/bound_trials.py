@@ -14,14 +14,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.loads import MassProperties
 from omni_studies.campaign.random_braking import RandomBraking, draw
-from omni_tools.limit.bounds import (
-    KEPT,
-    Maneuver,
-    any_heading_bound,
-    any_heading_sketch,
-    straight_bound,
-    straight_sketch,
-)
+from omni_tools.limit import bounds as limit
 
 LAWS: dict[str, tuple[str, ...]] = {
     "unassisted": (),
@@ -104,26 +97,26 @@ class BoundTrials:
 
 
 def _any(
-    experiment: ExperimentConfiguration, maneuver: Maneuver, shortest: float
+    experiment: ExperimentConfiguration, maneuver: limit.Maneuver, shortest: float
 ) -> tuple[float, float]:
     question = experiment.vehicle, experiment.ground, maneuver
-    sketch = any_heading_sketch(*question)
+    sketch = limit.any_heading_sketch(*question)
     if shortest >= sketch:
         return sketch, math.nan
-    bound = any_heading_bound(*question)
+    bound = limit.any_heading_bound(*question)
     return bound.distance, bound.tolerance
 
 
 def _straight(
-    experiment: ExperimentConfiguration, maneuver: Maneuver, distances: FloatArray
+    experiment: ExperimentConfiguration, maneuver: limit.Maneuver, distances: FloatArray
 ) -> tuple[float, float]:
     if np.all(np.isnan(distances)) or maneuver.twist[2] != 0.0:
         return math.nan, math.nan
     question = experiment.vehicle, experiment.ground, maneuver
-    sketch = straight_sketch(*question)
+    sketch = limit.straight_sketch(*question)
     if np.nanmin(distances) >= sketch:
         return sketch, math.nan
-    bound = straight_bound(*question)
+    bound = limit.straight_bound(*question)
     return bound.distance, bound.tolerance
 
 
@@ -133,13 +126,13 @@ def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
     return run.pose[run.brake_start - int(ramp) :]
 
 
-def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> Maneuver:
+def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
     """Return the motion at the start of braking; a residual yaw rate of the drive is set to 0."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
         twist[2] = 0.0
-    return Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
+    return limit.Maneuver(pose[0], twist, scripted.pedal, scripted.pedal_ramp_time)
 
 
 def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
@@ -152,7 +145,7 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
     return float(np.sum(np.hypot(*moved.T)))
 
 
-def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver) -> float:
+def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Maneuver) -> float:
     """Return the stopping distance of a run that keeps heading and line throughout, else NaN [m].
 
     A vehicle may leave its line to avoid low friction and return.
@@ -164,5 +157,7 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: Maneuver)
     along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y]) / math.hypot(v_x, v_y)
     aside = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
     turned = float(np.max(np.abs(pose[:, 2] - pose[0, 2])))
-    kept = turned <= KEPT and float(np.max(aside)) <= math.tan(KEPT) * float(along @ path[-1])
+    kept = turned <= limit.KEPT and float(np.max(aside)) <= math.tan(limit.KEPT) * float(
+        along @ path[-1]
+    )
     return math.hypot(*path[-1]) if kept else math.nan

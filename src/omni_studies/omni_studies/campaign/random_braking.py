@@ -8,8 +8,6 @@ that the experiment file of a run reproduces it exactly.
 
 import copy
 import dataclasses
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -18,11 +16,12 @@ import numpy as np
 import yaml
 
 from omni_loop import experiment
-from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_platform.configuration import ConfigurationError
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
+from omni_tools.campaign.runner import digest
 
 # By file of config/vehicles: largest load [kg] and speed [m/s], and how far the load may be from
 # the center, forward and to the side [m].
@@ -73,9 +72,7 @@ class RandomBraking:
     @property
     def fingerprint(self) -> str:
         """Digest of the vehicles and of the draws."""
-        bases = [to_mapping(base) for base in self._bases.values()]
-        samples = [draw(seed) for seed in range(20)]
-        return hashlib.sha256(json.dumps([bases, samples]).encode()).hexdigest()[:16]
+        return digest(self._bases, [draw(seed) for seed in range(20)])
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
         """Return the drawn run without and with the assistant, by variant."""

@@ -11,8 +11,6 @@ assisted braking without a fault; brake faults with unassisted braking with the 
 """
 
 import dataclasses
-import hashlib
-import json
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -20,9 +18,9 @@ import numpy as np
 
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_platform.configuration import to_mapping
 from omni_sim.faults import KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
+from omni_tools.campaign.runner import digest
 
 CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "straight_line": ("straight_line", "assisted", ()),
@@ -186,10 +184,8 @@ class FaultyStops:
     @property
     def fingerprint(self) -> str:
         """Digest of everything that the stops depend on besides their seeds."""
-        bases = [to_mapping(base) for base in self._bases.values()]
-        drawn = [EXTENTS, self._searched, self._steps, KINDS, _SIZES, _SHARES, _BRAKES]
-        text = json.dumps([bases, drawn, [_CHANNELS[imu] for imu in (True, False)]])
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
+        return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
         """Draw and run a seed."""

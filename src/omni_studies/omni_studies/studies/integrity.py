@@ -12,9 +12,9 @@ A run of the campaign is one drive: it is rendered once, and every fault is appl
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import inspect
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -22,39 +22,29 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
-from omni_figures.data_table import write_table
-from omni_figures.style import draw_title, save_figure
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_studies.claims import limited
-from omni_studies.line_trials import integrity_trials
-from omni_studies.line_trials.integrity_trials import (
-    FAULTS,
-    MOTIONS,
-    OF_TIME,
-    SENSORS,
-    Ground,
-    Tally,
-    drive_over,
-)
+from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions, run_campaign
+from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.line_trials.errors import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
 GROUNDS = {
-    "asphalt": Ground("asphalt"),
-    "worn_asphalt": Ground("worn_asphalt"),
-    "concrete": Ground("concrete"),
-    "wet_concrete": Ground("wet_concrete"),
-    "gravel": Ground("gravel"),
-    "grass": Ground("grass"),
-    "sand": Ground("sand"),
-    "bark": Ground("bark"),
-    "brick": Ground("brick"),
-    "cobble": Ground("cobble"),
-    "planks": Ground("planks"),
-    **{f"wood_{angle}": Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
+    "asphalt": trials.Ground("asphalt"),
+    "worn_asphalt": trials.Ground("worn_asphalt"),
+    "concrete": trials.Ground("concrete"),
+    "wet_concrete": trials.Ground("wet_concrete"),
+    "gravel": trials.Ground("gravel"),
+    "grass": trials.Ground("grass"),
+    "sand": trials.Ground("sand"),
+    "bark": trials.Ground("bark"),
+    "brick": trials.Ground("brick"),
+    "cobble": trials.Ground("cobble"),
+    "planks": trials.Ground("planks"),
+    **{f"wood_{angle}": trials.Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
 _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
@@ -66,12 +56,13 @@ class Options(CampaignOptions):
     grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
     faults: str = parameter(
         "",
-        description=f"some of {', '.join(FAULTS)}; empty for all, over wood only none, and those "
-        "of time, which no ground changes, over a few grounds",
+        description=f"some of {', '.join(trials.FAULTS)}; empty for all, over wood only none, and "
+        "those of time, which no ground changes, over a few grounds",
     )
     batches: int = parameter(
         16,
-        description=f"of each of {len(SENSORS)} cameras in each of {len(MOTIONS)} motions",
+        description=f"of each of {len(trials.SENSORS)} cameras in each of {len(trials.MOTIONS)} "
+        "motions",
         minimum=2,
         maximum=10_000,
     )
@@ -116,7 +107,7 @@ class Counts(NamedTuple):
     energy: float = 0.0
 
     @classmethod
-    def of(cls, tally: Tally) -> Counts:
+    def of(cls, tally: trials.Tally) -> Counts:
         """Count the batches of a drive."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
@@ -136,22 +127,12 @@ class Counts(NamedTuple):
     @classmethod
     def read(cls, words: Sequence[str]) -> Counts:
         """Read the text of `__str__`."""
-        batches, undetected, measured, squares, covered, energy = words
-        return cls(
-            int(batches), int(undetected), int(measured), float(squares), int(covered),
-            float(energy),
-        )  # fmt: skip
+        kinds = (type(value) for value in cls())
+        return cls._make(kind(word) for kind, word in zip(kinds, words, strict=True))
 
     def plus(self, other: Counts) -> Counts:
         """Return the sum of both counts."""
-        return Counts(
-            self.batches + other.batches,
-            self.undetected + other.undetected,
-            self.measured + other.measured,
-            self.squares + other.squares,
-            self.covered + other.covered,
-            self.energy + other.energy,
-        )
+        return Counts._make(map(operator.add, self, other))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,11 +148,11 @@ class _Drives:
 
     def __call__(self, number: int) -> Drive:
         """Run one drive."""
-        index, motion = divmod(number, len(MOTIONS))
+        index, motion = divmod(number, len(trials.MOTIONS))
         name = self.grounds[index]
-        chosen = {fault: FAULTS[fault] for fault in self.faults_over(name)}
+        chosen = {fault: trials.FAULTS[fault] for fault in self.faults_over(name)}
         drives = range(motion, motion + 1)
-        tallies = drive_over(
+        tallies = trials.drive_over(
             GROUNDS[name], chosen, drives, self.batches, self.seed, method=self.method
         )
         counts = ";".join(f"{fault} {Counts.of(tally)!s}" for fault, tally in tallies.items())
@@ -183,47 +164,33 @@ class _Drives:
             return self.faults
         if ground in _ORIENTED:
             return ("none",)
-        return tuple(f for f in self.faults if f not in OF_TIME or ground in _OF_TIME_OVER)
+        return tuple(f for f in self.faults if f not in trials.OF_TIME or ground in _OF_TIME_OVER)
 
     @property
     def fingerprint(self) -> str:
         """Digest of everything that the drives depend on."""
-        described = f"{self!r}{inspect.getsource(integrity_trials)}{GROUNDS!r}"
-        return hashlib.sha256(described.encode()).hexdigest()[:16]
+        return digest(repr(self), inspect.getsource(trials), repr(GROUNDS))
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive over every ground with every fault; write figure, data and metrics."""
     grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
-    faults = _chosen("--faults", options.faults, tuple(FAULTS))
+    faults = _chosen("--faults", options.faults, tuple(trials.FAULTS))
     work = _Drives(
         grounds, faults, bool(options.faults), options.batches, options.seed, options.method
     )
-    drives = run_campaign(
-        work,
-        range(len(grounds) * len(MOTIONS)),
-        Drive,
-        options,
-        study.folder / "drives.csv",
-        work.fingerprint,
-        study.report,
-    )
+    numbers = range(len(grounds) * len(trials.MOTIONS))
+    drives = study.campaign(work, numbers, Drive, options, work.fingerprint, "drives.csv")
     tallies = _added_up(drives)
     cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
-    files = (
-        study.folder / "drives.csv",
-        save_figure(_draw(grounds, faults, tallies), study.folder / "integrity.png"),
-        write_table(
-            study.folder / "integrity.csv",
-            (
-                "ground", "fault", "batches", "undetected_per_mille", "available_percent",
-                "normalized_error", "coverage_percent", "rmse_mm_per_s",
-            ),
-            ((*cell, *_numbers(tallies[cell])) for cell in cells),
-        ),
+    study.figure("integrity.png", _draw(grounds, faults, tallies))
+    header = (
+        "ground", "fault", "batches", "undetected_per_mille", "available_percent",
+        "normalized_error", "coverage_percent", "rmse_mm_per_s",
     )  # fmt: skip
+    study.table("integrity.csv", header, ((*cell, *_numbers(tallies[cell])) for cell in cells))
     metrics = limited("integrity", _metrics(cells, tallies))
-    return StudyResult(metrics, files, _findings(cells, metrics))
+    return study.result(metrics, *_findings(cells, metrics))
 
 
 def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
@@ -298,9 +265,9 @@ def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tu
 def _draw(
     grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Counts]
 ) -> Figure:
-    figure = Figure(figsize=(13.0, 0.36 * len(grounds) + 2.6), layout="constrained")
-    draw_title(figure, "Undetected errors in 1000 batches (left); measured batches in % (right)")
-    panels = figure.subplots(1, 2, sharey=True)
+    title = "Undetected errors in 1000 batches (left); measured batches in % (right)"
+    size = (13.0, 0.36 * len(grounds) + 2.6)
+    figure, (panels,) = style.panels(title, 1, 2, size=size, sharey=True)
     for axes, number, highest, colors in zip(
         panels, (1, 2), (30.0, 100.0), ("OrRd", "YlGn"), strict=True
     ):

@@ -3,8 +3,6 @@
 Feedback is ideal unless the case states otherwise. A case is ``<experiment>_<law>_<brakes>``.
 """
 
-import hashlib
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -17,10 +15,10 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
 from omni_platform.brakes import typical_changes
-from omni_platform.configuration import ConfigurationError, parameter, to_mapping
+from omni_platform.configuration import ConfigurationError, parameter
 from omni_studies.campaign import law_trials
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions
+from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 from omni_tools.limit.front import IDEAL
 
@@ -209,8 +207,7 @@ class LawStops:
     def fingerprint(self) -> str:
         """Digest of the cases and of their experiments."""
         used = sorted({(case.experiment, case.variant) for _, case in self._cases})
-        bases = [to_mapping(self._library.load(*names)) for names in used]
-        return hashlib.sha256(json.dumps([self._cases, bases]).encode()).hexdigest()[:16]
+        return digest(self._cases, [self._library.load(*names) for names in used])
 
     def __call__(self, number: int) -> LawStop:
         """Run a case."""
@@ -255,8 +252,8 @@ def _run_random(options: Options, study: StudyRun) -> StudyResult:
         laws = dict(zip(labels if len(set(labels)) == len(given) else given, given, strict=True))
     work = law_trials.LawTrials(study.experiments, tuple(laws.values()), options.seed)
     numbers = range((1 + options.ablate) * options.random * len(work.cases))
-    row, digest = law_trials.LawTrial, work.fingerprint
-    trials = study.campaign(work, numbers, row, options, digest, "trials.csv")
+    row = law_trials.LawTrial
+    trials = study.campaign(work, numbers, row, options, work.fingerprint, "trials.csv")
     if len(trials) < len(numbers):
         return study.result({}, f"{len(trials)} of {len(numbers)} stops were run.")
     if not options.ablate:

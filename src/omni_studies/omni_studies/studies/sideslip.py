@@ -15,14 +15,8 @@ from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
+from omni_studies.line_trials import options as line_options
 from omni_studies.line_trials import sideslip_figures, sideslip_trials
-from omni_studies.line_trials.options import (
-    TextureOptions,
-    grounds_of,
-    grounds_option,
-    noise_option,
-    runs_option,
-)
 from omni_studies.study import StudyResult, StudyRun
 
 _SENSORS = ("generic", "s3901")
@@ -32,21 +26,21 @@ _ANGLES = np.radians(np.arange(-15.0, 15.1, 2.5))
 Case = tuple[str, str]  # ground, sensor
 
 
-class Options(TextureOptions):
+class Options(line_options.TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 
-    ground: tuple[str, ...] = grounds_option("cork", "asphalt")
-    runs: int = runs_option(2, "of 40 ms for every angle")
+    ground: tuple[str, ...] = line_options.grounds_option("cork", "asphalt")
+    runs: int = line_options.runs_option(2, "of 40 ms for every angle")
     sensors: tuple[str, ...] = parameter(_SENSORS)
     """a file of config/sensors/ whose first camera is used"""
-    noise: float = noise_option()
+    noise: float = line_options.noise_option()
     slipping: float = parameter(0.99, above=0.0, maximum=2.0)
     """wheel speed over forward velocity of the wheel that slips"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
-    grounds = grounds_of(options, study.experiments)
+    grounds = line_options.grounds_of(options, study.experiments)
     cameras = {name: _camera(study.experiments, name) for name in options.sensors}
     trials: dict[Case, list[sideslip_trials.Angles]] = {}
     for ground, texture in grounds.items():
@@ -106,7 +100,7 @@ def _metrics(
                 f"rms_error_slipping.{case}": Metric(
                     math.degrees(angles.rms_error_with(slipping)),
                     "deg",
-                    note=f"wheel slip of {1.0 - slipping:.0%}",
+                    note=f"wheel slip of {100.0 * (1.0 - slipping):g} %",
                 ),
                 f"measured_share.{case}": Metric(angles.measured_share, "1"),
             }

@@ -8,8 +8,6 @@ settings.
 """
 
 import dataclasses
-import hashlib
-import json
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -18,8 +16,8 @@ import numpy as np
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration
-from omni_platform.configuration import to_mapping
 from omni_platform.quantities import FloatArray
+from omni_tools.campaign.runner import digest
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,9 +206,8 @@ class Trials:
     @property
     def fingerprint(self) -> str:
         """Digest of settings, lags and situations."""
-        pairs = [[dataclasses.asdict(one) for one in pair] for pair in self.pairs]
-        tried = [[to_mapping(base) for base in self.bases], pairs]
-        return hashlib.sha256(json.dumps(tried).encode()).hexdigest()[:16]
+        pairs = [[dataclasses.astuple(one) for one in pair] for pair in self.pairs]
+        return digest(self.bases, pairs)
 
     def run(self, number: int) -> Numbers:
         """Do one of the runs."""

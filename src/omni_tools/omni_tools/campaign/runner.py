@@ -25,6 +25,8 @@ from __future__ import annotations
 
 import csv
 import functools
+import hashlib
+import json
 import math
 import os
 import re
@@ -34,8 +36,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, TextIO, TypeVar, get_type_hints
 
+from omni_platform import configuration
 from omni_platform.command_options import option
-from omni_platform.configuration import Configuration, ConfigurationError, WorkError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError, parameter, to_mapping
 from omni_tools.campaign.cost import timed
 from omni_tools.campaign.processes import WorkerDiedError, share
 
@@ -45,16 +48,13 @@ CHUNK_TIME = 1.0
 _ALONE = 2.0  # total time of runs from which the rest is estimated [s]
 _FIRST_RUNS = 3  # runs from which the rest is estimated at least
 _WORTH = 1.0  # [s] of work below which no other process is started
-_FIRST_CHUNK = 2  # runs of a chunk while nothing is known of their cost
-_LARGEST_CHUNK = 1000
 _IN_FLIGHT = 3  # chunks per worker of a cluster, so that none waits for the next one
-_CONNECT_TIME = 10.0  # [s]
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 Work = Callable[[int], Row]
 
 
-class CampaignError(WorkError):
+class CampaignError(configuration.WorkError):
     """The campaign cannot go on."""
 
 
@@ -102,6 +102,12 @@ class CampaignOptions(Configuration):
                 f"{self.seeds} holds none of the seeds {seeds.start}:{seeds.stop} of the campaign",
             )
         return chosen
+
+
+def digest(*parts: Any) -> str:
+    """Return a fingerprint of configurations and other JSON values on which runs depend."""
+    text = json.dumps(parts, default=to_mapping)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def run_campaign(
@@ -193,7 +199,7 @@ class _Chunks:
     def __init__(self, seeds: Sequence[int], lanes: int) -> None:
         self._left = list(reversed(seeds))
         self._lanes = lanes
-        self._size = _FIRST_CHUNK
+        self._size = 2  # while nothing is known of the cost of a run
 
     def next(self) -> list[int]:
         """Return the next chunk, empty at the end."""
@@ -209,17 +215,18 @@ class _Chunks:
             take(rows)
             fair = math.ceil(len(self._left) / (_IN_FLIGHT * self._lanes))
             apt = round(CHUNK_TIME / max(duration / len(rows), 1e-6))
-            self._size = max(1, min(apt, fair, 4 * self._size, _LARGEST_CHUNK))
+            self._size = max(1, min(apt, fair, 4 * self._size, 1000))
 
         return learn
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[Any]:
+def connected(scheduler: str, patience: float = 10.0) -> Iterator[Any]:
     """Connect to a cluster.
 
     Args:
         scheduler: its address.
+        patience: how long to wait for an answer [s].
 
     Yields:
         Its `distributed.Client`.
@@ -230,7 +237,7 @@ def connected(scheduler: str) -> Iterator[Any]:
     from distributed import Client  # takes a second to import
 
     try:
-        client = Client(scheduler, timeout=_CONNECT_TIME)
+        client = Client(scheduler, timeout=patience)
     except (OSError, ValueError) as error:
         raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
     with client:

@@ -5,7 +5,7 @@ torques constant over an interval are the unknowns of one nonlinear program that
 Wheel spin, slip and load transfer are modeled as in the simulator, except that functions are
 smooth: the tire's curve is a sine of an arctangent with the same slope, peak and sliding force,
 slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, and loads and tires have no lag. The stop ends at
-`END_SPEED`; the remaining distance is that of the mean deceleration up to there.
+`Transcription.end_speed`; the remaining distance is that of the mean deceleration up to there.
 
 A local optimum is no proof that no shorter stop exists. `bounds` computes a certified lower bound;
 the true minimum is between the two.
@@ -28,15 +28,6 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.limit import bounds, forces
 
-INTERVALS = 50
-END_SPEED = 0.3
-"""Speed at which a stop ends [m/s]."""
-
-_SMOOTH_SPEED = 0.3  # of the denominator of the slip [m/s]
-_RISE_TIME = 0.02  # of a brake from zero to full torque [s]
-_RELEASED = 0.1  # rim speed below which the brake torque may have either sign [m/s]
-_LEAST_LOAD = 20.0  # [N]
-_CALM = 1e-5  # weight of torque changes, which makes the solution unique
 _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 # Radau IIA, two stages.
 _STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
@@ -93,6 +84,31 @@ def load_casadi() -> Any:
         ) from error
 
 
+class Transcription(NamedTuple):
+    """The nonlinear program of a stop.
+
+    Attributes:
+        intervals: number of intervals.
+        end_speed: speed at which a stop ends [m/s].
+        smooth_speed: smallest denominator of the slip [m/s].
+        rise_time: time of a brake from zero to full torque [s].
+        released: rim speed below which the brake torque may have either sign [m/s].
+        least_load: smallest load of a wheel [N].
+        calm: weight of torque changes, which makes the solution unique.
+    """
+
+    intervals: int = 50
+    end_speed: float = 0.3
+    smooth_speed: float = 0.3
+    rise_time: float = 0.02
+    released: float = 0.1
+    least_load: float = 20.0
+    calm: float = 1e-5
+
+
+_USUAL = Transcription()
+
+
 class OptimalStop:
     """Plans stops of a vehicle on even ground.
 
@@ -100,7 +116,7 @@ class OptimalStop:
         vehicle: what brakes.
         friction: factor of the ground [1].
         maneuver: motion at the start of braking, with the full pedal.
-        intervals: intervals of the transcription.
+        program: how the stop is transcribed.
     """
 
     def __init__(
@@ -108,16 +124,16 @@ class OptimalStop:
         vehicle: VehicleConfiguration,
         friction: float,
         maneuver: bounds.Maneuver,
-        intervals: int = INTERVALS,
+        program: Transcription = _USUAL,
     ) -> None:
         self._casadi = load_casadi()
-        self._intervals = intervals
+        self._program, self._intervals = program, program.intervals
         self._vehicle = vehicle
         self._geometry = PlatformKinematics(vehicle.wheels).geometry
         self._masses = MassProperties.of(vehicle.body, vehicle.load)
         limit = forces.LimitVehicle(vehicle)
         self._friction = friction * limit.grip
-        self._torque = vehicle.brake_share * vehicle.brake.max_torque * maneuver.pedal
+        self._torque = vehicle.by_wheel("brake") * vehicle.brake.max_torque * maneuver.pedal
         self._tire = self._fit()
         self._start = self._start_of(maneuver)
         self._known: FloatArray | None = None
@@ -163,7 +179,7 @@ class OptimalStop:
         ends = np.linspace(0.0, 1.0, self._intervals + 1)
         points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
         time = 1e-9 * (guess.stamp_ns[first:] - guess.stamp_ns[first])
-        stopped = np.hypot(*guess.twist[first:, :2].T) < END_SPEED
+        stopped = np.hypot(*guess.twist[first:, :2].T) < self._program.end_speed
         duration = float(time[max(int(np.argmax(stopped)), 2)])
 
         def at(share: FloatArray, values: FloatArray) -> FloatArray:
@@ -224,7 +240,7 @@ class OptimalStop:
         u, v, rate, spin = x[3], x[4], x[5], x[6:]
         hub = active[:, 0] * u + active[:, 1] * v + swing * rate
         rim = self._geometry.radius * spin
-        slip = (hub - self._lever * spin) / ca.sqrt(rim**2 + _SMOOTH_SPEED**2)
+        slip = (hub - self._lever * spin) / ca.sqrt(rim**2 + self._program.smooth_speed**2)
         peak, peak_slip, (stiff, shape, bend) = self._tire
         strong = self._friction * (peak[0] * load**2 + peak[1] * load)
         b = stiff * slip / (self._friction * (peak_slip[0] * load + peak_slip[1]))
@@ -266,24 +282,24 @@ class OptimalStop:
             opti.subject_to(ca.vec(ca.diag(1.0 / self._scale) @ (points - before - step)) == 0)
         for _, missing in rates:
             opti.subject_to(ca.vec(missing / 1e3) == 0)
-        opti.subject_to(ca.vec(self._loads) >= _LEAST_LOAD / 1e3)
+        opti.subject_to(ca.vec(self._loads) >= self._program.least_load / 1e3)
         opti.subject_to(ca.vec(self._states[6:, :]) >= 0)
         turned = ca.vec(states[2, :]) - start[2]
         opti.subject_to(turned <= self._allowed)
         opti.subject_to(turned >= -self._allowed)
-        rim = ca.diag(self._geometry.radius / _RELEASED) @ ends[6:, :]
+        rim = ca.diag(self._geometry.radius / self._program.released) @ ends[6:, :]
         opti.subject_to(ca.vec(share + 1.0 / (1.0 + rim**2)) >= 0)
         opti.subject_to(opti.bounded(-1.0, ca.vec(share), 1.0))
         change = ca.horzcat(share[:, 0], share[:, 1:] - share[:, :-1])
-        opti.subject_to(ca.vec(change) - h / _RISE_TIME <= 0)
-        opti.subject_to(ca.vec(change) + h / _RISE_TIME >= 0)
+        opti.subject_to(ca.vec(change) - h / self._program.rise_time <= 0)
+        opti.subject_to(ca.vec(change) + h / self._program.rise_time >= 0)
         opti.subject_to(opti.bounded(0.05, self._duration, 30.0))
         last = ends[:, -1]
         reach = math.sqrt(self._masses.yaw_inertia / self._masses.mass)
         square = last[3] ** 2 + last[4] ** 2 + (reach * last[5]) ** 2
-        opti.subject_to(square <= END_SPEED**2)
-        self._distance = self._way(last) / (1.0 - (END_SPEED / speed) ** 2)
-        opti.minimize(self._distance + _CALM * ca.sumsqr(change))
+        opti.subject_to(square <= self._program.end_speed**2)
+        self._distance = self._way(last) / (1.0 - (self._program.end_speed / speed) ** 2)
+        opti.minimize(self._distance + self._program.calm * ca.sumsqr(change))
 
     def _way(self, last: Any) -> Any:
         """Return the distance of base_link from the start at a state [m]."""

@@ -36,8 +36,6 @@ _FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
 _STANDING = 1e-9
-_ITERATIONS = 16  # of the loads under the forces
-_NEARLY = 1.02  # factor by which forces may exceed friction before they are scaled down [1]
 
 PLANE, BALANCE, SUM = range(3)
 """Load models: in a plane, balance of weight and moments, balance of weight alone."""
@@ -102,8 +100,8 @@ class LimitVehicle:
         tire = vehicle.tire
         radius = geometry.radius - tire.largest_load / tire.vertical_stiffness
         rim = np.abs(np.sum(geometry.active * geometry.rolling, axis=1))
-        self.torque_force = vehicle.brake_share / (radius * rim)
-        self.grip = vehicle.grip
+        self.torque_force = vehicle.by_wheel("brake") / (radius * rim)
+        self.grip = vehicle.by_wheel("friction")
         losses = vehicle.passive_losses
         # Rolling resistance grows with the load; with its largest value it is a cone too.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load
@@ -179,17 +177,25 @@ class LimitVehicle:
             return found
         return self._solve(direction, case, PLANE)
 
-    def at_least(self, direction: FloatArray, case: Case) -> float:
+    def at_least(
+        self, direction: FloatArray, case: Case, iterations: int = 16, nearly: float = 1.02
+    ) -> float:
         """Return a lower estimate of `strongest` for a stop that may rotate [m/s^2].
 
         Every wheel exerts its largest force against the direction. The loads follow by iteration,
         and the forces are scaled down to the friction limit, as in `_solve`.
+
+        Args:
+            direction: direction of motion in the body frame, unit vector, shape (2,).
+            case: conditions.
+            iterations: iterations of the loads under the forces.
+            nearly: factor by which forces may exceed friction before they are scaled down [1].
         """
         along = self.active @ direction
         torque = case.torque * self.torque_force
         z_of_force = self._zero_moment_point()[:, : len(along)]
         load, excess = self._weight * self._plane[:, 0], math.inf
-        for _ in range(_ITERATIONS):
+        for _ in range(iterations):
             bearable = case.friction * self.peak(load)
             force = -np.sign(along) * np.minimum(bearable, torque)
             carried = self._weight * self._plane @ np.append(1.0, z_of_force @ force)
@@ -197,7 +203,7 @@ class LimitVehicle:
         if np.min(carried) > 0.0:
             bearable = case.friction * self.peak(carried)
             excess = max(1.0, float(np.max(np.abs(force) / np.maximum(bearable, 1e-9))))
-        if excess > _NEARLY:  # wheels are about to lift off
+        if excess > nearly:  # wheels are about to lift off
             found = self._solve(direction, case, *self._kinds(case.friction)[0])
             return 0.0 if found is None else found.bound
         return float(-along @ force / self.masses.mass / excess)

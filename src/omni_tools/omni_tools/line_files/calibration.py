@@ -37,12 +37,7 @@ from omni_platform.quantities import FloatArray
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
 
-_HUBER = 2.5  # robust standard deviations
-_ROUNDS = 20
-_STRETCHES = 24  # of the drives, whose errors are independent
-_FEWEST = 12  # batches
 _PRIOR = (0.33, 0.33, 0.3)  # of c, in units of 1 / p and m / p
-_KNOWN = 0.1  # of its prior uncertainty, below which a coefficient counts as seen
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,27 +135,31 @@ def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
     return 1.0 / period, error / period**2
 
 
-def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibration:
+def calibrate(
+    nominal: sensors.LineSensor, drives: Sequence[Drive], fewest: int = 12, seen_below: float = 0.1
+) -> Calibration:
     """Fit one camera to its drives.
 
     Args:
         nominal: as it is configured.
         drives: one or more.
+        fewest: smallest number of measured batches.
+        seen_below: uncertainty below which a coefficient is determined, over the prior one [1].
 
     Raises:
         ConfigurationError: too few batches were measured.
     """
     twist = np.concatenate([drive.twist for drive in drives])
     pixels = np.concatenate([drive.pixels for drive in drives])
-    if len(pixels) < _FEWEST:
+    if len(pixels) < fewest:
         raise ConfigurationError(
-            "DRIVE", f"{len(pixels)} batches of a camera were measured, {_FEWEST} are needed"
+            "DRIVE", f"{len(pixels)} batches of a camera were measured, {fewest} are needed"
         )
     phi, pitch = nominal.heading, nominal.pixel_pitch
     start = np.array(sensors.velocity_row(nominal.x, nominal.y, phi)) / pitch
     prior = np.array(_PRIOR) / pitch
     coefficients, covariance = _fit(twist, pixels, start, prior)
-    seen = np.sqrt(np.diag(covariance)) < _KNOWN * prior
+    seen = np.sqrt(np.diag(covariance)) < seen_below * prior
     if not seen.all():
         # Unobservable parameters are not fitted to the noise of the reference.
         coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
@@ -179,7 +178,7 @@ def calibrate(nominal: sensors.LineSensor, drives: Sequence[Drive]) -> Calibrati
         "heading_error_deg": math.degrees(errors[1]),
         "lever_error": float(errors[2]),
     }
-    known = errors < _KNOWN * np.array((_PRIOR[0] * found_pitch, *_PRIOR[1:]))
+    known = errors < seen_below * np.array((_PRIOR[0] * found_pitch, *_PRIOR[1:]))
     stated: Any = {name: float(v) for (name, v), ok in zip(left.items(), known, strict=True) if ok}
     sensor = dataclasses.replace(
         nominal,
@@ -227,28 +226,42 @@ def _mounting(
 
 
 def _fit(
-    twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray
+    twist: FloatArray,
+    pixels: FloatArray,
+    start: FloatArray,
+    prior: FloatArray,
+    huber: float = 2.5,
+    stretches: int = 24,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients and their covariance, robustly."""
+    """Return the coefficients and their covariance, robustly.
+
+    Args:
+        twist: twist of the reference, shape (m, 3).
+        pixels: displacement [px/s], shape (m,).
+        start: expected coefficients, shape (3,).
+        prior: their standard deviations, shape (3,).
+        huber: residual from which on a batch counts less, in robust standard deviations [1].
+        stretches: parts of the drives whose errors are independent.
+    """
     value: Any = start
     weight = np.ones(len(pixels))
     deviation = max(float(np.std(pixels)), 1e-9)
-    for _ in range(_ROUNDS):
+    for _ in range(20):
         information = twist.T @ (twist * weight[:, None]) / deviation**2 + np.diag(prior**-2)
         gain = twist.T @ (weight * pixels) / deviation**2 + start / prior**2
         new = np.linalg.solve(information, gain)
         left = pixels - twist @ new
         deviation = max(1.4826 * float(np.median(np.abs(left))), 1e-9 * float(np.abs(new).max()))
-        weight = np.minimum(1.0, _HUBER * deviation / np.maximum(np.abs(left), 1e-12))
+        weight = np.minimum(1.0, huber * deviation / np.maximum(np.abs(left), 1e-12))
         settled = np.allclose(new, value, rtol=1e-10)
         value = new
         if settled:
             break
     inverse = np.linalg.inv(information)
     scores = (weight * left / deviation**2)[:, None] * twist
-    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, _STRETCHES)])
-    stretches = min(_STRETCHES, len(pixels))
-    meat = sums.T @ sums * (stretches / max(stretches - 3.0, 1.0))
+    sums = np.array([part.sum(axis=0) for part in np.array_split(scores, stretches)])
+    count = min(stretches, len(pixels))
+    meat = sums.T @ sums * (count / max(count - 3.0, 1.0))
     covariance = inverse @ (meat + np.diag(prior**-2)) @ inverse
     return value, covariance
 

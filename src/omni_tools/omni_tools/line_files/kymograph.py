@@ -16,8 +16,6 @@ from omni_figures import style
 from omni_platform import quantities, signals
 from omni_platform.sensors import LineSensor
 
-_MOST_ROWS = 1200  # of a picture
-
 
 @dataclasses.dataclass(frozen=True)
 class Kymograph:
@@ -77,19 +75,20 @@ def match_lines(
     return Kymograph(sensor, lines, time, displacement, pairs.similarity, ends, readings)
 
 
-def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str) -> Figure:
+def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int = 1200) -> Figure:
     """Draw a row for each camera: its lines over time, displacements, correlations.
 
     Args:
         kymographs: lines and estimates by camera.
         title: title of the figure.
+        most: largest number of lines in a picture.
     """
     size = (13.0, 0.8 + 3.6 * len(kymographs))
     figure, panels = style.panels(
         title, len(kymographs), 3, size=size, y="time [s]", width_ratios=(1.5, 1.0, 0.7)
     )
     for (seen, moved, alike), (name, kymograph) in zip(panels, kymographs.items(), strict=True):
-        step = -(-len(kymograph.lines) // _MOST_ROWS)
+        step = -(-len(kymograph.lines) // most)
         begin, end = float(kymograph.time[0]), float(kymograph.time[-1])
         seen.grid(False)
         seen.imshow(

@@ -26,7 +26,6 @@ RAW = (".raw", ".bin", ".dat")
 
 _GRAY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
 _DEEPEST = {8: np.uint8, 16: np.uint16}
-_MOST = 1 << 32  # bytes of lines that are taken into memory
 
 
 class LineFileError(configuration.ConfigurationError):
@@ -46,8 +45,10 @@ class RawFormat:
     bits: int = 8
 
 
-def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Lines:
-    """Return the lines of a file or folder, oldest first, 8 or 16 bit, shape (m, n).
+def read_lines(
+    path: Path, cut: Cut, raw: RawFormat = RawFormat(), most: int = 1 << 32
+) -> signals.Lines:
+    """Return at most some bytes of lines, oldest first, 8 or 16 bit, shape (m, n).
 
     Raises:
         LineFileError: it cannot be read, holds no line, or lines of different lengths.
@@ -65,9 +66,9 @@ def read_lines(path: Path, cut: Cut, raw: RawFormat = RawFormat()) -> signals.Li
                 found = " and ".join(f"{n} px of {kind}" for n, kind in sorted(lengths))
                 raise LineFileError(str(path), f"holds lines of {found}; all must be alike")
             size += part.nbytes
-            if size > _MOST:
+            if size > most:
                 raise LineFileError(
-                    str(path), f"holds more than {_MOST >> 30} GiB of lines: import it in pieces"
+                    str(path), f"holds more than {most >> 30} GiB of lines: import it in pieces"
                 )
             parts.append(part)
     except (OSError, ValueError, SyntaxError, EOFError) as error:

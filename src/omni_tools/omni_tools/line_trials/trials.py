@@ -19,9 +19,6 @@ from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.errors import error_values
 from omni_tools.line_trials.rig import PERIOD, View, cameras
 
-_RECOVERY = 4  # px, of peaks that noise has moved
-_GRADIENT_STEP = 0.02  # [px]
-
 
 @dataclasses.dataclass(frozen=True)
 class Matches:
@@ -154,7 +151,8 @@ def measure(
         for run in range(runs):
             poses = path(motion.view, motion.speed, motion.angle, pairs + 1, generator, motion.axis)
             lines = eyes[motion.view].lines(poses, (i * runs + run) * (pairs + 1))
-            own.append(match(motion.view, poses, lines, metric, recovery=_RECOVERY))
+            # Noise moves a peak by up to 4 px.
+            own.append(match(motion.view, poses, lines, metric, recovery=4))
         fields = [field.name for field in dataclasses.fields(Matches)]
         matches.append(Matches(*(np.concatenate([getattr(m, f) for m in own]) for f in fields)))
     return matches
@@ -224,7 +222,12 @@ def every_second(matches: Matches) -> Matches:
 
 
 def cramer_rao_bound(
-    view: View, eye: LineCamera, poses: FloatArray, truth: FloatArray, noise: float
+    view: View,
+    eye: LineCamera,
+    poses: FloatArray,
+    truth: FloatArray,
+    noise: float,
+    step: float = 0.02,
 ) -> FloatArray:
     """Return the smallest variance of unbiased displacements between pairs of lines [px^2].
 
@@ -238,11 +241,11 @@ def cramer_rao_bound(
         poses: poses of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
         noise: standard deviation [gray levels].
+        step: step of the gradient [px].
     """
-    step = np.array([_GRADIENT_STEP * view.pitch, 0.0, 0.0])
-    gradient = (eye.grays(poses + step).astype(np.float64) - eye.grays(poses - step)) / (
-        2.0 * _GRADIENT_STEP
-    )
+    moved = np.array([step * view.pitch, 0.0, 0.0])
+    change = eye.grays(poses + moved).astype(np.float64) - eye.grays(poses - moved)
+    gradient = change / (2.0 * step)
     pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # of the newer line
     common = (pixel >= 0) & (pixel < view.pixels)
     energy = np.sum(gradient**2, axis=1, where=common)

@@ -9,8 +9,6 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_tools.placement.mounting_area import MountingArea
 
-_RING_STEP = 0.005  # of the radius [m]
-
 
 def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArray:
     """Return cameras at equal angles on a circle about base_link, shape (count, 3).
@@ -40,20 +38,21 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
     return sensors
 
 
-def common_placements(area: MountingArea, count: int) -> dict[str, FloatArray]:
+def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
     """Return poses at equal angles on the largest circle that fits tangential cameras.
 
     Args:
         area: the chassis.
         count: count of cameras.
+        step: between two radii that are tried [m].
 
     Returns:
         ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.
     """
     largest = max(area.reach)
     radius, start = min(area.reach), 0.0
-    for step in range(int(largest / _RING_STEP)):
-        tried = [(largest - step * _RING_STEP, s) for s in (0.0, 0.5 * math.pi, math.pi)]
+    for number in range(int(largest / step)):
+        tried = [(largest - number * step, s) for s in (0.0, 0.5 * math.pi, math.pi)]
         fitting = [r for r in tried if np.all(area.fits(ring(count, r[0], 0.5 * math.pi, r[1])))]
         if fitting:
             radius, start = fitting[0]

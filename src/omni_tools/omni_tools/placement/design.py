@@ -20,9 +20,6 @@ FEWEST_SENSORS, MOST_SENSORS = 3, 8
 
 BEST, CONDITION = "best", "condition"
 
-_USUAL_SPEED = 10.0  # [m/s]
-_BATCHES = 4  # in each orientation, of each angle or motion
-
 Report = Callable[[float, str], None]
 
 
@@ -40,6 +37,7 @@ class DesignTask:
         redundant: whether to evaluate without the camera whose failure is the worst.
         given: further placements to evaluate, by name.
         seed: seed of the search and the trials.
+        batches: batches of lines in each orientation, of each angle or motion.
     """
 
     area: mounting_area.MountingArea
@@ -51,6 +49,7 @@ class DesignTask:
     redundant: bool
     given: Mapping[str, Mapping[str, LineSensor]]
     seed: int
+    batches: int = 4
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -92,7 +91,9 @@ def design(task: DesignTask, report: Report) -> Design:
     """
     area, view = task.area, task.area.view
     report(0.0, "errors of one camera")
-    trial = measure_sensor_error(view, task.texture, task.noise, task.speed, _BATCHES, task.seed)
+    trial = measure_sensor_error(
+        view, task.texture, task.noise, task.speed, task.batches, task.seed
+    )
     scene = area.scene
     radius = gyration(scene.chassis_length, scene.chassis_width)
     criterion = MeanError(view, trial.error, task.mix, radius)
@@ -134,18 +135,21 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
             report((index + share) / len(regular), f"driving {name}")
 
         trials[placement.name] = drive_mix(
-            placement.sensors, task.mix, task.texture, task.noise, _BATCHES, task.seed, on_drive
+            placement.sensors, task.mix, task.texture, task.noise, task.batches, task.seed, on_drive
         )
     return trials
 
 
-def design_speed(speed: float | None, yaw_rate: float, area: mounting_area.MountingArea) -> float:
-    """Return the design speed [m/s]: the given one, or 10 m/s if the cameras allow it.
+def design_speed(
+    speed: float | None, yaw_rate: float, area: mounting_area.MountingArea, usual: float = 10.0
+) -> float:
+    """Return the design speed [m/s]: the given one, or the usual one if the cameras allow it.
 
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].
         area: with the cameras' type and the largest distance from the center.
+        usual: usual speed [m/s].
 
     Raises:
         ConfigurationError: sideways less than 60 % overlap are left.
@@ -157,7 +161,7 @@ def design_speed(speed: float | None, yaw_rate: float, area: mounting_area.Mount
             f"{yaw_rate:g} rad/s alone leave less than 60 % overlap at the corners of the chassis",
         )
     if speed is None:
-        return min(_USUAL_SPEED, limit)
+        return min(usual, limit)
     if not 0.0 < speed <= limit:
         raise ConfigurationError(
             "--speed",

@@ -19,10 +19,6 @@ from omni_tools.placement.error import MeanError, poses_of
 from omni_tools.placement.evaluation import EvaluatedPlacement
 from omni_tools.placement.mounting_area import MountingArea
 
-_LEVELS = 14
-_WORST = 2.5  # times the error of the best placement: the end of the color scale
-_LEAST = 1.5  # times the smallest error: small differences shall look small
-_WIDTH = 5.3  # of a panel [inch]
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])
 _ARROW_LOOK: dict[str, Any] = {
     "arrowstyle": "-|>", "mutation_scale": 11, "shrinkA": 0, "shrinkB": 0, "linewidth": 1.4,
@@ -31,7 +27,11 @@ _ARROW_LOOK: dict[str, Any] = {
 
 
 def placement_figure(
-    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea, title: str
+    placements: Sequence[EvaluatedPlacement],
+    criterion: MeanError,
+    area: MountingArea,
+    title: str,
+    width: float = 5.3,
 ) -> Figure:
     """Draw placements side by side; the first one sets the color scale.
 
@@ -40,12 +40,13 @@ def placement_figure(
         criterion: gives the errors.
         area: the chassis.
         title: title of the figure.
+        width: width of a panel [in].
     """
     columns = min(2, len(placements))
     rows = math.ceil(len(placements) / columns)
     low, high = _limits(placements, area)
-    height = _WIDTH * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
-    size = (columns * (_WIDTH + 0.4) + 1.7, rows * height + 1.4)
+    height = width * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
+    size = (columns * (width + 0.4) + 1.7, rows * height + 1.4)
     figure, panels = style.panels(
         title, rows, columns, size=size, x="forward [m]", y="left [m]", sharex=True, sharey=True
     )
@@ -81,17 +82,29 @@ def _limits(
 
 
 def _norm(
-    placements: Sequence[EvaluatedPlacement], criterion: MeanError, area: MountingArea
+    placements: Sequence[EvaluatedPlacement],
+    criterion: MeanError,
+    area: MountingArea,
+    levels: int = 14,
+    end: tuple[float, float] = (1.5, 2.5),
 ) -> BoundaryNorm:
-    """Return a scale over all errors, or up to a multiple of the best mean."""
+    """Return a scale over all errors, or up to a multiple of the best mean.
+
+    Args:
+        placements: one or more.
+        criterion: gives the errors.
+        area: the chassis.
+        levels: number of colors.
+        end: of the scale: at least over the smallest error, at most over the best mean error [1].
+    """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:
-        return BoundaryNorm(np.linspace(0.0, 1.0, _LEVELS + 1), _SHADES.N, extend="max")
+        return BoundaryNorm(np.linspace(0.0, 1.0, levels + 1), _SHADES.N, extend="max")
     maps = np.array([_map(placement, criterion, area)[2] for placement in regular])
     lowest = float(np.min(maps))
-    top = min(float(np.max(maps)), _WORST * 1e3 * regular[0].mean_error)
-    top = max(top, _LEAST * lowest)
-    step = _round_step((top - lowest) / _LEVELS)
+    top = min(float(np.max(maps)), end[1] * 1e3 * regular[0].mean_error)
+    top = max(top, end[0] * lowest)
+    step = _round_step((top - lowest) / levels)
     first, last = math.floor(lowest / step), math.ceil(top / step)
     return BoundaryNorm(step * np.arange(first, last + 1), _SHADES.N, extend="max")
 

@@ -16,6 +16,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +28,34 @@ from omni_tools.placement.mounting_area import MountingArea
 LATTICE = (1e-3, math.radians(1.0))
 """Resolution of positions [m] and headings [rad]."""
 
-_EQUAL = 0.01  # a symmetric placement may be worse by this
-_ACROSS = 28  # places of the coarse grid across the chassis
-_HEADINGS = 12  # of the coarse grid in half a turn
-_FEWER = 0.6  # of either where the failure of every camera is tried
-_FINEST = 5e-5  # last step [m]
-_GAIN = 1e-7  # of the criterion, to be better
-_SWEEPS = 40
-_ENDS = 2  # of the random starts that are refined
 
+class Effort(NamedTuple):
+    """Effort of a search.
+
+    Attributes:
+        equal: by how much a symmetric placement may be worse [1].
+        across: places of the coarse grid across the chassis.
+        headings: headings of the coarse grid in half a turn.
+        fewer: share of either where the failure of every camera is tried [1].
+        finest: last step [m].
+        gain: relative gain of the criterion that counts as better [1].
+        sweeps: largest number of sweeps over the cameras.
+        starts: random initial placements for each symmetry.
+        refined: how many of their results are refined.
+    """
+
+    equal: float = 0.01
+    across: int = 28
+    headings: int = 12
+    fewer: float = 0.6
+    finest: float = 5e-5
+    gain: float = 1e-7
+    sweeps: int = 40
+    starts: int = 6
+    refined: int = 2
+
+
+_USUAL = Effort()
 _LEFT_RIGHT, _FRONT_BACK, _TURNED = (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)
 _ITSELF = (1.0, 1.0, 1.0)
 
@@ -87,7 +107,7 @@ def search(
     count: int,
     *,
     redundant: bool = False,
-    starts: int = 6,
+    effort: Effort = _USUAL,
     seed: int = 1,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> FoundPlacement:
@@ -98,20 +118,20 @@ def search(
         area: where cameras can be mounted.
         count: count of cameras.
         redundant: whether the criterion is evaluated without the camera whose failure is the worst.
-        starts: number of random initial placements for each symmetry.
-        seed: seed of these placements.
+        effort: effort of the search.
+        seed: seed of the random initial placements.
         report: called with the share done and its subject.
 
     Raises:
         NoRoomError: no regular placement was found.
     """
-    trial = _Search(criterion, area, redundant)
+    trial = _Search(criterion, area, redundant, effort)
     layouts = _layouts(count)
     generator = np.random.default_rng(seed)
     found: list[tuple[float, str, tuple[_Unit, ...], FloatArray]] = []
     for index, (symmetry, units) in enumerate(layouts):
         report(index / len(layouts), f"{symmetry or 'free'} placements of {count} sensors")
-        refined = [trial.refine(units, best) for best in trial.exchange(units, generator, starts)]
+        refined = [trial.refine(units, best) for best in trial.exchange(units, generator)]
         if refined:
             value, places = min(refined, key=lambda entry: entry[0])
             found.append((value, symmetry, units, places))
@@ -124,7 +144,7 @@ def search(
     regular = [entry for entry in found if entry[1]]
     best_regular = min(regular, key=lambda entry: entry[0], default=None)
     unrounded = min(value, loose_value)
-    if best_regular is not None and best_regular[0] <= unrounded * (1.0 + _EQUAL):
+    if best_regular is not None and best_regular[0] <= unrounded * (1.0 + effort.equal):
         unrounded, symmetry, units, places = best_regular
     elif loose_value < value:
         symmetry, units, places = "", free, loose
@@ -162,38 +182,41 @@ def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
 class _Search:
     """Exchange and refinement for one chassis and criterion."""
 
-    def __init__(self, criterion: Criterion, area: MountingArea, redundant: bool) -> None:
+    def __init__(
+        self, criterion: Criterion, area: MountingArea, redundant: bool, effort: Effort
+    ) -> None:
+        self._effort = effort
         self._criterion = criterion
         self._area = area
         self._redundant = redundant
-        fewer = _FEWER if redundant else 1.0
+        fewer = effort.fewer if redundant else 1.0
         longer = max(area.reach)
-        self._spacing = 2.0 * longer / round(fewer * _ACROSS)
-        self._headings = 2 * round(0.5 * fewer * _HEADINGS)
+        self._spacing = 2.0 * longer / round(fewer * effort.across)
+        self._headings = 2 * round(0.5 * fewer * effort.headings)
         self._candidates = functools.cache(self._make_candidates)
 
     def exchange(
-        self, units: tuple[_Unit, ...], generator: np.random.Generator, starts: int
+        self, units: tuple[_Unit, ...], generator: np.random.Generator
     ) -> list[FloatArray]:
         """Return the best results on the coarse grid, each of shape (units, 3)."""
         sets = [self._candidates(unit) for unit in units]
         if not all(len(places) for places, _ in sets):
             return []
         ends: dict[float, FloatArray] = {}
-        for _ in range(starts):
+        for _ in range(self._effort.starts):
             current = np.array([places[generator.integers(len(places))] for places, _ in sets])
             value = math.inf
-            for sweep in range(_SWEEPS):
+            for sweep in range(self._effort.sweeps):
                 before = value
                 for i, (places, own) in enumerate(sets):
                     trial, chosen = self._best(units, current, i, places, own)
-                    if trial < value * (1.0 - _GAIN) or sweep == 0:
+                    if trial < value * (1.0 - self._effort.gain) or sweep == 0:
                         value, current[i] = trial, chosen
                 if not value < before and sweep > 0:
                     break
             if math.isfinite(value) and self._possible(units, current):
                 ends[round(value, 9)] = current
-        return [ends[value] for value in sorted(ends)[:_ENDS]]
+        return [ends[value] for value in sorted(ends)[: self._effort.refined]]
 
     def refine(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
         """Refine with decreasing steps; return the criterion and the positions."""
@@ -201,7 +224,7 @@ class _Search:
         step = self._spacing
         turn = math.pi / self._headings / step  # the steps of heading shrink alike
         value = self._walk(units, current, math.inf, (0.0, 0.0), 0)
-        while step > _FINEST:
+        while step > self._effort.finest:
             value = self._walk(units, current, value, (step, step * turn), 2)
             step *= 0.5
         return value, current
@@ -227,7 +250,7 @@ class _Search:
         invalid positions.
         """
         forced = not math.isfinite(value)
-        for _ in range(_SWEEPS):
+        for _ in range(self._effort.sweeps):
             before = value
             for i, unit in enumerate(units):
                 around = current[i] + _cloud(unit.free, reach) * (step[0], step[0], step[1])
@@ -236,7 +259,7 @@ class _Search:
                     return math.inf
                 own = self._criterion.information(unit.poses(around))
                 trial, chosen = self._best(units, current, i, around, own)
-                if trial < value * (1.0 - _GAIN) or forced:
+                if trial < value * (1.0 - self._effort.gain) or forced:
                     value, current[i] = trial, chosen
             if not value < before:
                 break

@@ -41,9 +41,6 @@ error of their own that more trials do not average out."""
 
 _CAMERA = "camera"
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # of the motion from the axis [deg]
-_SPREAD = 0.02  # of the speed, so that displacements take every fraction of a pixel
-_FEWEST_READINGS = 0.5  # share of batches below which a camera counts as blind
-_AMPLE_OVERLAP = 0.9  # of consecutive lines, beyond which a lower speed helps little
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +104,13 @@ def sideways_limit(view: View) -> float:
 
 
 def measure_sensor_error(
-    view: View, texture: GroundTexture, noise: float, speed: float, batches: int, seed: int
+    view: View,
+    texture: GroundTexture,
+    noise: float,
+    speed: float,
+    batches: int,
+    seed: int,
+    spread: float = 0.02,
 ) -> SensorTrial:
     """Move a camera over a ground at several angles and fit the model to its errors.
 
@@ -118,6 +121,7 @@ def measure_sensor_error(
         speed: speed of the camera [m/s], at most `sideways_limit`.
         batches: batches of lines, for each angle in each of `ORIENTATIONS`.
         seed: seed of positions, speeds and noise.
+        spread: of speed [1] and angle [rad]: displacements take every fraction of a pixel.
 
     Raises:
         ConfigurationError: the camera does not see this motion over this ground.
@@ -133,8 +137,8 @@ def measure_sensor_error(
     for angle in np.radians(_ANGLES):
         errors, reasons = [], []
         for yaw in np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches):
-            v = speed * (1.0 + _SPREAD * generator.uniform(-1.0, 1.0))
-            turned = angle + _SPREAD * generator.uniform(-1.0, 1.0)
+            v = speed * (1.0 + spread * generator.uniform(-1.0, 1.0))
+            turned = angle + spread * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
             # Stamps far apart: no line of a batch is compared with one of another.
@@ -146,7 +150,7 @@ def measure_sensor_error(
             else:
                 reasons.append(reading.reason)
         trials = ORIENTATIONS * batches
-        if len(errors) < _FEWEST_READINGS * trials:
+        if len(errors) < 0.5 * trials:
             reason = _most_frequent(reasons)
             option, advice = _remedy(reason, view.overlap(speed, float(angle)), noise)
             raise ConfigurationError(
@@ -186,7 +190,7 @@ def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
     if reason.startswith("frozen"):  # which the noise of a real camera rules out
         return "--noise", "more --noise or a higher --speed, so that the lines change"
     choices = ["another --ground", "another --type"]
-    if overlap < _AMPLE_OVERLAP:
+    if overlap < 0.9:  # beyond, a lower speed helps little
         choices.append("a lower --speed")
     if noise > 0.0:
         choices.append("less --noise")

@@ -13,8 +13,6 @@ from omni_tools.line_trials.rig import ground
 from omni_tools.placement import design, error, mounting_area
 from omni_tools.placement.options import PlacementOptions
 
-_TEXELS = 4096  # of the ground over 0.2 m
-
 
 def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design.DesignTask:
     """Check the options and read their files.
@@ -47,7 +45,7 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design
     speed = design.design_speed(options.speed, options.yaw_rate, area)
     return design.DesignTask(
         area=area,
-        texture=ground(options.ground, _TEXELS),
+        texture=ground(options.ground),
         noise=options.noise,
         count=count,
         mix=error.MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),

@@ -15,10 +15,10 @@ from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
 
-_STANDSTILL = 0.05  # [m/s]
 
-
-def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
+def rim_slips(
+    vehicle: VehicleConfiguration, history: RunHistory, standstill: float = 0.05
+) -> FloatArray:
     """Return the slips of the rims along the active directions: 0 rolls, 1 is locked.
 
     ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``, Eqs. (20), (22)
@@ -28,6 +28,7 @@ def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     Args:
         vehicle: with the wheels of the history, in any order.
         history: the run.
+        standstill: speed below which a wheel is at rest [m/s].
 
     Returns:
         Slips [1], -2 to 2, shape (T, N), in the order of the history's wheels.
@@ -37,7 +38,7 @@ def rim_slips(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     hub = history.twist @ np.column_stack((geometry.active, moments)).T  # Eq. (23)
     rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
     larger = np.maximum(np.abs(hub), np.abs(rim))
-    larger[larger < _STANDSTILL] = np.nan
+    larger[larger < standstill] = np.nan
     return np.asarray((hub - rim) / larger, dtype=np.float64)
 
 

@@ -17,8 +17,6 @@ rotation are largest; held-out stops come from both kinds of population.
 """
 
 import dataclasses
-import hashlib
-import json
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -27,11 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_loop import compiled, experiment
-from omni_platform.configuration import ConfigurationError, to_mapping
+from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.campaign.runner import digest
 
 DIRECTIONS = 16
 """Number of directions of the support function, the largest number of corners of a polygon."""
@@ -45,7 +44,6 @@ SECTORS = (
 HULL_STOPS = 60
 """Number of stops that determine the hull of a cell."""
 
-_SETTLING = 0.2  # [s] for which the vehicle rolls before the alarm, as its loads settle
 _NORMALS = np.array(
     [
         (math.cos(2 * math.pi * k / DIRECTIONS), math.sin(2 * math.pi * k / DIRECTIONS))
@@ -137,6 +135,7 @@ class StopCampaign:
         reaction_time: reaction time from the alarm to the pedal, with constant motion [s].
         per_cell: number of stops of each cell for its area; higher numbers are held out.
         seed: seed of all draws.
+        settling: time for which the vehicle rolls before the alarm, as its loads settle [s].
     """
 
     base: experiment.ExperimentConfiguration
@@ -145,6 +144,7 @@ class StopCampaign:
     reaction_time: float
     per_cell: int
     seed: int
+    settling: float = 0.2
 
     @property
     def fitted(self) -> int:
@@ -154,8 +154,8 @@ class StopCampaign:
     @property
     def fingerprint(self) -> str:
         """Digest of everything that a stop depends on besides its number."""
-        parts = dataclasses.asdict(self) | {"base": to_mapping(self.base)}
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+        fields = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return digest(*fields)
 
     def cell_of(self, number: int) -> int:
         """Return the index of the cell to which a stop belongs."""
@@ -185,7 +185,7 @@ class StopCampaign:
             speed=draw(random, *cell.speed),
             direction_deg=math.degrees(draw(random, start, end if end > start else end + math.tau)),
             yaw_rate_deg=math.degrees(draw(random, *cell.yaw_rate)),
-            brake_time=_SETTLING + self.reaction_time,
+            brake_time=self.settling + self.reaction_time,
         )
         ground = dataclasses.replace(self.base.ground, friction=draw(random, *self.friction))
         return dataclasses.replace(
@@ -207,7 +207,7 @@ class StopCampaign:
                 f"{configuration.simulation.duration_limit:g} s at a friction of "
                 f"{configuration.ground.friction:.2g}; give it longer, or more friction",
             )
-        swept = support(run, footprint(configuration.vehicle), _SETTLING)
+        swept = support(run, footprint(configuration.vehicle), self.settling)
         return Sweep(number, " ".join(repr(value) for value in swept.tolist()))
 
 

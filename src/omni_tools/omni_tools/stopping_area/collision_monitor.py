@@ -13,10 +13,8 @@ from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions
 
-_ROUNDING = 0.001  # [m] by which an area grows, so that rounded corners cut nothing off
 # Section 3.5 and straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
-_LONGEST = 120.0  # [s] that a stop may take
 
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
@@ -25,7 +23,7 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.Stop
         f"vehicle={options.vehicle}",
         "feedback=velocity_sensor",
         "simulation.render_lines=false",
-        f"simulation.duration_limit={_LONGEST}",
+        "simulation.duration_limit=120",
         *_ASSISTANT,
         *options.overrides,
         f"brake_assist.enabled={str(not options.unassisted).lower()}",
@@ -84,9 +82,10 @@ def monitor_parameters(
         f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to that of "
         f"the vehicle's file, up to its place.{checked}"
     )
+    # Larger by a millimeter, so that rounded corners cut nothing off.
     polygons = {
         cell.name: {
-            "points": str(np.round(area.corners(limit + _ROUNDING), 3).tolist()),
+            "points": str(np.round(area.corners(limit + 0.001), 3).tolist()),
             "linear_min": round(min(lowest, cell.speed[0]), 4),
             "linear_max": round(cell.speed[1], 4),
             "theta_min": round(cell.yaw_rate[0], 4),

@@ -64,10 +64,11 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     shares = load_plane(geometry.position - masses.center)[:, 0]
     tire = Tire(vehicle.tire)
     facts = {}
-    torque = vehicle.brake.max_torque * vehicle.brake_share
+    torque = vehicle.brake.max_torque * vehicle.by_wheel("brake")
+    grips = friction * vehicle.by_wheel("friction")
     for row, name in enumerate(geometry.names):
         load = float(shares[row]) * masses.mass * GRAVITY
-        own = friction * float(vehicle.grip[row])
+        own = float(grips[row])
         grip = float(tire.curve(load, own).peak_force) if load > 0.0 else 0.0
         facts[name] = WheelFacts(load, grip, float(torque[row] / geometry.radius[row]))
     return facts

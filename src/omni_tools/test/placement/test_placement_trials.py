@@ -11,7 +11,7 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_tools.line_trials.rig import View, ground
 from omni_tools.placement.error import MeanError, MotionMix, gyration, poses_of
 from omni_tools.placement.mounting_area import MountingArea
-from omni_tools.placement.search import search
+from omni_tools.placement.search import Effort, search
 from omni_tools.placement.sensor_error import measure_sensor_error
 from omni_tools.placement.sensors import named
 from omni_tools.placement.trials import drive_mix
@@ -31,7 +31,7 @@ def test_predicted_errors_hold_and_the_best_placement_equals_the_default() -> No
     radius = gyration(vehicle.chassis_length, vehicle.chassis_width)
     mix = MotionMix.of(SPEED, 1.0, (1, 1, 0, 0))
     criterion = MeanError(VIEW, trial.error, mix, radius)
-    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, starts=2)
+    found = search(criterion, MountingArea(scene, VIEW, 0.02, 0.02), 3, effort=Effort(starts=2))
     places = LIBRARY.sensors("three_generic")
     default = {n: VIEW.mounted(s.x, s.y, s.heading_deg) for n, s in places.items()}
     measured, predicted = [], []
