@@ -16,8 +16,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
+from omni_figures.style import BLACK, note, panels, wheel_color
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
@@ -25,7 +28,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
-from omni_studies.line_trials import speed_figures, tables, view_grid
+from omni_studies.line_trials import tables, view_grid
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, measure
@@ -81,7 +84,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             ground: np.array([m.right_medians(view_grid.GROUP) for m in matches])
             for (_, ground), matches in found.items()
         }
-        tried[_PRESETS[name].title] = speed_figures.Tried(computed, speeds, right)
+        tried[_PRESETS[name].title] = Tried(computed, speeds, right)
         metrics |= _speeds(name, sensor, speeds, right, options.needed)
         nearest = int(np.argmin(np.abs(speeds - computed)))
         metrics |= {
@@ -105,7 +108,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics["computed_speed.lis770i_full"] = Metric(
         _sensor(study.experiments, _SECOND).sideways_speed, "m/s", note="770 px at 1300 lines/s"
     )
-    figure = speed_figures.draw_speed_limits(tried, options.needed)
+    figure = draw_speed_limits(tried, options.needed)
     study.figure("sensor_presets.png", figure)
     return study.result(metrics)
 
@@ -210,3 +213,47 @@ def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0
+
+
+class Tried(NamedTuple):
+    """Sideways speeds of a sensor.
+
+    Attributes:
+        computed: speed at 60 % overlap [m/s].
+        speeds: speeds that were tried [m/s], shape (n,).
+        right: share of right measurements at each of them, by ground.
+    """
+
+    computed: float
+    speeds: FloatArray
+    right: Mapping[str, FloatArray]
+
+
+def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
+    """Draw the share of right measurements over speed, a panel for each sensor.
+
+    Args:
+        sensors: by title.
+        needed: required share.
+    """
+    figure, grid = panels(
+        "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)",
+        columns=len(sensors),
+        size=(5.2 * len(sensors), 4.2),
+        x="speed [m/s]",
+        y="right medians",
+        sharey=True,
+    )
+    for axes, (title, (computed, speeds, right)) in zip(grid[0], sensors.items(), strict=True):
+        for i, (ground, share) in enumerate(right.items()):
+            axes.plot(speeds, share, color=wheel_color(i), label=ground, linewidth=1.6)
+        axes.axvline(computed, color=BLACK, linewidth=1.0, linestyle="--")
+        axes.axhline(needed, color=BLACK, linewidth=0.8, linestyle=":")
+        words = f"60 % overlap:\n{computed:.3g} m/s"
+        note(axes, words, (computed, 0.06), (5, 0))
+        axes.set_title(title)
+        axes.set_ylim(0.0, 1.03)
+        axes.set_xlim(left=0.0)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    grid[0, 0].legend(loc="center left")
+    return figure

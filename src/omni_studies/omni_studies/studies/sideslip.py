@@ -5,19 +5,148 @@ grounds. The camera measures the sideways velocity. The forward velocity is eith
 or omega R of a wheel with 1 % longitudinal slip.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter
 
+from linescan_odometry.sideslip.angle import SideslipWheel
+from linescan_odometry.sideslip.meter import SideslipConfiguration, SideslipMeter
+from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
+from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
-from omni_studies.line_trials import sideslip_figures, sideslip_trials
 from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials.rig import Rig
+
+_WHEEL, _CAMERA = "wheel", "camera"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Angles:
+    """Measurements of some angles at one speed.
+
+    Attributes:
+        speed: speed of the wheel over ground [m/s].
+        overlap: overlap of consecutive lines across the camera's axis at angle 0, 0..1.
+        truth: sideslip angles [rad], shape (A,).
+        angle: measured angles, NaN if unmeasured [rad], shape (A, batches).
+        deviation: stated standard deviations, NaN if unmeasured [rad], shape (A, batches).
+        sideways: measured sideways velocities, NaN if unmeasured [m/s], shape (A, batches).
+    """
+
+    speed: float
+    overlap: float
+    truth: FloatArray
+    angle: FloatArray
+    deviation: FloatArray
+    sideways: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured less true angle, NaN where not measured [rad], shape (A, batches)."""
+        return self.angle - self.truth[:, None]
+
+    @property
+    def measured_share(self) -> float:
+        """Share of the batches that gave an angle, 0..1."""
+        return float(np.mean(np.isfinite(self.angle)))
+
+    @property
+    def rms_error(self) -> float:
+        """Root mean square of the errors [rad], NaN if nothing was measured."""
+        return root_mean_square(self.error)
+
+    def rms_error_with(self, wheel_speed: float) -> float:
+        """Return the RMS error [rad] if the forward velocity is wrong.
+
+        Args:
+            wheel_speed: wheel speed over the true forward velocity, such as 0.99 for a wheel that
+                slips.
+        """
+        forward = wheel_speed * self.speed * np.cos(self.truth)
+        return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
+
+
+def root_mean_square(values: FloatArray) -> float:
+    """Return the RMS of the finite values, NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else math.nan
+
+
+def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
+    """Move a camera to the contact of a wheel, along its axis of rotation.
+
+    Args:
+        name: name of the camera.
+        sensor: the camera; its position and heading are replaced.
+
+    Raises:
+        ConfigurationError: its lines are too short or its rate is too low.
+    """
+    return SideslipConfiguration(
+        sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},
+        sideslip={_WHEEL: SideslipWheel(sensor=name, x=0.0, y=0.0)},
+    )
+
+
+class RollingWheel:
+    """A wheel with a camera along its axis of rotation, over one ground."""
+
+    def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
+        """Place the camera.
+
+        Args:
+            sensor: the camera; its position and heading are those of the wheel.
+            texture: the ground.
+            noise: standard deviation [gray levels].
+            seed: seed of the noise.
+        """
+        self._configuration = camera_at_a_wheel(_CAMERA, sensor)
+        self._sensor = self._configuration.sensors[_CAMERA]
+        self._size = texture.size
+        self._rig = Rig({_CAMERA: self._sensor}, texture, noise, seed)
+
+    def measure(
+        self,
+        speed: float,
+        angles: FloatArray,
+        places: int,
+        batches: int,
+        generator: np.random.Generator,
+    ) -> Angles:
+        """Roll at every angle from random positions, with the true forward velocity.
+
+        Args:
+            speed: speed of the wheel over ground [m/s].
+            angles: angles of sideslip [rad], shape (A,).
+            places: number of random positions for each angle.
+            batches: batches of 10 ms from each.
+            generator: draws the positions.
+        """
+        found = np.full((3, len(angles), places * batches), math.nan)
+        for i, angle in enumerate(angles):
+            # A positive angle is a slide to the right, -y.
+            twist = speed * np.array([math.cos(angle), -math.sin(angle), 0.0])
+            for place in range(places):
+                meter = SideslipMeter(self._configuration, _WHEEL)
+                start = np.append(generator.uniform(0.0, self._size, 2), 0.0)
+                for batch, seen in enumerate(self._rig.drive(start, twist, batches)):
+                    estimate = meter.update(seen[_CAMERA], float(twist[0]))
+                    if estimate.measured:
+                        column = place * batches + batch
+                        found[:, i, column] = estimate.angle, estimate.deviation, estimate.sideways
+        overlap = max(0.0, 1.0 - speed / self._sensor.line_rate / self._sensor.width)
+        return Angles(speed, overlap, np.array(angles), found[0], found[1], found[2])
+
 
 _SENSORS = ("generic", "s3901")
 _SPEEDS = (1.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 120.0)  # [m/s]
@@ -42,15 +171,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Roll at every angle and speed; write figure, data and metrics."""
     grounds = line_options.grounds_of(options, study.experiments)
     cameras = {name: _camera(study.experiments, name) for name in options.sensors}
-    trials: dict[Case, list[sideslip_trials.Angles]] = {}
+    trials: dict[Case, list[Angles]] = {}
     for ground, texture in grounds.items():
         for name, camera in cameras.items():
-            wheel = sideslip_trials.RollingWheel(camera, texture, options.noise, options.seed)
+            wheel = RollingWheel(camera, texture, options.noise, options.seed)
             generator = np.random.default_rng(options.seed)
             trials[ground, name] = [
                 wheel.measure(speed, _ANGLES, options.runs, 4, generator) for speed in _SPEEDS
             ]
-    figure = sideslip_figures.draw_sideslip(
+    figure = draw_sideslip(
         trials,
         {name: camera.sideways_speed for name, camera in cameras.items()},
         options.slipping,
@@ -81,15 +210,11 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     if not cameras:
         raise ConfigurationError("sensors", f"{name} names no camera")
     place, camera = next(iter(cameras.items()))
-    sideslip_trials.camera_at_a_wheel(
-        place, camera
-    )  # refuses what cannot measure before anything is rendered
+    camera_at_a_wheel(place, camera)  # refuses what cannot measure before anything is rendered
     return camera
 
 
-def _metrics(
-    trials: Mapping[Case, Sequence[sideslip_trials.Angles]], slipping: float
-) -> dict[str, Metric]:
+def _metrics(trials: Mapping[Case, Sequence[Angles]], slipping: float) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
     for (ground, name), found in trials.items():
         for angles in found:
@@ -113,7 +238,109 @@ def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float,
     return (
         math.degrees(truth),
         math.degrees(float(np.mean(error[seen]))) if seen.any() else math.nan,
-        math.degrees(sideslip_trials.root_mean_square(error)),
-        math.degrees(sideslip_trials.root_mean_square(deviation[seen])),
+        math.degrees(root_mean_square(error)),
+        math.degrees(root_mean_square(deviation[seen])),
         float(np.mean(seen)),
     )
+
+
+_MARKERS = ("o", "s", "^", "D")
+
+
+def draw_sideslip(
+    trials: Mapping[Case, Sequence[Angles]],
+    fastest: Mapping[str, float],
+    slipping: float,
+    speed: float = 10.0,
+) -> Figure:
+    """Draw RMS errors over the speed and, for one speed, errors over the true angle.
+
+    Args:
+        trials: trials of ground and sensor, by increasing speed.
+        fastest: speed at 60 % overlap by sensor [m/s].
+        slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
+        speed: the one whose errors are drawn over the angle [m/s].
+    """
+    figure, ((left, right),) = style.panels(
+        "Sideslip angle of a wheel from one line camera along its axis of rotation",
+        1,
+        2,
+        size=(12.0, 5.6),
+        x=("speed of the wheel [m/s]", "true sideslip angle [deg]"),
+        width_ratios=(1.15, 1.0),
+    )
+    grounds = list(dict.fromkeys(ground for ground, _ in trials))
+    sensors = list(dict.fromkeys(sensor for _, sensor in trials))
+    _draw_speeds(left, trials, grounds, sensors, fastest)
+    _draw_angles(right, trials, grounds, sensors, speed)
+    truth = next(iter(trials.values()))[0].truth
+    fine = np.linspace(truth[0], truth[-1], 201)
+    slip = np.degrees(np.arctan(np.tan(fine) / slipping) - fine)
+    right.plot(np.degrees(fine), slip, color=style.BLACK, linewidth=1.2, linestyle="--")
+    share = f"{100.0 * (1.0 - slipping):.0f} % slip of the wheel"
+    right.plot([], [], color=style.BLACK, linewidth=1.2, linestyle="--", label=f"bias by {share}")
+    level = math.degrees(math.sqrt(float(np.mean(np.radians(slip) ** 2))))
+    left.axhline(level, color=style.BLACK, linewidth=1.2, linestyle="--", label=f"RMS of {share}")
+    for axes in (left, right):
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=1)
+    return figure
+
+
+def _draw_speeds(
+    axes: Axes,
+    trials: Mapping[Case, Sequence[Angles]],
+    grounds: Sequence[str],
+    sensors: Sequence[str],
+    fastest: Mapping[str, float],
+) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for (ground, sensor), found in trials.items():
+        axes.plot(
+            [angles.speed for angles in found],
+            [math.degrees(angles.rms_error) for angles in found],
+            color=style.wheel_color(grounds.index(ground)),
+            marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
+            linestyle="-" if sensor == sensors[0] else ":",
+            linewidth=1.6,
+            markersize=5.0,
+            label=f"{ground}, {sensor}",
+        )
+    for sensor, speed in fastest.items():
+        axes.axvline(speed, color=style.GRAY, linewidth=1.0)
+        words, units = f"{sensor}: 60 %\noverlap", ("data", "axes fraction")
+        style.note(axes, words, (speed, 0.02), (-4, 0), xycoords=units, ha="right")
+    speeds = [angles.speed for angles in next(iter(trials.values()))]
+    axes.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
+    axes.minorticks_off()
+    errors = [math.degrees(angles.rms_error) for found in trials.values() for angles in found]
+    axes.set_ylim(0.01, max([2.0, *(1.3 * error for error in errors if math.isfinite(error))]))
+    axes.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+    axes.set_title("RMS over -15 to 15 deg, batches of 10 ms; no point: not measured")
+    axes.set_ylabel("RMS error [deg]")
+
+
+def _draw_angles(
+    axes: Axes,
+    trials: Mapping[Case, Sequence[Angles]],
+    grounds: Sequence[str],
+    sensors: Sequence[str],
+    speed: float,
+) -> None:
+    width = 0.9 / len(trials)
+    for i, ((ground, sensor), found) in enumerate(trials.items()):
+        angles = min(found, key=lambda a: abs(a.speed - speed))
+        error = np.degrees(angles.error)
+        spread = np.repeat(np.degrees(angles.truth)[:, None], error.shape[1], axis=1)
+        axes.plot(
+            (spread + width * (i - 0.5 * (len(trials) - 1))).ravel(),
+            error.ravel(),
+            color=style.wheel_color(grounds.index(ground)),
+            marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
+            markersize=3.0,
+            linestyle="",
+            alpha=0.6 if sensor == sensors[0] else 0.3,
+            label=f"{ground}, {sensor}",
+        )
+    axes.set_title(f"every batch at {speed:g} m/s")
+    axes.set_ylabel("measured less true angle [deg]")

@@ -11,9 +11,16 @@ import numpy as np
 
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
-from omni_studies.identification import assumptions, figures, identification, table_2
+from omni_studies.identification import figures, identification, table_2
 from omni_studies.identification.files import write_files
-from omni_studies.identification.sensitivity import Sensitivity, sensitivities
+from omni_studies.identification.sensitivity import (
+    ASSUMPTIONS,
+    EXPERIMENT,
+    OTHERS,
+    Sensitivity,
+    sensitivities,
+    under,
+)
 from omni_studies.study import StudyResult, StudyRun
 
 
@@ -38,7 +45,7 @@ class Options(Configuration):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Compute the ten numbers and their sensitivities."""
     bases = {
-        case: study.experiments.load(assumptions.EXPERIMENT, case, [table_2.TWIST_ALONE])
+        case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
     }
     if options.identify:
@@ -76,11 +83,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
     """Write the ten numbers of all vehicles for every assumption; return the ranges of ours."""
-    vehicles = {"identified": parameters, **assumptions.OTHERS}
-    names, changed = list(table_2.REFERENCES), [each.name for each in assumptions.ASSUMPTIONS]
+    vehicles = {"identified": parameters, **OTHERS}
+    names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))
     for i, vehicle in enumerate(vehicles.values()):
-        for j, numbers in enumerate(assumptions.under(study.experiments, vehicle)):
+        for j, numbers in enumerate(under(study.experiments, vehicle)):
             share = (i * len(changed) + j) / (len(vehicles) * len(changed))
             study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
             found[i, j] = [numbers[name] for name in names]

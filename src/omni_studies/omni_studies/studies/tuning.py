@@ -4,19 +4,27 @@ Every weighting and k is run with every dwell time, with the brakes of the vehic
 ones, and evaluated by the worst of several situations (`omni_studies.tuning.trials`).
 """
 
+from __future__ import annotations
+
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform import command_options, configuration
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.tuning import figures, trials
-from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial
+from omni_studies.tuning import trials
+from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial, distance_at, front
 from omni_tools.campaign.runner import CampaignOptions
 
 _QUANTITIES = (
@@ -93,7 +101,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             recommended = Metric(value, unit, at_most=limit, note=sentence)
             metrics[f"{quantity}.recommended"] = recommended
     costs = [
-        figures.Cost.of(lag, dwell, tried, unassisted[0].worst_rotation / 2.0)
+        Cost.of(lag, dwell, tried, unassisted[0].worst_rotation / 2.0)
         for lag, dwell in dict.fromkeys((one.lag, one.setting.dwell_time) for one in tried)
     ]
     for cost in costs:
@@ -104,8 +112,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
     study.table("settings.csv", *_settings_table(every, best), digits=6)
     study.table("cost.csv", *_cost_table(costs), digits=6)
-    study.figure("trade_off.png", figures.trade_off(tried, unassisted, choice, limits, title))
-    study.figure("cost.png", figures.draw_costs(costs))
+    study.figure("trade_off.png", trade_off(tried, unassisted, choice, limits, title))
+    study.figure("cost.png", draw_costs(costs))
     return study.result(metrics, *findings)
 
 
@@ -126,7 +134,7 @@ Table = tuple[Sequence[str], list[tuple[Any, ...]]]
 """Header and rows of a table."""
 
 
-def _cost_table(costs: Sequence[figures.Cost]) -> Table:
+def _cost_table(costs: Sequence[Cost]) -> Table:
     header = (
         "dead time [s]", "time constant [s]", "dwell time [s]",
         "smallest orientation change [deg]", "distance at half of the unassisted [m]",
@@ -161,3 +169,168 @@ def _lag(text: str) -> BrakeLag:
         problem = f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05"
         raise configuration.ConfigurationError("--brakes", problem) from None
     return BrakeLag(dead_time, time_constant)
+
+
+_MARKERS = "osD^vP"
+_CHOSEN: dict[str, Any] = {
+    "color": style.VERMILLION, "marker": "o", "markerfacecolor": "none", "linestyle": "",
+    "markeredgewidth": 2.0, "zorder": 6,
+}  # fmt: skip
+_FRONT: dict[str, Any] = {"color": style.PALE, "linewidth": 7.0}
+
+
+def trade_off(
+    trials: Sequence[Trial],
+    unassisted: Sequence[Trial],
+    choice: Trial | None,
+    limits: tuple[float | None, float | None],
+    title: str,
+    label: tuple[float, float] = (0.13, 0.04),
+) -> Figure:
+    """Draw worst rotation against worst distance, one panel per lag of the brakes.
+
+    Args:
+        trials: trials of all settings and lags.
+        unassisted: without the assistant, one per lag, in the order of the panels.
+        choice: the recommended trial, if any.
+        limits: of the rotation [deg] and of the distance [m], if any.
+        title: title of the figure.
+        label: width and height of the label of a point, as shares of the axes [1].
+    """
+    panels = len(unassisted)
+    size = (1.2 + 4.4 * panels, 5.6)
+    x = "stopping distance [m]"
+    figure, (all_axes,) = style.panels(
+        title, 1, panels, size=size, x=x, y="orientation change [deg]", sharex=True, sharey=True
+    )
+    dwells = sorted({trial.setting.dwell_time for trial in trials})
+    finite = [trial for trial in (*trials, *unassisted) if math.isfinite(trial.worst_distance)]
+    width = np.ptp([trial.worst_distance for trial in finite]) if finite else 0.0
+    height = max((trial.worst_rotation for trial in finite), default=0.0)
+
+    def near(one: Trial, other: Trial) -> bool:
+        across = abs(one.worst_distance - other.worst_distance)
+        along = abs(one.worst_rotation - other.worst_rotation)
+        return bool(across < label[0] * width and along < label[1] * height)
+
+    for axes, without in zip(all_axes, unassisted, strict=True):
+        here = [trial for trial in trials if trial.lag == without.lag]
+        _panel(axes, here, dwells, near)
+        axes.plot([without.worst_distance], [without.worst_rotation], "X", color=style.BLACK, ms=9)
+        for limit, draw in zip(limits, (axes.axhline, axes.axvline), strict=True):
+            if limit is not None:
+                draw(limit, color=style.VERMILLION, linestyle="--", linewidth=1.2)
+        if choice is not None and choice.lag == without.lag:
+            axes.plot([choice.worst_distance], [choice.worst_rotation], ms=17, **_CHOSEN)
+        axes.set_title(_words(without.lag))
+    all_axes[0].set_ylim(bottom=0.0)
+    handles = _legend(dwells, choice is not None, limits != (None, None))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 9))
+    return figure
+
+
+def _legend(dwells: Sequence[float], recommended: bool, limited: bool) -> list[Line2D]:
+    handles = [
+        Line2D([], [], label=words, **_look(dwells, dwell))
+        for dwell, words in ((d, f"dwell {1e3 * d:g} ms" if d else "no dwell") for d in dwells)
+    ]
+    handles += [
+        Line2D([], [], label="best settings", **_FRONT),
+        Line2D([], [], color=style.BLACK, marker="X", ms=9, linestyle="", label="unassisted"),
+    ]
+    if recommended:
+        handles.append(Line2D([], [], ms=12, label="recommended", **_CHOSEN))
+    if limited:
+        handles.append(Line2D([], [], color=style.VERMILLION, linestyle="--", label="limit"))
+    return handles
+
+
+def _panel(
+    axes: Axes,
+    trials: Sequence[Trial],
+    dwells: Sequence[float],
+    near: Callable[[Trial, Trial], bool],
+) -> None:
+    """Draw the settings with one lag: a line over the weightings for each dwell time.
+
+    `near` collects labels that would overlap.
+    """
+    best = front(trials)
+    axes.plot(*_places(best), solid_capstyle="round", zorder=1, **_FRONT)
+    thin: dict[str, Any] = {"ms": 4.5, "linewidth": 1.0, "zorder": 3}
+    for dwell in dwells:
+        line = [trial for trial in trials if trial.setting.dwell_time == dwell]
+        axes.plot(*_places(line), **_look(dwells, dwell), **thin)
+    axes.margins(x=0.15)  # the labels stand beside their points
+    labeled: list[Trial] = []
+    for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
+        if not math.isfinite(trial.worst_distance) or (labeled and near(labeled[-1], trial)):
+            continue
+        labeled.append(trial)
+        last = trial is labeled[0]  # at the right end of the line
+        offset, side = ((8, -7), "left") if last else ((-7, -4), "right")
+        place = trial.worst_distance, trial.worst_rotation
+        style.note(axes, _weighting(trial), place, offset, ha=side, va="center")
+
+
+class Cost(NamedTuple):
+    """Effect of the lag of the brakes and of the dwell time.
+
+    Attributes:
+        lag: lag of the brakes.
+        dwell_time: [s].
+        rotation: smallest rotation of all settings [deg].
+        distance: distance at half the unassisted rotation [m], NaN if no setting halves it.
+    """
+
+    lag: BrakeLag
+    dwell_time: float
+    rotation: float
+    distance: float
+
+    @classmethod
+    def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
+        """Return the cost from all trials; `half` is half the unassisted rotation [deg]."""
+        tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
+        rotation = min(trial.worst_rotation for trial in tried)
+        return cls(lag, dwell_time, rotation, distance_at(tried, half))
+
+
+def draw_costs(costs: Sequence[Cost]) -> Figure:
+    """Draw the effect of dwell time and lag of the brakes."""
+    figure, (panels,) = style.panels(
+        "What slow valves cost", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
+    )
+    for index, lag in enumerate(dict.fromkeys(cost.lag for cost in costs)):
+        _, dwells, *columns = zip(*(cost for cost in costs if cost.lag == lag), strict=True)
+        look = {"marker": _MARKERS[index % len(_MARKERS)], "color": style.wheel_color(index)}
+        for axes, values in zip(panels, columns, strict=True):
+            axes.plot([1e3 * dwell for dwell in dwells], values, label=_words(lag), **look)
+    panels[0].set_ylabel("smallest orientation change [deg]")
+    panels[1].set_ylabel("stopping distance at half of the\nunassisted orientation change [m]")
+    panels[0].set_ylim(bottom=0.0)
+    panels[0].legend()
+    return figure
+
+
+def _words(lag: BrakeLag) -> str:
+    if lag == BrakeLag():
+        return "brakes that follow at once"
+    return f"dead time {1e3 * lag.dead_time:g} ms, time constant {1e3 * lag.time_constant:g} ms"
+
+
+def _weighting(trial: Trial) -> str:
+    setting = trial.setting
+    symbols = {"zero": r"$\psi = 0$", "cosine": r"$\cos\delta$"}
+    return symbols.get(setting.weighting, f"k = {setting.k}")
+
+
+def _places(trials: Sequence[Trial]) -> tuple[list[float], list[float]]:
+    return [t.worst_distance for t in trials], [t.worst_rotation for t in trials]
+
+
+def _look(dwells: Sequence[float], dwell: float) -> dict[str, Any]:
+    """Return color and marker of a dwell time."""
+    place = dwells.index(dwell)
+    shade = matplotlib.colormaps["viridis"](0.9 * place / max(len(dwells) - 1, 1))
+    return {"color": to_hex(shade), "marker": _MARKERS[place % len(_MARKERS)]}

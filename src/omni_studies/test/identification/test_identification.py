@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_studies.identification import assumptions, table_2
-from omni_studies.identification.assumptions import ASSUMPTIONS, OTHERS, under
+from omni_studies.identification import table_2
 from omni_studies.identification.files import write_files
 from omni_studies.identification.identification import (
     QUANTITIES,
@@ -24,7 +23,13 @@ from omni_studies.identification.identification import (
     search,
     unsound,
 )
-from omni_studies.identification.sensitivity import Sensitivity, sensitivities
+from omni_studies.identification.sensitivity import (
+    ASSUMPTIONS,
+    OTHERS,
+    Sensitivity,
+    sensitivities,
+    under,
+)
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 PAGE = (CONFIG.parent / "docs/identification.md").read_text(encoding="utf-8")
@@ -151,7 +156,7 @@ def test_the_page_has_the_numbers_of_other_assumptions(
 ) -> None:
     # Kernels of other tires and wheels take long to compile.
     quick = [one for one in ASSUMPTIONS if not re.search("Magic|linear|rollers", one.name)]
-    monkeypatch.setattr(assumptions, "ASSUMPTIONS", quick)
+    monkeypatch.setattr("omni_studies.identification.sensitivity.ASSUMPTIONS", quick)
     rows = under(ExperimentLibrary(CONFIG), parameters_of(bases["k7"]))
     for one, numbers in zip(quick, rows, strict=True):
         line = re.search(rf"^\| {one.name} \|(.*)\|$", PAGE, re.M)

@@ -9,11 +9,10 @@ from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import View
 from omni_tools.placement import evaluation, mounting_area
-from omni_tools.placement.common_placements import common_placements
+from omni_tools.placement.common_placements import common_placements, named
 from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
-from omni_tools.placement.sensors import named
 from omni_tools.placement.trials import PlacementTrial, drive_mix
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 8

@@ -15,7 +15,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_tools.limit import front as front_module
-from omni_tools.limit.best import OptimalStop, load_casadi
+from omni_tools.limit.best import OptimalStop, Transcription, load_casadi
 from omni_tools.limit.bounds import maneuver_of, straight_bound
 from omni_tools.limit.front import Stop, draw_front
 
@@ -43,7 +43,8 @@ def test_a_symmetric_vehicle_stops_best_near_its_bound(symmetric: ExperimentConf
     maneuver = maneuver_of(symmetric.maneuver)
     bound = straight_bound(symmetric.vehicle, symmetric.ground, maneuver)
     guess = run_fast_loop(symmetric).history()
-    plans = [OptimalStop(symmetric.vehicle, 1.0, maneuver, n).plan(0.5, guess) for n in (10, 20)]
+    stops = [OptimalStop(symmetric.vehicle, 1.0, maneuver, Transcription(n)) for n in (10, 20)]
+    plans = [stop.plan(0.5, guess) for stop in stops]
     for plan in plans:
         # Brakes take 20 ms, slip a few more, until all friction is there.
         assert bound.distance - bound.tolerance < plan.distance < 1.05 * bound.distance

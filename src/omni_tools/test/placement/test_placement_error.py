@@ -11,7 +11,7 @@ import pytest
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import sensor_matrix
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.common_placements import ring
+from omni_tools.placement.common_placements import named, ring
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,
@@ -22,7 +22,6 @@ from omni_tools.placement.error import (
     poses_of,
 )
 from omni_tools.placement.sensor_error import SensorError
-from omni_tools.placement.sensors import named
 
 VIEW = View()
 NOISE = SensorError(4e-6, 0.0)  # 2 mm/s along the axis, and hardly more across it

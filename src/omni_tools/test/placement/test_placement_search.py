@@ -14,7 +14,7 @@ from omni_figures.scene import Scene, overlap
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.common_placements import common_placements
+from omni_tools.placement.common_placements import common_placements, named
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,
@@ -27,7 +27,6 @@ from omni_tools.placement.evaluation import evaluate, singularity
 from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.search import Effort, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorError
-from omni_tools.placement.sensors import named
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 VIEW = View()

@@ -14,7 +14,6 @@ from omni_platform.configuration import ConfigurationError
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_studies.studies import tires
 from omni_studies.study import StudyRun, run_study
-from omni_studies.tires import trials as tire_trials
 
 
 @pytest.fixture(scope="module")
@@ -72,18 +71,18 @@ def test_two_tires_of_one_name_are_refused(library: ExperimentLibrary, tmp_path:
 def test_trial_sees_a_tire_that_creeps(robot: VehicleConfiguration) -> None:
     # With the dissertation's kind of v_num a locked wheel creeps by slip times v_num.
     creeping = dataclasses.replace(robot, tire=dataclasses.replace(robot.tire, slip_speed=0.1))
-    assert tire_trials.slope_creep(creeping, 0.05)[1] > 1e-3
-    assert tire_trials.slope_creep(robot, 0.05)[1] < 1e-6
+    assert tires.slope_creep(creeping, 0.05)[1] > 1e-3
+    assert tires.slope_creep(robot, 0.05)[1] < 1e-6
 
 
 def test_tires_give_way_by_the_weight_on_the_slope_over_their_stiffness(
     robot: VehicleConfiguration,
 ) -> None:
     stiff = dataclasses.replace(robot, tire=dataclasses.replace(robot.tire, stiffness=4e5))
-    give = [tire_trials.slope_creep(vehicle, 0.02)[0] for vehicle in (robot, stiff)]
+    give = [tires.slope_creep(vehicle, 0.02)[0] for vehicle in (robot, stiff)]
     assert give[0] == pytest.approx(2.0 * give[1], rel=0.1)
 
 
 def test_brakes_that_do_not_hold_are_seen(robot: VehicleConfiguration) -> None:
     weak = dataclasses.replace(robot, brake=dataclasses.replace(robot.brake, max_torque=5.0))
-    assert tire_trials.slope_creep(weak, 0.05)[1] > 1.0
+    assert tires.slope_creep(weak, 0.05)[1] > 1.0

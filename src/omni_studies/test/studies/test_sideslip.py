@@ -15,9 +15,8 @@ from omni_loop.experiment import ExperimentLibrary
 from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor
-from omni_studies.line_trials import sideslip_trials
-from omni_studies.line_trials.sideslip_trials import Angles
 from omni_studies.studies import sideslip
+from omni_studies.studies.sideslip import Angles
 from omni_studies.study import StudyResult, StudyRun
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
@@ -66,7 +65,7 @@ class Wheel:
 
 def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sideslip, "grounds_of", lambda *_: {"fine": {1.0: 1.0}})
-    monkeypatch.setattr(sideslip_trials, "RollingWheel", Wheel)
+    monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
 
     def run(text: str) -> StudyResult:
         path = tmp_path / "one.yaml"

@@ -10,8 +10,8 @@ import pytest
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_sim.configuration import GroundConfiguration
-from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept
 from omni_studies.studies import bounds
+from omni_studies.studies.bounds import LAWS, BoundTrial, BoundTrials, _kept
 from omni_studies.study import StudyRun
 from omni_tools.limit.bounds import (
     Maneuver,

@@ -1,1 +1,0 @@
-"""Trials of tires under a vehicle."""
