@@ -113,12 +113,22 @@ class Options(CampaignOptions):
 
 
 class _Case(NamedTuple):
-    """A run with experiment, variant and overrides, or a bound of such runs."""
+    """A run with experiment, variant and overrides, or a bound of such runs.
 
+    Its name consists of the maneuver, the law or bound, and the condition, if it has one.
+    """
+
+    maneuver: str
+    law: str
     experiment: str
     variant: str
     changes: tuple[str, ...]
-    bound: str = ""
+    condition: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name in metrics and tables."""
+        return "_".join(filter(None, (self.maneuver, self.law, self.condition)))
 
 
 class LawStop(NamedTuple):
@@ -139,48 +149,49 @@ class LawStop(NamedTuple):
     note: str
 
 
-def _cases(library: ExperimentLibrary, options: Options) -> Iterator[tuple[str, _Case]]:
-    """Yield all cases by name."""
+def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
+    """Yield all cases."""
+    straight = "straight_line"
     if not options.without_optical:  # first, as it takes longest
         optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
-        yield "straight_line_allocation_optical", _Case("straight_line", "assisted", optical)
+        yield _Case(straight, "allocation_optical", straight, "assisted", optical)
     for name, variants in _VARIANTS.items():
-        yield f"{name}_unassisted", _Case(name, "unassisted", IDEAL)
+        yield _Case(name, "unassisted", name, "unassisted", IDEAL)
         for variant in variants:
             words = "sliding_mode" if variant == "assisted" else f"sliding_mode_{variant}"
-            yield f"{name}_{words}_on_off", _Case(name, variant, IDEAL)
+            yield _Case(name, f"{words}_on_off", name, variant, IDEAL)
         base = library.variants(name)[-1]
-        law = (*IDEAL, *_ALLOCATION)
-        yield f"{name}_allocation_proportional", _Case(name, base, (*law, _PROPORTIONAL))
-        yield f"{name}_allocation_on_off", _Case(name, base, law)
-        yield f"{name}_allocation_lag", _Case(name, base, (*law, *_LAG))
+        brakes = {"proportional": (_PROPORTIONAL,), "on_off": (), "lag": _LAG}
+        for kind, changes in brakes.items():
+            law = (*IDEAL, *_ALLOCATION, *changes)
+            yield _Case(name, f"allocation_{kind}", name, base, law)
         for other in options.law:
-            own = (*IDEAL, f"brake_assist.law={other}")
-            yield f"{name}_{_label(other)}_on_off", _Case(name, base, own)
-            yield f"{name}_{_label(other)}_proportional", _Case(name, base, (*own, _PROPORTIONAL))
+            for kind in ("on_off", "proportional"):
+                law = (*IDEAL, f"brake_assist.law={other}", *brakes[kind])
+                yield _Case(name, f"{_label(other)}_{kind}", name, base, law)
         yield from _bounds(name, name, IDEAL)
     noisy = (*_SENSOR, *_ALLOCATION, _PROPORTIONAL)
-    yield "ice_patch_noisy_sliding_mode_on_off", _Case("ice_patch_noisy", "noisy", _SENSOR)
-    yield "ice_patch_noisy_allocation_proportional", _Case("ice_patch_noisy", "noisy", noisy)
+    patch = "ice_patch_noisy"
+    yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
+    yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
+    turn = "turn_while_translate"
     for rotation in _ROTATIONS:  # allowed in the turn of Table 2
         spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
-        name = f"turn_while_translate_allocation_proportional_{rotation:g}_deg"
-        yield name, _Case("turn_while_translate", "k7", spent)
+        yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
     for word, changes in _UNKNOWN.items():
         for kind, variant, settings in (*_COMPARED, ("allocation_on_off", "assisted", _ALLOCATION)):
-            case = _Case("straight_line", variant, (*IDEAL, *settings, *changes))
-            yield f"straight_line_{kind}_{word}", case
+            yield _Case(straight, kind, straight, variant, (*IDEAL, *settings, *changes), word)
     for direction in range(0, 181, 15):
         moving = (*IDEAL, f"maneuver.direction_deg={direction}")
         name = f"straight_line_{direction}_deg"
-        yield from _bounds(name, "straight_line", moving)
+        yield from _bounds(name, straight, moving)
         for kind, variant, settings in _COMPARED:
-            yield f"{name}_{kind}", _Case("straight_line", variant, (*moving, *settings))
+            yield _Case(name, kind, straight, variant, (*moving, *settings))
 
 
-def _bounds(name: str, experiment: str, changes: tuple[str, ...]) -> Iterator[tuple[str, _Case]]:
+def _bounds(maneuver: str, experiment: str, changes: tuple[str, ...]) -> Iterator[_Case]:
     for bound in _BOUNDS:
-        yield f"{name}_{bound}", _Case(experiment, "unassisted", changes, bound)
+        yield _Case(maneuver, bound, experiment, "unassisted", changes)
 
 
 def _label(law: str) -> str:
@@ -190,39 +201,38 @@ def _label(law: str) -> str:
 class LawStops:
     """Runs one case after the other; sent to the workers."""
 
-    def __init__(self, library: ExperimentLibrary, cases: Iterable[tuple[str, _Case]]) -> None:
+    def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.
 
         Args:
             library: where the experiments are.
-            cases: cases by name; the number of a case is its index.
+            cases: the number of a case is its index.
         """
         self._library = library
-        self._cases = tuple(cases)
-
-    def __len__(self) -> int:
-        return len(self._cases)
+        self.cases = tuple(cases)
 
     @property
     def fingerprint(self) -> str:
         """Digest of the cases and of their experiments."""
-        used = sorted({(case.experiment, case.variant) for _, case in self._cases})
-        return digest(self._cases, [self._library.load(*names) for names in used])
+        used = sorted({(case.experiment, case.variant) for case in self.cases})
+        return digest(self.cases, [self._library.load(*names) for names in used])
 
     def __call__(self, number: int) -> LawStop:
         """Run a case."""
-        name, case = self._cases[number]
+        case = self.cases[number]
         experiment = self._library.load(case.experiment, case.variant, case.changes)
-        if case.bound:
+        if case.law in _BOUNDS:
             maneuver = maneuver_of(experiment.maneuver)
-            found = _BOUNDS[case.bound](experiment.vehicle, experiment.ground, maneuver)
+            found = _BOUNDS[case.law](experiment.vehicle, experiment.ground, maneuver)
             note = found.reason or f"with a tolerance of {1e3 * found.tolerance:.0f} mm"
-            return LawStop(number, name, found.distance, math.nan, note)
+            return LawStop(number, case.name, found.distance, math.nan, note)
         optical = experiment.feedback == "optical"
         history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
         metrics = run_metrics(history)
         distance, turned = metrics["stopping_distance"], metrics["orientation_change"]
-        return LawStop(number, name, distance.value, turned.value, distance.note or turned.note)
+        return LawStop(
+            number, case.name, distance.value, turned.value, distance.note or turned.note
+        )
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -233,13 +243,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     if options.random:
         return _run_random(options, study)
     work = LawStops(study.experiments, _cases(study.experiments, options))
-    stops = study.campaign(work, range(len(work)), LawStop, options, work.fingerprint)
-    metrics = _metrics(stops)
-    study.columns("laws.csv", _columns(metrics))
-    if len(stops) < len(work):
-        return study.result(metrics, f"{len(stops)} of {len(work)} cases were run.")
-    study.figure("laws.png", _front(metrics, options.law))
-    return study.result(metrics, *_findings(metrics))
+    numbers = range(len(work.cases))
+    stops = study.campaign(work, numbers, LawStop, options, work.fingerprint)
+    results = [(work.cases[stop.seed], stop) for stop in stops]
+    metrics = _metrics(results)
+    study.columns("laws.csv", _columns(results))
+    if len(stops) < len(numbers):
+        return study.result(metrics, f"{len(stops)} of {len(numbers)} cases were run.")
+    study.figure("laws.png", _front(results, options.law))
+    return study.result(metrics, *_findings(results, metrics))
 
 
 def _run_random(options: Options, study: StudyRun) -> StudyResult:
@@ -263,81 +275,75 @@ def _run_random(options: Options, study: StudyRun) -> StudyResult:
     return study.result(costs, f"Parameters that do not pay in both sets: {words}.")
 
 
-def _metrics(stops: Sequence[LawStop]) -> dict[str, Metric]:
-    limits = dict(_TARGETS)
-    distances = {stop.case: stop.distance for stop in stops}
-    for word in _UNKNOWN:
-        free = distances.get(f"straight_line_unassisted_{word}", math.nan)
-        for law in ("allocation_proportional", "allocation_on_off"):
-            limits[f"straight_line_{law}_{word}"] = (_NEVER[0] * free, _NEVER[1])
+Results = Sequence[tuple[_Case, LawStop]]
+
+
+def _metrics(results: Results) -> dict[str, Metric]:
+    free = {case.condition: stop.distance for case, stop in results if case.law == "unassisted"}
     metrics: dict[str, Metric] = {}
-    for stop in stops:
-        longest, most = limits.get(stop.case, (None, None))
-        metrics[f"stopping_distance.{stop.case}"] = Metric(
+    for case, stop in results:
+        longest, most = _TARGETS.get(case.name, (None, None))
+        if case.condition in _UNKNOWN and case.law.startswith("allocation"):
+            longest, most = _NEVER[0] * free.get(case.condition, math.nan), _NEVER[1]
+        metrics[f"stopping_distance.{case.name}"] = Metric(
             stop.distance, "m", at_most=longest, note=stop.note
         )
-        if not stop.case.endswith(tuple(_BOUNDS)):
-            metrics[f"orientation_change.{stop.case}"] = Metric(
+        if case.law not in _BOUNDS:
+            metrics[f"orientation_change.{case.name}"] = Metric(
                 stop.rotation, "deg", at_most=most, note=stop.note
             )
     return metrics
 
 
-def _columns(metrics: Mapping[str, Metric]) -> dict[str, list[str] | list[float]]:
-    names = [key.partition(".")[2] for key in metrics if key.startswith("stopping_distance.")]
-    turned = [metrics.get(f"orientation_change.{name}") for name in names]
+def _bounded(results: Results) -> list[tuple[_Case, LawStop, float]]:
+    """Return the results with the bound of a stop that keeps its heading [m], NaN without one."""
+    bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
+    return [
+        (case, stop, math.nan if known else bounds.get(case.maneuver, math.nan))
+        for case, stop in results
+        for known in (case.law in _BOUNDS or case.condition in _UNKNOWN,)
+    ]
+
+
+def _columns(results: Results) -> dict[str, list[str] | list[float]]:
     return {
-        "case": names,
-        "stopping distance [m]": [metrics[f"stopping_distance.{name}"].value for name in names],
-        "bound [m]": [_bound(metrics, name) for name in names],
-        "orientation change [deg]": [math.nan if m is None else m.value for m in turned],
+        "case": [stop.case for _, stop in results],
+        "stopping distance [m]": [stop.distance for _, stop in results],
+        "bound [m]": [bound for _, _, bound in _bounded(results)],
+        "orientation change [deg]": [stop.rotation for _, stop in results],
     }
 
 
-def _bound(metrics: Mapping[str, Metric], case: str) -> float:
-    """Return the bound of the stop of a case if it keeps its heading, NaN if there is none [m]."""
-    for law in ("_unassisted", "_sliding_mode", "_allocation"):
-        maneuver, found, change = case.partition(law)
-        bound = metrics.get(f"stopping_distance.{maneuver}_bound")
-        if found and bound and not any(word in change for word in _UNKNOWN):
-            return bound.value
-    return math.nan
-
-
-def _front(metrics: Mapping[str, Metric], own: Sequence[str]) -> Figure:
+def _front(results: Results, own: Sequence[str]) -> Figure:
     """Draw distance against rotation for every experiment, with the bound that keeps heading."""
     title = "Distance against rotation under every law"
     x = "stopping distance [m]"
     figure, grid = style.panels(title, 2, 2, size=(9.0, 6.4), x=x, y="orientation change [deg]")
     for axes, name in zip(grid.flat, _VARIANTS, strict=True):
         axes.set_title(name.replace("_", " "), loc="left")
-        bound = metrics[f"stopping_distance.{name}_bound"].value
+        here = [
+            (case.law, stop)
+            for case, stop in results
+            if case.maneuver == name and case.condition not in _UNKNOWN
+        ]
+        bound = dict(here)["bound"].distance
         if math.isfinite(bound):
             axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
-        for words, color, part in (
-            ("all brakes on", style.BLACK, "_unassisted"),
-            ("sliding mode", style.BLUE, "_sliding_mode"),
-            ("allocation, on-off valves", style.GREEN, "_allocation_on_off"),
-            ("allocation, proportional", style.VERMILLION, "_allocation_proportional"),
-            *((_label(law), style.PURPLE, f"_{_label(law)}") for law in own),
+        for words, color, law in (
+            ("all brakes on", style.BLACK, "unassisted"),
+            ("sliding mode", style.BLUE, "sliding_mode"),
+            ("allocation, on-off valves", style.GREEN, "allocation_on_off"),
+            ("allocation, proportional", style.VERMILLION, "allocation_proportional"),
+            *((_label(law), style.PURPLE, _label(law)) for law in own),
         ):
-            cases = [
-                case
-                for key in metrics
-                for quantity, _, case in (key.partition("."),)
-                if quantity == "orientation_change" and case.startswith(name + part)
-                if not any(word in case[len(name + part) :] for word in _UNKNOWN)
-            ]
-            distances, rotations = (
-                [metrics[f"{quantity}.{case}"].value for case in cases]
-                for quantity in ("stopping_distance", "orientation_change")
-            )
-            axes.plot(distances, rotations, "o", color=color, label=words)
+            stops = [stop for found, stop in here if found.startswith(law)]
+            places = [stop.distance for stop in stops], [stop.rotation for stop in stops]
+            axes.plot(*places, "o", color=color, label=words)
     grid[0, 0].legend()
     return figure
 
 
-def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
+def _findings(results: Results, metrics: Mapping[str, Metric]) -> tuple[str, ...]:
     limited = {name: m for name, m in metrics.items() if m.status}
     missed = [n for n, m in limited.items() if m.status == "missed"]
     sentences = [f"{len(limited) - len(missed)} of {len(limited)} targets are met."]
@@ -350,12 +356,9 @@ def _findings(metrics: Mapping[str, Metric]) -> tuple[str, ...]:
         f"heading is shorter than {bound.value:.2f} m, {bound.note}."
     )
     shorter = [
-        f"{case.removesuffix('_unassisted')} ({metric.value:.2f} m, bound {bound:.2f} m)"
-        for key, metric in metrics.items()
-        for quantity, _, case in (key.partition("."),)
-        if quantity == "stopping_distance" and case.endswith("_unassisted")
-        for bound in (_bound(metrics, case),)
-        if metric.value < bound
+        f"{case.maneuver} ({stop.distance:.2f} m, bound {least:.2f} m)"
+        for case, stop, least in _bounded(results)
+        if case.law == "unassisted" and stop.distance < least
     ]
     sentences.append(
         "With all brakes on the stop is shorter than any that keeps its heading: "
