@@ -15,7 +15,6 @@ _SAMPLES_PER_PIXEL = 4  # samples of a blurred line per pixel of motion along th
 _SAMPLES_PER_WIDTH = 16  # samples of a blurred line per width of motion across the axis
 _MOST_SAMPLES = 128
 _TAPS = 8  # amplifiers that read out a line
-_PENUMBRA = 0.002  # width of a shadow's soft edge [m]
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
@@ -121,6 +120,7 @@ def shade(
     sensor: LineSensor,
     configuration: CameraConfiguration,
     first_line: int,
+    penumbra: float = 0.002,
 ) -> NDArray[np.float32]:
     """Return lines darkened by a shadow whose soft edge is fixed or oscillates in the view.
 
@@ -129,12 +129,13 @@ def shade(
         sensor: the camera.
         configuration: optics with the shadow.
         first_line: index of the first line since the start of the run.
+        penumbra: width of the soft edge [m].
     """
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
     way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # in lengths of the view
     edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
-    lit = np.clip((place - edge[:, None]) * sensor.length / _PENUMBRA + 0.5, 0.0, 1.0)
+    lit = np.clip((place - edge[:, None]) * sensor.length / penumbra + 0.5, 0.0, 1.0)
     shaded = grays * (1.0 - configuration.shadow * (1.0 - lit)).astype(np.float32)
     return np.asarray(shaded, np.float32)
 

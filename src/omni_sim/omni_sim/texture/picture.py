@@ -23,7 +23,6 @@ _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
 _MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
 _LEAST_SIZE = 0.02  # smallest edge of the square [m]
 _LEAST_CONTRAST = 0.3  # standard deviation [gray levels] that rounding gives to a plain picture
-_WHITE_16 = 65535
 # Exceptions of the decoders for damaged files.
 _DAMAGE = (
     OSError,
@@ -110,7 +109,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
     """Return gray levels of 8 bits."""
     if picture.mode.startswith("I"):  # 16 bits, stored as 32 in some files
         values = np.asarray(picture)
-        if values.min() < 0 or values.max() > _WHITE_16:
+        if values.min() < 0 or values.max() > np.iinfo(np.uint16).max:
             raise ConfigurationError(_KEY, f"{path} has more than 16 bits")
         values = values.astype(np.uint16)
         # v / 257, rounded, computed with 16 bits.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +22,29 @@ _CACHE_LINE = 64  # bytes
 # Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
 # for the two blocks of columns in which the integral's runs end.
 _MARGIN = 2 * 8 + 3 * blocks.BLOCK
-_TEXELS_PER_PIXEL = 4  # fewest coarser texels per pixel, along the axis
-_TEXELS_ACROSS = 128  # fewest coarser texels across the footprint
-# If at least `_ENOUGH_ACROSS` texels across a footprint are averaged, this number per pixel, little
-# more than one, is enough.
-_LEAST_PER_PIXEL = 1.15
-_ENOUGH_ACROSS = 450
-_MOST_TEXELS = 9472  # per period; they need a quarter of a gigabyte: 20 cm at 1200 dpi
-_LEAST_RATIO = (
-    1.25  # smallest size of coarser texels over that of the ground's that is worth the error
-)
-_MORE_WHOLE = 1.1  # largest increase of the number of texels so that each consists of whole ones
-_BAND = 64  # rows transposed at a time
+
+
+class Coarsening(NamedTuple):
+    """Rules for texels that are coarser than those of the ground.
+
+    If many texels across a footprint are averaged, little more than one per pixel is enough.
+
+    Attributes:
+        sufficient: fewest texels per pixel along the axis, and across the footprint.
+        wide: the same two numbers for a wide footprint.
+        most: most texels per period; they need a quarter of a gigabyte: 20 cm at 1200 dpi.
+        worth: smallest size of coarser texels over that of the ground's that is worth the error [1].
+        whole: largest increase of the number of texels so that each consists of whole ones [1].
+    """
+
+    sufficient: tuple[float, float] = (4.0, 128.0)
+    wide: tuple[float, float] = (1.15, 450.0)
+    most: int = 9472
+    worth: float = 1.25
+    whole: float = 1.1
+
+
+_COARSENING = Coarsening()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,9 +97,9 @@ class PaddedTexture:
         else:
             average.average_texels(gray, middle, rows)
         turned = _room(texels, stride)
-        for first in range(0, texels, _BAND):
-            band = rows[:, first : min(first + _BAND, texels)]
-            turned[first : first + _BAND, :texels] = band.T
+        for first in range(0, texels, 64):
+            band = rows[:, first : min(first + 64, texels)]
+            turned[first : first + 64, :texels] = band.T
         for padded in (rows, turned):
             for start in range(texels, stride, texels):
                 end = min(start + texels, stride)
@@ -172,15 +184,16 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     across the grain has the error of a single texel, which determines the smallest number per
     pixel.
     """
+    rules = _COARSENING
     coarsest = max(
-        min(sensor.pixel_pitch / _TEXELS_PER_PIXEL, sensor.width / _TEXELS_ACROSS),
-        min(sensor.pixel_pitch / _LEAST_PER_PIXEL, sensor.width / _ENOUGH_ACROSS),
+        min(sensor.pixel_pitch / per_pixel, sensor.width / across)
+        for per_pixel, across in (rules.sufficient, rules.wide)
     )
     texels = len(texture.gray)
-    if coarsest >= _LEAST_RATIO * texture.texel:
-        needed = min(math.ceil(texture.size / coarsest - 1e-6), _MOST_TEXELS)
+    if coarsest >= rules.worth * texture.texel:
+        needed = min(math.ceil(texture.size / coarsest - 1e-6), rules.most)
         # Texels that consist of whole ones preserve fine edges better, if about as many are enough.
         whole = texels // needed
         texels = texels // whole if texels % whole == 0 else needed
-        texels = texels if texels <= _MORE_WHOLE * needed else needed
-    return min(texels, _MOST_TEXELS)
+        texels = texels if texels <= rules.whole * needed else needed
+    return min(texels, rules.most)
