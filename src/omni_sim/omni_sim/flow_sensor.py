@@ -134,5 +134,4 @@ def _turned(vector: FloatArray, angle: FloatArray | float) -> FloatArray:
     """Return vectors (..., 2) turned by angles [rad]."""
     cos, sin = np.cos(angle), np.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
-    turned: FloatArray = np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
-    return turned
+    return np.asarray(np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1))

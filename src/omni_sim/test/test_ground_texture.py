@@ -11,7 +11,6 @@ import yaml
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError, from_mapping
-from omni_sim.texture import cache as texture_cache
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import (
     KINDS,
@@ -148,7 +147,7 @@ def test_a_cached_texture_is_not_generated_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = TextureCache(tmp_path / "new").texture(CONFIGURATION)
-    monkeypatch.setattr(texture_cache, "generate_texture", refuse)
+    monkeypatch.setattr("omni_sim.texture.texture.generate_texture", refuse)
     read = TextureCache(tmp_path / "new").texture(CONFIGURATION)
     np.testing.assert_array_equal(read.gray, made.gray)
     assert read.size == SIZE

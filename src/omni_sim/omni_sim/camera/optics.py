@@ -175,8 +175,7 @@ def blur_samples(
         _SAMPLES_PER_PIXEL * along / sensor.pixel_pitch, _SAMPLES_PER_WIDTH * across / sensor.width
     )
     exponent = np.ceil(np.log2(np.clip(wanted, 1.0, _MOST_SAMPLES)) - 1e-9)
-    samples: NDArray[np.int64] = 2 ** exponent.astype(np.int64)
-    return samples
+    return np.asarray(2 ** exponent.astype(np.int64))
 
 
 def instants(samples: int, exposure_time: float) -> FloatArray:

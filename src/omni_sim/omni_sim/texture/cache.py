@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
 import os
 import tempfile
-import zlib
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +20,11 @@ from omni_platform.configuration import to_mapping
 from omni_sim.texture import texture as ground
 from omni_sim.texture.picture import read_picture
 
-_CHECKSUM_BYTES = 4
-_FORMAT = (1, 0)  # version of numpy's file format
-
 
 class TextureCache:
     """Textures in a folder, one file each, named by a digest of their parameters.
 
-    A file contains an array in numpy's format and its CRC-32. If it is missing, damaged or has the
+    A file is an uncompressed archive of numpy, with a CRC-32. If it is missing, damaged or has the
     wrong shape, the texture is generated again. Writing is atomic, so processes may share the
     folder. If the folder cannot be written to, textures are generated every time.
 
@@ -71,43 +67,25 @@ class TextureCache:
         """Return the path of a texture's file."""
         identity = json.dumps([ground.GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
-        return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.texture"
+        return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.npz"
 
 
 def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
     """Return the texture in a file, or None if it is missing or damaged."""
     try:
-        with path.open("rb") as file:
-            version = np.lib.format.read_magic(file)
-            if version != _FORMAT:
-                return None
-            shape, by_columns, kind = np.lib.format.read_array_header_1_0(file)
-            if shape != (texels, texels) or by_columns or kind != np.uint8:
-                return None
-            header = file.tell()
-            gray = np.empty(shape, np.uint8)
-            if file.readinto(gray.data) != gray.nbytes:
-                return None
-            checksum = file.read()
-            file.seek(0)
-            expected = zlib.crc32(gray.data, zlib.crc32(file.read(header)))
-    except (OSError, ValueError, EOFError):
+        with np.load(path, allow_pickle=False) as stored:
+            gray: NDArray[np.uint8] = stored["gray"]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
-    return gray if checksum == expected.to_bytes(_CHECKSUM_BYTES, "little") else None
+    return gray if gray.shape == (texels, texels) and gray.dtype == np.uint8 else None
 
 
 def _write(path: Path, gray: NDArray[np.uint8]) -> None:
-    header = io.BytesIO()
-    description = {"descr": "|u1", "fortran_order": False, "shape": gray.shape}
-    np.lib.format.write_array_header_1_0(header, description)
-    checksum = zlib.crc32(gray.data, zlib.crc32(header.getbuffer()))
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(header.getbuffer())
-            file.write(gray.data)
-            file.write(checksum.to_bytes(_CHECKSUM_BYTES, "little"))
+            np.savez(file, gray=gray)
         os.replace(temporary, path)
     except BaseException:
         with contextlib.suppress(OSError):

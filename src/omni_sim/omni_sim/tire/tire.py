@@ -104,8 +104,7 @@ class Tire:
 
     def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
         """Return whether loads [N] exceed the model and are clamped; any shape."""
-        beyond: NDArray[np.bool_] = np.asarray(load) > self.configuration.largest_load
-        return beyond
+        return np.asarray(np.asarray(load) > self.configuration.largest_load)
 
     def curve(self, load: float, friction: float = 1.0) -> Curve:
         """Return slope [N], peak and sliding force [N] and peak slip [1] at a load.

@@ -57,8 +57,7 @@ def place(
 
 def rolling_radius(state: State) -> FloatArray:
     """Return ``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
-    radius: FloatArray = state.plant.radius - state.wheels["load"] / state.plant.vertical_stiffness
-    return radius
+    return np.asarray(state.plant.radius - state.wheels["load"] / state.plant.vertical_stiffness)
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
@@ -73,8 +72,7 @@ def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> Float
     state.wheels["speed"] = 0.0
     roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
     hub = along_active(state, np.array([*velocity, yaw_rate]))
-    speed: FloatArray = hub / (rolling_radius(state) * state.contacts["rim"])
-    return speed
+    return np.asarray(hub / (rolling_radius(state) * state.contacts["rim"]))
 
 
 def _place_rollers(state: State) -> None:

@@ -403,8 +403,7 @@ class Vehicle:
     @property
     def overloaded(self) -> quantities.BoolArray:
         """Whether each wheel's load exceeds the tire model, which then clamps it, shape (N,)."""
-        beyond: quantities.BoolArray = self.state.wheels["load"] > self.state.plant.largest_load
-        return beyond
+        return np.asarray(self.state.wheels["load"] > self.state.plant.largest_load)
 
     @property
     def overloaded_steps(self) -> int:

@@ -156,8 +156,7 @@ class RollerGeometry:
     def active_direction(self, gamma: ArrayLike) -> FloatArray:
         """Return the unit vector of ``b`` projected on the ground, shape (..., 2)."""
         b = self.roller_axis(gamma)[..., :2]
-        unit: FloatArray = b / np.linalg.norm(b, axis=-1, keepdims=True)
-        return unit
+        return np.asarray(b / np.linalg.norm(b, axis=-1, keepdims=True))
 
     def contact_point(self, gamma: ArrayLike) -> FloatArray:
         """Return ``c`` [m], Eq. (10), shape (..., 2).
@@ -201,5 +200,4 @@ class RollerGeometry:
         b, c = self.roller_axis(gamma), self.contact_point(gamma)
         driven = b[..., 0] * (v_x - omega * c[..., 1]) + b[..., 1] * (v_y + omega * c[..., 0])
         lever = b[..., 0] * math.sin(self.alpha) - b[..., 1] * math.cos(self.alpha)
-        rate: FloatArray = driven / (self.radius * lever)
-        return rate
+        return np.asarray(driven / (self.radius * lever))

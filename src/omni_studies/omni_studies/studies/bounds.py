@@ -207,8 +207,7 @@ def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
     """Return the ratio of the runs to a bound, NaN if it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
-    shares: FloatArray = taken / np.array([[getattr(one, bound)] for one in stops])
-    return shares
+    return np.asarray(taken / np.array([[getattr(one, bound)] for one in stops]))
 
 
 def below(stops: Sequence[BoundTrial], bound: str) -> int:

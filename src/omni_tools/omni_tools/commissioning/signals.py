@@ -180,8 +180,7 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
     """Return the integral of each column, with its mean where a value is missing."""
     known = np.isfinite(values)
     sums = np.sum(np.where(known, values, 0.0), axis=0)
-    result: quantities.FloatArray = sums * dt * len(values) / np.maximum(known.sum(axis=0), 1)
-    return result
+    return np.asarray(sums * dt * len(values) / np.maximum(known.sum(axis=0), 1))
 
 
 def _runs(

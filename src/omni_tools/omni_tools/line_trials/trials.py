@@ -249,5 +249,4 @@ def cramer_rao_bound(
     pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # of the newer line
     common = (pixel >= 0) & (pixel < view.pixels)
     energy = np.sum(gradient**2, axis=1, where=common)
-    bound: FloatArray = 2.0 * (noise**2 + 1.0 / 12.0) / energy
-    return bound
+    return np.asarray(2.0 * (noise**2 + 1.0 / 12.0) / energy)

@@ -39,8 +39,7 @@ class TwistTrial:
     def normalized_error_squared(self) -> FloatArray:
         """Error squared over its expectation ``e^T C^-1 e / 3``, 1 in the mean, shape (m,)."""
         weighted = np.linalg.solve(self.covariance, self.error[:, :, None])[:, :, 0]
-        normalized: FloatArray = np.sum(self.error * weighted, axis=1) / 3.0
-        return normalized
+        return np.asarray(np.sum(self.error * weighted, axis=1) / 3.0)
 
 
 def drive(

@@ -141,8 +141,7 @@ class MeanError:
         """
         c = np.einsum("m,mij->ij", self.mix.share, self.covariance(poses))
         squared = c[0, 0] + c[1, 1] + (x**2 + y**2) * c[2, 2] - 2 * y * c[0, 2] + 2 * x * c[1, 2]
-        error: FloatArray = np.sqrt(squared)
-        return error
+        return np.asarray(np.sqrt(squared))
 
 
 @dataclasses.dataclass(frozen=True)

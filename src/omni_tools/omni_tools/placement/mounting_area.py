@@ -58,8 +58,7 @@ class MountingArea:
         limit = np.array(self.reach) + 1e-9  # a place rounded to the edge is on it
         extent_x = np.abs(poses[..., 0]) + cosine * half_length + sine * half_width
         extent_y = np.abs(poses[..., 1]) + sine * half_length + cosine * half_width
-        inside: BoolArray = (extent_x <= limit[0]) & (extent_y <= limit[1])
-        return inside
+        return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
         """Return the index of a wheel that each housing is too close to, -1 without one."""

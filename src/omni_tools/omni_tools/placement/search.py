@@ -76,8 +76,7 @@ class _Unit:
 
     def poses(self, first: FloatArray) -> FloatArray:
         """Return the poses of all cameras of the unit, shape (..., 3) to (..., g, 3)."""
-        images: FloatArray = first[..., None, :] * np.array(self.images)
-        return images
+        return np.asarray(first[..., None, :] * np.array(self.images))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

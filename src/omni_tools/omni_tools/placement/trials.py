@@ -34,8 +34,7 @@ class PlacementTrial:
     def deviation(self) -> FloatArray:
         """RMS errors of v_x, v_y [m/s] and yaw rate [rad/s] over the mix, shape (3,)."""
         squared = np.array([np.mean(error**2, axis=0) for error in self.error])
-        deviation: FloatArray = np.sqrt(self.share @ squared)
-        return deviation
+        return np.asarray(np.sqrt(self.share @ squared))
 
     def mean_error(self, gyration: float) -> float:
         """Return the RMS error over the platform's points and the mix [m/s].

@@ -242,8 +242,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
     turned = points @ _rotation(angle).transpose(0, 2, 1)  # (T, C, 2)
     moved = (pose[:, :2] - pose[0, :2]) @ _rotation(pose[0, 2])  # from odom into the frame
     swept = (turned + moved[:, None, :]).reshape(-1, 2)
-    farthest: FloatArray = np.max(swept @ _NORMALS.T, axis=0)
-    return farthest
+    return np.asarray(np.max(swept @ _NORMALS.T, axis=0))
 
 
 def _rotation(angle: FloatArray | float) -> FloatArray:
@@ -260,8 +259,7 @@ def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
     hull = np.max(by_cell[:HULL_STOPS], axis=0)
     growth = np.max(by_cell[HULL_STOPS:] - hull, axis=(0, 2))
-    grown: FloatArray = hull + np.maximum(growth, 0.0)[:, None]
-    return grown
+    return np.asarray(hull + np.maximum(growth, 0.0)[:, None])
 
 
 def inside(
@@ -269,8 +267,7 @@ def inside(
 ) -> NDArray[np.bool_]:
     """Return for each stop whether it stays within the area of its cell, shape (stops,)."""
     cells = [campaign.cell_of(sweep.seed) for sweep in sweeps]
-    stays: NDArray[np.bool_] = np.all(supports_of(sweeps) <= limits[cells], axis=1)
-    return stays
+    return np.asarray(np.all(supports_of(sweeps) <= limits[cells], axis=1))
 
 
 def supports_of(sweeps: Sequence[Sweep]) -> FloatArray:
