@@ -12,6 +12,7 @@ slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
 """
 
 import dataclasses
+import operator
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -70,13 +71,13 @@ class FitRecipe:
         upper: largest unknowns, shape (P,).
         loads: number of distinct loads that determine the model.
         start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
+        parameters: function that returns the constants of the kernels; arguments as for `scale`.
+        mapping: function that returns the model's configuration as nested mappings; arguments as
+            for `scale`.
         values: function that converts unknowns, shape (P, ...), to the values of `keys`; an unknown
             may be a ratio of two values, which keeps them in order.
         scale: function that returns the magnitudes of the values, shape (P,), with which standard
             errors are compared; arguments: values and largest load [N] in the data.
-        parameters: function that returns the constants of the kernels; arguments as for `scale`.
-        mapping: function that returns the model's configuration as nested mappings; arguments as
-            for `scale`.
     """
 
     keys: tuple[str, ...]
@@ -84,10 +85,10 @@ class FitRecipe:
     upper: Sequence[float]
     loads: int
     start: Callable[[Landmarks], FloatArray]
-    values: Callable[[FloatArray], FloatArray]
-    scale: Callable[[FloatArray, float], FloatArray]
     parameters: Callable[[FloatArray, float], Any]
     mapping: Callable[[FloatArray, float], dict[str, Any]]
+    values: Callable[[FloatArray], FloatArray] = np.copy
+    scale: Callable[[FloatArray, float], FloatArray] = lambda values, _: np.abs(values)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,11 +114,11 @@ class TireModel:
     parameters_type: type
     curve_type: type
     parameters: Callable[[Any], Any]
-    largest_load: Callable[[Any], float]
     curve_at: Callable[[Any, float, float], Any]
     force_at: Callable[[Any, float], tuple[float, float]]
     contact: Callable[[float, float, float, float, Any, bool], tuple[float, float, bool]]
     fit: FitRecipe
+    largest_load: Callable[[Any], float] = operator.attrgetter("largest_load")
 
 
 _MODEL_OF: dict[type, TireModel] = {}

@@ -308,7 +308,6 @@ MODEL = TireModel(
         loads=2,
         start=_start,
         values=_values,
-        scale=lambda values, _: np.abs(values),
         parameters=_fitted_parameters,
         mapping=_mapping,
     ),
