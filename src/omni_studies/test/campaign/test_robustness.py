@@ -225,7 +225,6 @@ def test_a_table_that_was_cut_off_loses_its_last_line_only(tmp_path: Path) -> No
     assert not ResultTable(path, Outcome, "def", resume=False).results
 
 
-def test_a_cluster_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "_CONNECT_TIME", 0.2)
-    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9"):
+def test_a_cluster_that_is_not_there_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="--scheduler"), connected("tcp://[::1]:9", 0.2):
         pass
