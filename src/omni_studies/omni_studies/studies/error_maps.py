@@ -23,7 +23,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
-from omni_studies.line_trials import tables, view_grid
+from omni_studies.line_trials import view_grid
 from omni_studies.line_trials.figures import Scale, draw_error_maps, view_lengths
 from omni_studies.line_trials.options import LineOptions, TextureOptions
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
@@ -175,7 +175,7 @@ def run(options: Any, study: StudyRun) -> StudyResult:
     headers = ("ground", "condition")[: len(next(iter(found)))]
     study.figure(f"figure_{case.figure}.png", figure)
     study.written.append(
-        tables.write_matches(study.folder / f"{study.case}.csv", headers, motions, found)
+        view_grid.write_matches(study.folder / f"{study.case}.csv", headers, motions, found)
     )
     if study.case == "overlap":
         figure, displacements = _line_rates()

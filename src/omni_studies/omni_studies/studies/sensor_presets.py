@@ -28,7 +28,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import options as line_options
-from omni_studies.line_trials import tables, view_grid
+from omni_studies.line_trials import view_grid
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, measure
@@ -93,7 +93,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         }
         table, columns = study.folder / f"{name}.csv", ("sensor", "ground")
         motions = _motions(sensor, speeds)
-        study.written.append(tables.write_matches(table, columns, motions, found))
+        study.written.append(view_grid.write_matches(table, columns, motions, found))
     hard = dataclasses.replace(options, ground=options.hard)
     for ground, texture in line_options.grounds_of(hard, study.experiments).items():
         for name, sensor in sensors.items():

@@ -6,6 +6,8 @@ start angles; forces and motions are compared in the mean over them.
 
 import dataclasses
 import math
+import time
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -238,3 +240,37 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
         angle.append(vehicle.wheels["angle"][wheel])
         force.append(vehicle.wheel_force_body[wheel])
     return ForceTrace(np.array(angle), np.array(force))
+
+
+_TRIALS = (
+    dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),
+    dataclasses.replace(TRIALS["brake_gently"], duration=1.5),
+)
+DURATION = sum(trial.duration for trial in _TRIALS)
+"""Simulated time of one run [s]."""
+
+
+def processor_times(
+    configurations: Mapping[str, VehicleConfiguration], repeats: int
+) -> dict[str, FloatArray]:
+    """Return the CPU time of each vehicle, driving a curve and braking.
+
+    Args:
+        configurations: the vehicles by name.
+        repeats: number of runs.
+
+    Returns:
+        CPU time of each run [s], shape (repeats,), in the order of the turns.
+    """
+    times: dict[str, list[float]] = {name: [] for name in configurations}
+    for _ in range(repeats):
+        for name, configuration in configurations.items():
+            spent = 0.0
+            for trial in _TRIALS:
+                vehicle = start(configuration, trial, 0.1)
+                advance(vehicle, trial, 0.0)  # loads the kernel
+                begin = time.process_time()
+                advance(vehicle, trial, trial.duration)
+                spent += time.process_time() - begin
+            times[name].append(spent)
+    return {name: np.array(spent) for name, spent in times.items()}
