@@ -255,6 +255,9 @@ def processor_times(
 ) -> dict[str, FloatArray]:
     """Return the CPU time of each vehicle, driving a curve and braking.
 
+    Elapsed time would depend on the load of the machine. The vehicles are run in turns, so that a
+    slow processor affects all of them.
+
     Args:
         configurations: the vehicles by name.
         repeats: number of runs.
