@@ -33,7 +33,7 @@ class Coarsening(NamedTuple):
         sufficient: fewest texels per pixel along the axis, and across the footprint.
         wide: the same two numbers for a wide footprint.
         most: most texels per period; they need a quarter of a gigabyte: 20 cm at 1200 dpi.
-        worth: smallest size of coarser texels over that of the ground's that is worth the error [1].
+        worth: smallest size of coarser texels over that of the ground, to be worth the error [1].
         whole: largest increase of the number of texels so that each consists of whole ones [1].
     """
 
