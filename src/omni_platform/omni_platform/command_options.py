@@ -13,19 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from omni_platform.configuration import (
-    Configuration,
-    ConfigurationError,
-    ParameterInfo,
-    declared_parameters,
-    parameter,
-    without_none,
-)
+from omni_platform import configuration
 
 _SPELLING = "omni_option"
 _METAVARS = {int: "N", float: "X", str: "NAME", Path: "PATH"}
 
-C = TypeVar("C", bound=Configuration)
+C = TypeVar("C", bound=configuration.Configuration)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,16 +50,16 @@ def option(
         many: whether one flag takes several values of a tuple.
         **declared: the other arguments of `parameter`.
     """
-    field = parameter(default, **declared)
+    field = configuration.parameter(default, **declared)
     spelling = _Spelling(flag, metavar, positional, many)
     field.metadata = {**field.metadata, _SPELLING: spelling}
     return field
 
 
-class CommandOptions(Configuration):
+class CommandOptions(configuration.Configuration):
     """Options of every command that computes metrics."""
 
-    json: bool = parameter(False)
+    json: bool = configuration.parameter(False)
     """print the results as JSON"""
 
 
@@ -76,7 +69,7 @@ def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
     return option((), flag="--set", metavar="KEY=VALUE", description=words)
 
 
-def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> None:
+def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configuration]) -> None:
     """Declare the parameters of `cls` as options; one that is not given is absent from the result.
 
     Args:
@@ -84,9 +77,9 @@ def add_options(parser: argparse.ArgumentParser, cls: type[Configuration]) -> No
         cls: declares the options.
     """
     fields = {field.name: field for field in dataclasses.fields(cls)}
-    for name, kind, info in declared_parameters(cls):
+    for name, kind, info in configuration.declared_parameters(cls):
         spelling = _spelling(fields[name])
-        single = without_none(kind)
+        single = configuration.without_none(kind)
         repeated = typing.get_origin(single) is tuple
         single = typing.get_args(single)[0] if repeated else single
         given: dict[str, Any] = {
@@ -145,25 +138,25 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
     given = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(parsed).items()
-        if name in {name for name, _, _ in declared_parameters(cls)}
+        if name in {name for name, _, _ in configuration.declared_parameters(cls)}
     }
     try:
         return cls(**given)
-    except ConfigurationError as error:
-        raise ConfigurationError(option_of(cls, error.key), error.problem) from None
+    except configuration.ConfigurationError as error:
+        raise configuration.ConfigurationError(option_of(cls, error.key), error.problem) from None
 
 
-def flags_of(cls: type[Configuration]) -> list[str]:
+def flags_of(cls: type[configuration.Configuration]) -> list[str]:
     """Return the flags of a command's options, such as ``--peak-recovery``."""
     fields = {field.name: _spelling(field) for field in dataclasses.fields(cls)}
     return [
         _flag(name, fields[name])
-        for name, _, _ in declared_parameters(cls)
+        for name, _, _ in configuration.declared_parameters(cls)
         if not fields[name].positional
     ]
 
 
-def option_of(cls: type[Configuration], key: str) -> str:
+def option_of(cls: type[configuration.Configuration], key: str) -> str:
     """Return the option that a person gives for a field, such as ``--peak-recovery``."""
     name = re.split(r"[.\[]", key)[0]
     for field in dataclasses.fields(cls):
@@ -182,7 +175,7 @@ def _flag(name: str, spelling: _Spelling) -> str:
     return spelling.flag or "--" + name.replace("_", "-")
 
 
-def _help(info: ParameterInfo, default: Any, repeated: bool) -> str:
+def _help(info: configuration.ParameterInfo, default: Any, repeated: bool) -> str:
     words = f"{info.description} [{info.unit}]" if info.unit else info.description
     notes = ["may be repeated"] if repeated else []
     if default not in (dataclasses.MISSING, None, "", ()) and not isinstance(default, bool):
