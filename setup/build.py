@@ -1,7 +1,5 @@
 """The build: packages by colcon, and compiled kernels."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import shutil

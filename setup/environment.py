@@ -1,7 +1,5 @@
 """The environment of the workspace: exactly the packages of a lock file."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

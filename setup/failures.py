@@ -1,7 +1,5 @@
 """Reasons for a failed set-up, in one sentence with a remedy."""
 
-from __future__ import annotations
-
 import errno
 import re
 import shutil

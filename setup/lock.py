@@ -1,7 +1,5 @@
 """The lock that set-up holds exclusively and commands share."""
 
-from __future__ import annotations
-
 import errno
 import fcntl
 import os

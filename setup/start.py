@@ -1,7 +1,5 @@
 """Makes the workspace ready and hands over to the command."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The steps of the set-up: programs whose output goes to the log."""
 
-from __future__ import annotations
-
 import ctypes
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """The folders of the workspace, their stamps, and their environment variables."""
 
-from __future__ import annotations
-
 import contextlib
 import glob
 import hashlib

@@ -8,8 +8,6 @@ only other kernels have called has no such entry. It is compiled again, with the
 calls it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import threading
