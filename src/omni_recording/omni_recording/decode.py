@@ -1,8 +1,8 @@
-"""Recorded bytes to messages, for the types of ROS 2 Jazzy and without ROS.
+"""Decoding of recorded bytes into messages of ROS 2 Jazzy types, without ROS.
 
-The definitions come from this installation, never from the recording: rosbags turns a definition
-into Python code and runs it. A recording whose own definition of a type differs is refused,
-because its bytes would be decoded wrongly.
+The definitions come from this installation and never from the recording, because rosbags turns a
+definition into Python code and runs it. A recording whose own definition of a type differs is
+refused, because its bytes would be decoded wrongly.
 """
 
 from collections.abc import Collection, Iterator
@@ -48,7 +48,7 @@ class MessageDecoder:
         problem = self.problem(message.channel)
         if problem:
             raise DecodeError(problem)
-        # Foreign bytes make the generated code raise nearly anything.
+        # The generated code may raise any error on foreign bytes.
         try:
             return self._store.deserialize_cdr(message.data, name)
         except Exception as error:
@@ -69,7 +69,7 @@ class MessageDecoder:
         if not self.is_known(channel.type_name):
             return f"its type {channel.type_name[:80]!r} is not one of ROS 2 Jazzy's"
         if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
-            return ""  # nothing to compare with; the bytes must show
+            return ""  # no definition to compare; decoding will show
         if len(channel.definition) > LIMITS.definition:
             return f"the definition of its type has {len(channel.definition)} characters"
         return self._difference(channel)

@@ -1,8 +1,8 @@
 """Message definitions of a ROS 2 installation, for self-describing files.
 
-A message package installs ``share/<package>/msg/<Name>.msg`` and a description of the type in JSON
-beside it, with the official type hashes. Reading these two takes less than a millisecond per type,
-yields exactly the types of the running system, and needs no parser of the message language.
+A message package installs ``share/<package>/msg/<Name>.msg`` and, next to it, a JSON description of
+the type with the official type hashes. Both files together give exactly the types of the running
+system, without a parser of the message language.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ _TIME = "builtin_interfaces/msg/Time"
 
 
 class MessageDefinitionError(LookupError):
-    """A message type whose definition cannot be found; the message names the places searched."""
+    """A message type whose definition cannot be found; the text names the folders searched."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,12 +39,12 @@ class MessageDefinition:
     """The description of a message type in a recording.
 
     Attributes:
-        type_name: such as ``sensor_msgs/msg/Image``.
-        text: the type's ``.msg`` text followed by those of the types that it is made of, each
-            after a line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
+        type_name: name of the type, such as ``sensor_msgs/msg/Image``.
+        text: the type's ``.msg`` text. The texts of the types that it contains follow, each after a
+            line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
         type_hash: official hash of the type, ``RIHS01_...``.
-        stamped: whether every message begins with a time stamp, as in a leading header.
-        of_stamped: whether it begins with a list of messages that do.
+        stamped: whether every message begins with a time stamp, usually that of its header.
+        of_stamped: whether every message begins with a list of stamped messages.
     """
 
     type_name: str
@@ -70,15 +70,15 @@ def find_message_definition(
     """Return the definition of an installed message type.
 
     Args:
-        type_name: such as ``sensor_msgs/msg/Image``.
-        prefixes: folders to search, `installation_prefixes()` if None.
+        type_name: name of the type, such as ``sensor_msgs/msg/Image``.
+        prefixes: folders to search; None for `installation_prefixes()`.
 
     Raises:
         MessageDefinitionError: the name is malformed, or the type is not installed.
     """
     folders = installation_prefixes() if prefixes is None else tuple(prefixes)
     description = _read_description(type_name, folders)
-    # The list of hashes names the type itself and everything that it is made of.
+    # The list of hashes names the type and all types that it contains.
     hashes = {entry["type_name"]: entry["hash_string"] for entry in description["type_hashes"]}
     texts = [_read_text(type_name, folders)]
     for dependency in sorted(hashes.keys() - {type_name}):

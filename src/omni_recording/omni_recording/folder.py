@@ -21,7 +21,7 @@ from omni_recording.limits import LIMITS
 
 METADATA = "metadata.yaml"
 
-# What one vehicle publishes; what stands before it is the vehicle's namespace.
+# Topics of a vehicle; the text before them is the vehicle's namespace.
 _VEHICLE_TOPIC = re.compile(
     r"(?P<namespace>.*?)/(wheel_states|brake/(pedal|enable)|odometry/twist|ground_truth/odom"
     r"|line_scan/[^/]+/lines)"
@@ -39,7 +39,8 @@ class Bag:
         message_count: number of messages according to the metadata; None without metadata.
         counts: messages by topic according to the metadata; empty without metadata.
         ros_distro: ROS distribution of the recorder; empty if unknown.
-        namespace: removed from the topics of messages and summary, such as ``/robot1``.
+        namespace: namespace such as ``/robot1``, which is removed from the topics of messages and
+            summary.
     """
 
     path: Path
@@ -57,7 +58,7 @@ def open_bag(path: Path | str) -> Bag:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: there is no recording, or none that can be read; gives the reason.
+        BagError: there is no recording, or it cannot be read; the message gives the reason.
     """
     path = Path(path)
     if path.is_dir():
@@ -91,7 +92,7 @@ def open_vehicle(path: Path | str) -> Bag:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: there is none that can be read here, or it holds several vehicles.
+        BagError: there is no readable recording, or it contains several vehicles.
     """
     bag = open_bag(path)
     found = {
@@ -116,7 +117,7 @@ def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]
         problems: receives the problems of files that cannot be read, which are omitted.
 
     Raises:
-        BagError: there are none, or one of them cannot be read and there is no list of problems.
+        BagError: there are no files, or a file cannot be read and `problems` is None.
     """
     if not path.is_dir():
         return open_bag(path).files
@@ -155,7 +156,7 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
 def bag_summary(bag: Bag) -> mcap.McapSummary:
     """Return topics, counts and times of the whole recording.
 
-    They come from the summaries of the files; a file without one is read through.
+    The values come from the summaries of the files; a file without a summary is read through.
 
     Raises:
         BagError: a file is damaged, cut off or foreign.
@@ -188,7 +189,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
 
 
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
-    """Return the error of a file as one of the recording."""
+    """Return the error of the recording for an error in one of its files."""
     if isinstance(error, mcap.McapError):
         hint = "; `omni bag recover` keeps the complete messages" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
@@ -196,7 +197,7 @@ def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> B
 
 
 def _messages_below(namespace: str, messages: mcap.McapMessages) -> Iterator[mcap.RecordedMessage]:
-    renamed: dict[int, mcap.RecordedChannel] = {}  # by the channel's identity; the reader keeps it
+    renamed: dict[int, mcap.RecordedChannel] = {}  # by id(channel), which the reader keeps alive
     for message in messages:
         key = id(message.channel)
         if key not in renamed:
@@ -281,7 +282,7 @@ def _file_within(folder: Path, name: Any, version: int) -> Path:
         raise BagError(folder, "metadata.yaml: relative_file_paths is invalid")
     inside = PurePosixPath(name)
     if version < 4 and not inside.is_absolute():
-        inside = PurePosixPath(inside.name)  # these named the folder as well
+        inside = PurePosixPath(inside.name)  # old names include the folder
     if inside.is_absolute() or len(inside.parts) != 1 or ".." in inside.parts:
         raise BagError(folder, f"metadata.yaml names {name[:80]!r}, which is not in the folder")
     path = folder / inside
@@ -292,27 +293,27 @@ def _file_within(folder: Path, name: Any, version: int) -> Path:
 
 
 def _require_regular(folder: Path, path: Path) -> None:
-    # Opening a pipe would wait for ever, and a device has no end.
+    # Opening a pipe would wait forever, and reading a device would not end.
     try:
         mode = path.stat().st_mode
-    except OSError as error:  # such as a link to nothing, or round in a circle
+    except OSError as error:  # such as a broken or circular link
         raise BagError(folder, f"{path.name} cannot be read: {error.strerror}") from None
     if not stat.S_ISREG(mode):
         raise BagError(folder, f"{path.name} is not a regular file")
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """YAML loader without merge keys, with which a few lines may exceed any memory."""
+    """YAML loader without merge keys, because a few lines with such keys may exhaust the memory."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Do not expand merge keys; they are then refused as unknown keys."""
+        """Leave merge keys unexpanded, so that they are refused as unknown keys."""
 
 
 def read_plain_yaml(text: str) -> Any:
     """Return a YAML document of plain values.
 
     Raises:
-        ValueError: it is not one; gives the reason in one line.
+        ValueError: the text is no such document; the message gives the reason in one line.
     """
     load: Callable[..., Any] = yaml.load
     try:
@@ -342,10 +343,10 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
 
 
 def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.RecordedMessage]:
-    """Return messages by their log time, those of one time in the order of the file.
+    """Return messages by log time; messages with the same time keep the order of the file.
 
-    Topics may overtake each other in a file. Messages are buffered for a second of recorded time,
-    or up to 128 MiB.
+    In a file, topics need not be in order with each other. Messages are buffered for a second of
+    recorded time, or up to 128 MiB.
     """
     waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0
@@ -366,7 +367,7 @@ def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.Rec
 def in_rounds(messages: Iterable[mcap.RecordedMessage]) -> Iterator[list[mcap.RecordedMessage]]:
     """Group messages so that each topic occurs at most once in a round.
 
-    If topics are sampled together, a round has one sample of each.
+    If all topics are sampled at the same times, a round has one sample of each topic.
     """
     group: dict[str, mcap.RecordedMessage] = {}
     for message in messages:

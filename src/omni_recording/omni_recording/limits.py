@@ -1,4 +1,4 @@
-"""Limits of what is read from a recording, which may be damaged or made to exhaust the memory."""
+"""Limits for reading recordings, which may be damaged or meant to exhaust the memory."""
 
 import dataclasses
 
@@ -11,16 +11,16 @@ class Limits:
         record: size of a record, and of a chunk when it is unpacked [B].
         description: size of all schemas and channels of a file together [B].
         definition: length of the definition of one type; the largest of ROS 2 have 20 KiB.
-        chunks: chunks that an index may list.
+        chunks: number of chunks in an index.
         metadata: size of ``metadata.yaml`` [B].
         note: size of another file stored with the recording [B].
         qos: length of the quality of service of a channel.
         waiting: size of the messages that are held back to sort them by time [B].
-        columns: columns of a table.
-        label: length of the name of a joint in the name of a column.
+        columns: number of columns of a table.
+        label: length of a joint's name that becomes part of a column's name.
         topic: length of the name of an exported topic; a file name holds 255 characters.
-        topics: topics that are exported at once, each to an open file.
-        rows: rows that are written to a table at once.
+        topics: number of topics exported at once, each to an open file.
+        rows: number of rows written to a table at once.
     """
 
     record: int = 1 << 28

@@ -1,9 +1,10 @@
-"""The messages of an MCAP file one after the other, in bounded memory, for damaged files too.
+"""Reader of the messages of MCAP files, also damaged ones, in bounded memory.
 
-`mcap.stream_reader.StreamReader` limits the size of a record, but neither that of an unpacked chunk
-nor the lengths inside a record, which may reach beyond its end. Here every length is checked
-against the bytes that are there before anything is read, and the library parses complete records
-only. Reading goes from the front and needs no index, so that it works on an unfinished recording.
+`mcap.stream_reader.StreamReader` limits the size of a record. It limits neither the size of an
+unpacked chunk nor the lengths inside a record, which may point beyond the record's end. This reader
+compares every length with the available bytes before it reads anything, and the library parses
+complete records only. It reads from the front without an index, so it also reads an unfinished
+recording.
 """
 
 import dataclasses
@@ -48,10 +49,10 @@ class RecordedChannel:
     """A channel of a file: the topic of one publisher.
 
     Attributes:
-        topic: name.
-        type_name: such as ``sensor_msgs/msg/Image``; empty without a schema.
+        topic: name of the topic.
+        type_name: message type, such as ``sensor_msgs/msg/Image``; empty without a schema.
         definition: text of the type's definition.
-        definition_encoding: language of that text, such as ``ros2msg``.
+        definition_encoding: language of the definition, such as ``ros2msg``.
         encoding: encoding of the messages, such as ``cdr``.
         metadata: further entries of the recorder, such as ``offered_qos_profiles``.
     """
@@ -69,11 +70,11 @@ class RecordedMessage:
     """A message as it was recorded.
 
     Attributes:
-        channel: where it was recorded.
+        channel: channel of the message.
         log_ns: time at which it was recorded [ns].
         publish_ns: time at which it was published [ns].
         sequence: number that the recorder gave it.
-        data: its bytes.
+        data: serialized message.
     """
 
     channel: RecordedChannel
@@ -109,8 +110,8 @@ class McapMessages:
 
     Args:
         path: a regular file.
-        on_damage: called with the problem of a chunk that cannot be unpacked and is omitted; None
-            raises it instead.
+        on_damage: called with the problem of a chunk that cannot be unpacked and is omitted; if
+            None, such a chunk raises the error.
     """
 
     def __init__(self, path: Path, on_damage: Callable[[str], None] | None = None) -> None:
@@ -252,7 +253,7 @@ class _Tables:
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # what a stamp of ROS cannot hold
+        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # more seconds than a ROS stamp can hold
             raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
         return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD.size :])
 
@@ -380,7 +381,7 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
     import zstandard
 
     try:
-        # One byte more than stated distinguishes a complete chunk from a longer one.
+        # Reading one byte more than stated shows whether the chunk is longer.
         with zstandard.ZstdDecompressor().stream_reader(data) as reader:
             return reader.read(size + 1)
     except zstandard.ZstdError as error:

@@ -8,7 +8,7 @@ from omni_recording.definitions import MessageDefinition
 
 SERIALIZATION = "cdr"
 VERSION = 9
-UNSET_TIME = 2**63 - 1  # [ns] rosbag2's start of a recording without messages
+UNSET_TIME = 2**63 - 1  # [ns] start time that rosbag2 writes if there are no messages
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Extent:
 def bag_information(
     file_name: str, topics: Sequence[RecordedTopic], extent: Extent
 ) -> dict[str, Any]:
-    """Return the content of ``rosbag2_bagfile_information`` for a recording of one file."""
+    """Return the entry ``rosbag2_bagfile_information`` for a recording of one file."""
     return {
         "version": VERSION,
         "storage_identifier": "mcap",
@@ -68,7 +68,7 @@ def bag_information(
             }
             for topic in topics
         ],
-        # These describe whole files and messages; chunks are compressed by the MCAP file itself.
+        # These two are for compressed files and messages. Compressed chunks are internal to MCAP.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],
@@ -96,5 +96,6 @@ def qos_information(qos: RecordedQos) -> list[dict[str, Any]]:
 
 
 def _forever() -> dict[str, int]:
-    # The largest signed 64-bit number of nanoseconds; one dict each, or YAML would alias them.
+    # The largest signed 64-bit number of nanoseconds; a new dict each time, because YAML would
+    # write aliases for a shared one.
     return {"sec": 9223372036, "nsec": 854775807}

@@ -1,4 +1,4 @@
-"""Topics and stamps of a recording."""
+"""Parameters of the recorder, and the stamps under which it writes messages."""
 
 import heapq
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp
 
 RELIABILITIES = ("reliable", "best_effort")
-# Topics with any number of publishers, each with stamps of its own.
+# Topics on which many nodes may publish; their stamps are not in order with each other.
 SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
-_HELD_BACK_NS = SECOND_NS  # of a shared topic, until it is written in the order of the stamps
+_HELD_BACK_NS = SECOND_NS  # delay for sorting a shared topic by stamp
 
 
 class RecorderConfiguration(Configuration):
@@ -51,7 +51,7 @@ class RecorderConfiguration(Configuration):
     may then contain messages of another run"""
 
     def check_consistency(self) -> None:
-        """Refuse lists that do not fit together."""
+        """Raise an error if a required value is empty or lists do not match."""
         if not self.folder:
             raise ConfigurationError("folder", "is empty")
         if not self.topics:
@@ -73,15 +73,16 @@ class RecorderConfiguration(Configuration):
 
 
 class StampedRecording:
-    """Writes messages under their own stamps, so that a recording does not depend on timing.
+    """Writes messages with their own stamps, so that a recording does not depend on timing.
 
     A list of stamped messages has the stamp of its first message, if that is plausible. A message
-    without a stamp gets the latest stamp received on any topic. Those of a shared topic wait
-    for a second of stamps, so that their order depends on no node's speed either.
+    without a stamp gets the latest stamp received on any topic. Messages of a shared topic are held
+    back for a second of stamps and sorted, so that their order does not depend on the speed of the
+    nodes.
 
     Args:
         writer: the recording.
-        definitions: definitions of each topic's messages.
+        definitions: message definition by topic.
     """
 
     def __init__(self, writer: Rosbag2Writer, definitions: Mapping[str, MessageDefinition]) -> None:
@@ -91,7 +92,7 @@ class StampedRecording:
         self._latest_ns = 0
         self._newest_ns: dict[str, int] = {}
         self._held: list[tuple[int, str, bytes]] = []  # a heap
-        self.problem: str | None = None  # the first sign of messages that are not of this run
+        self.problem: str | None = None  # first evidence of another run
 
     def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
         """Write a message.
@@ -99,7 +100,7 @@ class StampedRecording:
         Args:
             topic: full name of one of the recording's topics.
             data: the message as CDR with its encapsulation header.
-            stamp_ns: its stamp [ns] where that is not at its beginning.
+            stamp_ns: stamp of the message [ns]; None to read it from the beginning of the message.
 
         Raises:
             RecordingError: the file cannot be written anymore.

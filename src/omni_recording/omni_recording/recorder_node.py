@@ -1,8 +1,8 @@
 """Records serialized messages of topics into a rosbag2 folder.
 
-Only an odometry that is also recorded as `/tf` is decoded. On SIGINT or
-SIGTERM the node stores the messages received so far, closes the recording, and reports
-``{"recorded": {topic: count}}``, see `omni_ros.report`.
+Messages are not decoded, except an odometry that is also recorded as `/tf`. On SIGINT or SIGTERM
+the node stores the messages received so far, closes the recording, and reports ``{"recorded":
+{topic: count}}``, see `omni_ros.report`.
 """
 
 import contextlib
@@ -117,7 +117,7 @@ class RecorderNode(Node):
             self._recording.add(topic, data)
             self._transforms.follow(self._recording, topic, data)
         except write.RecordingError as error:
-            # Raised from here, it would pass through the executor, which logs it at length.
+            # The error is stored, because the executor would log a long traceback.
             self.failure = error
 
 
@@ -125,7 +125,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
     """Record until a signal asks to stop, then finish the recording and report the counts.
 
     Raises:
-        NodeError: the recording failed; the counts in the file are reported nonetheless.
+        NodeError: the recording failed; the counts in the file are still reported.
     """
     try:
         _take(node, spinner)
@@ -144,8 +144,8 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
-    """Store messages, which gather for a pause [s]: waking up for each took ten times as long."""
-    # A timer of the node would queue behind the messages of a busy graph; this does not.
+    """Store messages in groups, once per `pause` [s], because waking up for each is far slower."""
+    # The clock is read here, as a node's timer would queue behind the messages of a busy graph.
     due = time.monotonic() + node.flush_period
     while not spinner.stop and node.failure is None:
         time.sleep(min(pause, node.flush_period))
@@ -174,10 +174,10 @@ def _drain(
 
     Args:
         node: the recorder.
-        spinner: takes messages.
-        longest: time for full queues and a slow disk [s].
-        longest_wait: time for messages in transit [s], also if publishers continue.
-        quiet: time without a message after which nothing more is in transit [s].
+        spinner: runs the callbacks of received messages.
+        longest: longest time for emptying full queues to a slow disk [s].
+        longest_wait: longest wait for messages in transit, also if publishers continue [s].
+        quiet: time without a message after which no messages are expected [s].
     """
     _take_arrived(node, spinner, time.monotonic() + longest)
     deadline = time.monotonic() + longest_wait

@@ -1,8 +1,9 @@
 """Messages as rows of a table: one column for every plain value inside.
 
-``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds), ``covariance[7]``; the
-arrays of a ``JointState`` get the names of its joints, ``velocity.front_left``. A message that
-would need more than `Limits.columns` columns, such as an image, is not converted.
+Examples of columns are ``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds) and
+``covariance[7]``. The arrays of a ``JointState`` have a column for each joint, such as
+``velocity.front_left``. A message that would need more than `Limits.columns` columns, such as an
+image, is not converted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_recording.decode import MessageDecoder
 from omni_recording.limits import LIMITS
 
-# Places of the parts of a rosbags field: (kind, what it consists of).
+# Kinds of a rosbags field, which is a pair (kind, parts).
 _BASE, _NAME = range(1, 3)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -30,8 +31,8 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
     """Return the columns of a decoded message.
 
     Args:
-        decoder: knows the fields of the type.
-        type_name: name of the message.
+        decoder: decoder, which has the fields of the type.
+        type_name: type of the message.
         message: as `MessageDecoder.decode` returns it.
 
     Returns:
@@ -58,7 +59,7 @@ def _cells(decoder: MessageDecoder, type_name: str, message: Any, prefix: str) -
         elif kind == _NAME:
             yield from _nested(decoder, parts, value, path)
         elif name == "name" and labels is not None:
-            continue  # they are in the names of the columns
+            continue  # joint names are in the columns' names
         else:
             by_label = labels if name in _JOINT_VALUES else None
             yield from _elements(decoder, parts[0], value, path, by_label)
@@ -100,6 +101,6 @@ def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
 
 
 def _plain(value: Any) -> Value:
-    """Convert numbers of numpy to those of Python."""
+    """Return a NumPy number as a Python number."""
     plain: Value = value.item() if hasattr(value, "item") else value
     return plain

@@ -1,8 +1,8 @@
-"""Transforms in a recording, for its viewers: `/tf` from an odometry, `/tf_static` at the start.
+"""Transforms that viewers need in a recording: `/tf` from an odometry, and `/tf_static`.
 
-Viewers need `tf2_msgs/msg/TFMessage`, a type that ROS from wheels does not have, so that no node
-can publish it. The recorder writes it directly: the pose of every `nav_msgs/msg/Odometry` as a
-transform, and the frames that are fixed to the platform.
+Their type is `tf2_msgs/msg/TFMessage`. ROS from wheels does not have this type, so no node can
+publish it. The recorder writes the transforms directly: the pose of every `nav_msgs/msg/Odometry`,
+and the frames that are fixed to the platform.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ _TYPE = "tf2_msgs/msg/TFMessage"
 
 
 class RecordedTransforms:
-    """Transforms that a recording contains besides the received messages.
+    """Transforms that a recording contains in addition to the received messages.
 
     Attributes:
         topics: the topics that are added.
@@ -44,7 +44,7 @@ class RecordedTransforms:
         self.topics: list[RecordedTopic] = []
         self._fixed: bytes | None = None
         if not odometry and not frames:
-            return  # without transforms there is no need to wait for rosbags' types
+            return  # loading the types of rosbags takes time
         self._serializer = TransformSerializer()
         definition = self._serializer.definition
         if odometry:
@@ -71,7 +71,7 @@ class RecordedTransforms:
         """
         if topic != self._odometry:
             return
-        # Bytes that are no odometry are recorded as they are, and show no pose.
+        # Bytes that are no odometry have been recorded, but give no transform.
         with contextlib.suppress(ValueError):
             transform = self._serializer.of_odometry(data)
             recording.add(MOVING_TOPIC, transform, leading_stamp(data))
@@ -81,7 +81,7 @@ class TransformSerializer:
     """Serializes transforms.
 
     Attributes:
-        definition: definition of their type.
+        definition: definition of the message type of transforms.
     """
 
     def __init__(self) -> None:
@@ -101,7 +101,7 @@ class TransformSerializer:
         """
         try:
             odometry: Any = self._store.deserialize_cdr(data, ODOMETRY_TYPE)
-        except Exception as error:  # foreign bytes make the generated code raise nearly anything
+        except Exception as error:  # may raise any error on foreign bytes
             raise ValueError(f"its bytes are no {ODOMETRY_TYPE}: {error}") from None
         pose = odometry.pose.pose
         place = (pose.position.x, pose.position.y, pose.position.z)
@@ -114,7 +114,7 @@ class TransformSerializer:
 
         Args:
             parent: frame to which they are fixed.
-            frames: their names.
+            frames: names of the fixed frames.
             poses: x, y [m] and heading [rad] of each in the parent, one after the other.
         """
         types = self._store.types

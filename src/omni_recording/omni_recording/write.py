@@ -1,4 +1,4 @@
-"""Writes serialized messages into a rosbag2 folder with one MCAP file.
+"""Writer of serialized messages into a rosbag2 folder with one MCAP file.
 
 The layout is that of rosbag2's MCAP storage: ``<folder>/metadata.yaml`` (version 9, quality of
 service in words) and ``<folder>/<folder name>_0.mcap`` (profile ``ros2``, ``ros2msg`` schemas,
@@ -30,13 +30,13 @@ COMPRESSIONS = {
 }
 
 
-# Data end without a checksum, a footer that promises no summary, and the closing magic bytes.
+# Data end without a checksum, footer without a summary, and the closing magic bytes.
 _END_WITHOUT_SUMMARY = (
     struct.pack("<BQI", 0x0F, 4, 0) + struct.pack("<BQQQI", 0x02, 20, 0, 0, 0) + b"\x89MCAP0\r\n"
 )
 
 
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the same text in a third of the time
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, made faster
 
 
 class RecordingError(WorkError):
@@ -51,7 +51,7 @@ class Rosbag2Writer:
 
     Args:
         folder: folder of the recording; made with its parents, and empty if it exists.
-        topics: everything that will be written.
+        topics: all topics that will be written.
         chunk_size: size of the messages after which a chunk ends [B].
         compression: compression of the chunks, a key of `COMPRESSIONS`.
         synchronize: wait at every flush until the data are on the disk itself.
@@ -79,13 +79,14 @@ class Rosbag2Writer:
             raise RecordingError("a topic is given twice; each can be recorded only once")
         self._first_ns, self._last_ns = metadata.UNSET_TIME, 0
         self._pending = 0
-        # What is whole and with the operating system: the file up to here holds this much.
+        # End and content of the part of the file that is complete and passed to the operating
+        # system.
         self._safe_end, self._safe = 0, metadata.Extent(dict(self._counts))
         self._closed = False
         self._failure: RecordingError | None = None
         with self._failing_clearly():
             self._make_folder()
-            # Closed by `close`, or by whatever fails before it.
+            # Closed by `close`, or by `_end_early` after a failure.
             self._file = (self._folder / self._file_name).open("xb")
         with self._ending_on_failure():
             self._writer = Writer(
@@ -134,7 +135,7 @@ class Rosbag2Writer:
         self._counts[topic] = count + 1
         self._first_ns = min(self._first_ns, stamp_ns)
         self._last_ns = max(self._last_ns, stamp_ns)
-        self._pending += len(data) + 31  # the head of a record
+        self._pending += len(data) + 31  # header of a message record
         if self._pending >= self._chunk_size:
             self.flush()
 
@@ -172,7 +173,8 @@ class Rosbag2Writer:
 
     def _make_folder(self) -> None:
         try:
-            # Only a folder found is checked: others may put files beside a recording at once.
+            # Only an existing folder must be empty: other processes may add files to a new one at
+            # once.
             self._folder.mkdir(parents=True)
         except FileExistsError:
             if any(self._folder.iterdir()):
@@ -204,7 +206,7 @@ class Rosbag2Writer:
     def _commit(self) -> None:
         """Store the end of the last complete chunk.
 
-        A chunk counts only if there is space for the end of the file behind it.
+        A chunk counts only if the disk also has space for the end of the file after it.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()
@@ -240,8 +242,8 @@ class Rosbag2Writer:
         path = self._folder / self._file_name
         with contextlib.suppress(OSError):
             self._file.close()
-        # Cutting makes room on a full disk for the few bytes that follow. Each step is worth
-        # something without the next: even a file without an end can be streamed.
+        # On a full disk, cutting makes room for the few bytes that follow. Each step helps even if
+        # the next one fails: a file without an end can still be streamed.
         with contextlib.suppress(OSError):
             os.truncate(path, self._safe_end)
             with path.open("ab", buffering=0) as file:
@@ -260,7 +262,7 @@ class Rosbag2Writer:
             temporary.replace(self._folder / "metadata.yaml")
         finally:
             temporary.unlink(missing_ok=True)
-        if self._synchronize:  # the names of the files are data of the folder
+        if self._synchronize:  # makes the new name durable
             folder = os.open(self._folder, os.O_RDONLY)
             try:
                 os.fsync(folder)

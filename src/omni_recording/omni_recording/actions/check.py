@@ -1,4 +1,4 @@
-"""Checks a recording: every byte is read and every known message decoded."""
+"""Check of a recording: every byte is read and every known message decoded."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ class _Findings:
     def read(self, file: Path) -> None:
         reader = mcap.McapMessages(file)
         counts: dict[str, int] = {}
-        sequences: dict[int, _Sequence] = {}  # by identity: a channel lives as long as its reader
+        sequences: dict[int, _Sequence] = {}  # by id(channel), which the reader keeps alive
         for message in reader:
             topic = message.channel.topic
             counts[topic] = counts.get(topic, 0) + 1
@@ -138,7 +138,7 @@ class _Sequence:
     def add(self, number: int) -> None:
         self._numbered = self._numbered or number != 0
         if self._previous is not None:
-            # Numbers are of 32 bits; a step back is another count, not a gap.
+            # Numbers have 32 bits. A step back begins a new count and is no gap.
             step = (number - self._previous) % 2**32
             if step < 2**31:
                 self._gaps += max(step - 1, 0)

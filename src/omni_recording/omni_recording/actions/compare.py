@@ -1,4 +1,4 @@
-"""Compares two recordings of the same topics, message by message."""
+"""Comparison of two recordings of the same topics, message by message."""
 
 import dataclasses
 import math
@@ -11,19 +11,20 @@ from omni_recording.error import BagError
 
 @dataclasses.dataclass
 class TopicComparison:
-    """How the messages of a topic differ between two recordings.
+    """Differences between the messages of a topic in two recordings.
 
-    Messages with equal stamps are compared; each value in its own SI unit.
+    Messages with equal stamps are compared. Every value has the SI unit of its field.
 
     Attributes:
-        topic: its name.
-        first: messages in the first recording.
-        second: messages in the second recording.
-        identical: pairs whose bytes are the same.
-        unpaired: messages of either whose stamp the other does not have.
-        different_texts: pairs that differ in a text, in their columns, or in what is a number.
-        largest_difference: largest difference of two values, absolute.
-        worst: column and stamp [ns] of that difference; empty without one.
+        topic: name of the topic.
+        first: number of messages in the first recording.
+        second: number of messages in the second recording.
+        identical: number of pairs with the same bytes.
+        unpaired: number of messages whose stamp the other recording does not have.
+        different_texts: number of pairs that differ in a text, in the names of their columns, or in
+            which values are NaN.
+        largest_difference: largest absolute difference of two values, in the unit of `worst`.
+        worst: column and stamp [ns] of the largest difference; empty if all values agree.
     """
 
     topic: str
@@ -39,7 +40,7 @@ class TopicComparison:
         """Return whether there are pairs and all values differ by at most the tolerance.
 
         Args:
-            tolerance: largest absolute difference of two values, in the unit of each.
+            tolerance: largest accepted absolute difference, in the unit of the values.
         """
         paired = not self.unpaired and not self.different_texts and self.first > 0
         return paired and self.largest_difference <= tolerance
@@ -51,9 +52,9 @@ def compare_topics(
     """Compare the messages of topics in two recordings.
 
     Args:
-        first: a recording.
-        second: another.
-        topics: those to compare; their messages must have a header with a stamp.
+        first: first recording.
+        second: second recording.
+        topics: topics to compare; their messages must have a header with a stamp.
 
     Raises:
         BagError: a recording or a message in it cannot be read.
@@ -109,9 +110,9 @@ def _compare_pair(result: TopicComparison, one: _Stamped, other: _Stamped) -> No
             different = left != right
         else:
             values = float(left), float(right)
-            same = values[0] == values[1] or all(map(math.isnan, values))  # infinities too
+            same = values[0] == values[1] or all(map(math.isnan, values))  # equal infinities too
             difference = 0.0 if same else abs(values[0] - values[1])
-            different = math.isnan(difference)  # only one of them is NaN
+            different = math.isnan(difference)  # exactly one value is NaN
             if difference > result.largest_difference:
                 result.largest_difference = difference
                 result.worst = f"{name} at {one[0]} ns"

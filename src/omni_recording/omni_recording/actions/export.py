@@ -1,4 +1,4 @@
-"""The small topics of a recording as tables, CSV or Parquet, one file for each topic."""
+"""Export of the small topics of a recording as CSV or Parquet, one file for each topic."""
 
 import contextlib
 import csv
@@ -32,7 +32,7 @@ class BagExport:
     Attributes:
         files: files by topic.
         rows: rows by topic.
-        skipped: why a topic has no file, by topic.
+        skipped: reason why a topic has no file, by topic.
     """
 
     files: Mapping[str, Path]
@@ -45,18 +45,18 @@ def export_bag(
 ) -> BagExport:
     """Write a table for every topic whose messages are rows of plain values.
 
-    The recording is read twice: the first time finds the columns, so that one that is damaged is
-    refused before anything is written, and no more than a few rows are in memory.
+    The recording is read twice. The first pass finds the columns, so that a damaged recording is
+    refused before anything is written. Only a few rows are in memory at a time.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
         folder: folder for the files; must be empty if it exists.
         form: one of `FORMATS`.
-        topics: only these; all that are small if empty.
+        topics: topics to export; if empty, all small topics.
 
     Raises:
         BagError: the recording is damaged or foreign.
-        ExportError: a topic is not there, or the files cannot be written.
+        ExportError: the recording lacks a topic, or the files cannot be written.
     """
     bag = open_bag(path)
     make_table = _table_maker(form)

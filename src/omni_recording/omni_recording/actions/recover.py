@@ -1,4 +1,4 @@
-"""Recovers the complete messages of a recording that is unfinished or damaged in places.
+"""Recovery of the complete messages of an unfinished or partly damaged recording.
 
 The recording itself is never changed: its complete messages are copied to a new folder, with the
 index and the metadata that readers need.
@@ -26,7 +26,7 @@ class Recovery:
         counts: messages kept by topic.
         first_ns: earliest log time kept [ns].
         last_ns: latest log time kept [ns].
-        problems: the defects, file by file; empty without any.
+        problems: the defects, file by file; empty if there are none.
     """
 
     folder: Path
@@ -39,8 +39,8 @@ class Recovery:
 def recover(path: Path, folder: Path) -> Recovery | None:
     """Write every complete message of a recording into a new one.
 
-    A chunk that cannot be unpacked is omitted. The rest of a file is omitted where records no
-    longer follow each other, as is a file that cannot be opened, such as a broken link.
+    A chunk that cannot be unpacked is omitted. If the sequence of records breaks off, the rest of
+    the file is omitted. A file that cannot be opened, such as a broken link, is omitted too.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
@@ -50,7 +50,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
         The result; None if the recording is undamaged, in which case nothing is written.
 
     Raises:
-        BagError: it has no complete message.
+        BagError: the recording has no complete message.
         RecordingError: the new recording cannot be written.
     """
     problems: list[str] = []
@@ -72,7 +72,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
 
 @dataclasses.dataclass
 class _Survey:
-    """Findings of the first pass."""
+    """Problems, channels, message count and log times found in the first pass."""
 
     problems: list[str]
     channels: Collection[mcap.RecordedChannel] = ()
@@ -133,7 +133,7 @@ def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
         channel.type_name,
         channel.definition,
         channel.metadata.get("topic_type_hash", ""),
-        stamped=False,  # the times are those of the recording
+        stamped=False,  # log times are copied, not read from the messages
     )
     return RecordedTopic(channel.topic, definition, _qos(channel.metadata))
 
@@ -164,7 +164,7 @@ def _copy_notes(path: Path, folder: Path) -> None:
     for file in sorted(path.iterdir()):
         try:
             regular = file.is_file() and file.stat().st_size <= LIMITS.note
-        except OSError:  # a link that leads round in a circle
+        except OSError:  # a circular link
             continue
         if regular and file.suffix in (".yaml", ".json") and file.name != METADATA:
             try:
