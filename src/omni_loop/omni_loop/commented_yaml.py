@@ -1,4 +1,4 @@
-"""Writes configuration files with comments, for people to edit."""
+"""Text of configuration files with comments, for people to edit."""
 
 import math
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ def commented_yaml(
     Args:
         values: nested mappings, lists and scalars.
         heading: comment before them, one or more lines.
-        notes: comments at the ends of lines, by dotted key.
+        notes: comment at the end of a line, by dotted key.
     """
     comment = [f"# {line}" for line in heading.splitlines()]
     return "\n".join([*comment, *_lines(values, notes, "")]) + "\n"

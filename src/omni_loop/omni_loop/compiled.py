@@ -1,9 +1,8 @@
 """The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
 
-It calls the compiled functions of the simulator and of the brake assistant and leaves out line
-cameras, odometry and messages. A run gives the same bits as `loop.run_closed_loop` with
-``feedback: velocity_sensor``. A user's control law is called between the two compiled halves of a
-step.
+The kernel calls the compiled functions of the simulator and of the brake assistant, without line
+cameras, odometry and messages. A run gives the same bits as `loop.run_closed_loop` with ``feedback:
+velocity_sensor``. A user's control law is called between the two compiled halves of a step.
 """
 
 import dataclasses
@@ -32,7 +31,7 @@ from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, Log, State
 from omni_sim.vehicle.vehicle import Vehicle
 
-_CHUNK = 512  # stamps that are run, and noise that is drawn, at once
+_CHUNK = 512  # number of stamps per call, with their noise
 
 
 class Record(NamedTuple):
@@ -43,10 +42,10 @@ class Record(NamedTuple):
             in the body frame [m/s, m/s, rad/s], shape (T, 6).
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
         trusted: whether all inputs were valid, so that brakes could be released, shape (T,).
-        energy: energy of motion, of body and wheels, and of the tires' deflection [J], shape (T,).
-        wheel_angle: [rad], shape (T, N).
-        wheel_speed: [rad/s], shape (T, N).
-        brake_torque: [N m], shape (T, N).
+        energy: kinetic energy of body and wheels plus elastic energy of the tires [J], shape (T,).
+        wheel_angle: rotation of each wheel [rad], shape (T, N).
+        wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
+        brake_torque: torque of each brake [N m], shape (T, N).
         enable: share of the brake pressure that passes [1], shape (T, N).
         error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
     """
@@ -100,7 +99,7 @@ class FastRun:
 
     @property
     def brake_start(self) -> int:
-        """Index of the first stamp with the pedal down, the last one if there is none."""
+        """Index of the first stamp with the pedal down, of the last stamp if it is never down."""
         pressed = self.pedal > 0.0
         return int(np.argmax(pressed)) if pressed[-1] else len(pressed) - 1
 
@@ -134,18 +133,18 @@ class FastRun:
 
 
 class _Loop(NamedTuple):
-    """Inputs of the loop kernel besides vehicle and law; T stamps at most."""
+    """Inputs of the loop kernel in addition to vehicle and law, at most T stamps."""
 
     period_ns: int
     steps: int
     pedal: FloatArray  # (T,)
-    command: FloatArray  # of the drive, in the body axes of the start, (T, 3)
+    command: FloatArray  # twist of the drive, in the body axes at the start, (T, 3)
     hold_world: bool
     start_yaw: float
     brake_torque: float
     clutch_threshold: float
     clutch_stiffness: float
-    measures: bool  # whether IMU and encoders are simulated: they are used, or a fault is injected
+    measures: bool  # IMU and encoders are simulated: the assistant uses them or has a fault
     enabled: bool
     end: run_progress.End
 
@@ -158,7 +157,7 @@ class _Sensors(NamedTuple):
     draws: FloatArray  # uniform noise of the velocity sensor by sample, -1..1, (T or 1, 3)
     drawn: IntArray  # number of samples taken so far, (1,)
     instruments: Instruments
-    noise: FloatArray  # standard normal draws of the others, (K, D)
+    noise: FloatArray  # standard normal draws of IMU and encoders, (K, D)
     rest: NDArray[np.void]  # time since which the vehicle is at rest
 
 
@@ -191,7 +190,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     if loop.measures:
-        seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # as the simulator's
+        seed = np.random.SeedSequence(configuration.seed).spawn(3)[2]  # stream as in the simulator
         noise = np.random.default_rng(seed)
     scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
     run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
@@ -203,7 +202,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         last = min(_CHUNK * (used // _CHUNK + 1), stamps)
         if later.size:
             last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
-        if loop.measures and used % _CHUNK == 0:  # drawn by chunk: most runs are short
+        if loop.measures and used % _CHUNK == 0:  # by chunk, as most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
@@ -264,7 +263,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
     sensor = configuration.velocity_sensor
     uniform = np.zeros((1, 3))
     if sensor.linear_noise > 0.0 or sensor.yaw_rate_noise > 0.0:
-        seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # as the simulator's
+        seed = np.random.SeedSequence(configuration.seed).spawn(1)[0]  # stream as in the simulator
         uniform = np.random.default_rng(seed).uniform(-1.0, 1.0, (stamps, 3))
     return _Sensors(
         velocity=velocity_sensor.sensor_constants(sensor),
@@ -288,13 +287,13 @@ class _Scratch(NamedTuple):
 
     covariance: FloatArray  # (3, 3)
     imu: FloatArray  # (3,)
-    wheel_speed: FloatArray  # as measured, (N,)
+    wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
-    angle: FloatArray  # of the wheels, (N,)
-    speed: FloatArray  # of the wheels in truth, (N,)
-    command: FloatArray  # of the drive, (3,)
-    log: Log  # of a control period
+    angle: FloatArray  # wheel angle [rad], (N,)
+    speed: FloatArray  # true wheel speed [rad/s], (N,)
+    command: FloatArray  # twist of the drive, (3,)
+    log: Log  # log of a control period
 
 
 def _new_scratch(wheels: int, steps: int) -> _Scratch:
@@ -414,7 +413,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _receive(run: _Run, stamp: int) -> tuple[assist_step.Inputs, bool, Motion]:
-    """Return the inputs of the assistant, whether the law is to be called, and its input."""
+    """Return the inputs of the assistant, whether to call the law, and the motion for the law."""
     inputs = _listen(run, stamp)
     run.scratch.error[:] = 0.0
     ready, motion = assist_step.listen(run.assist, run.memory, inputs)
@@ -423,7 +422,7 @@ def _receive(run: _Run, stamp: int) -> tuple[assist_step.Inputs, bool, Motion]:
 
 @inlined
 def _record_and_advance(run: _Run, stamp: int) -> int:
-    """Record a stamp and advance unless the run is over; return the outcome so far."""
+    """Record a stamp, advance the vehicle unless the run is over, and return the outcome so far."""
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
     record.trusted[stamp] = not run.memory.step[0].faulty
     stored = energies(state)

@@ -1,4 +1,4 @@
-"""Reads a driver's demands from a CSV table or a recording."""
+"""A driver's demands from a CSV table or a recording."""
 
 import csv
 from pathlib import Path
@@ -11,7 +11,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
-_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second in recordings of before
+_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second one in old recordings
 _PEDAL = topics.PEDAL.path
 
 
@@ -24,7 +24,7 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
         key: configuration key, for messages.
 
     Raises:
-        ConfigurationError: it cannot be read, or contains no demands.
+        ConfigurationError: the file cannot be read, or contains no demands.
     """
     try:
         table = _read_table(path) if path.suffix.lower() == ".csv" else _read_recording(path)

@@ -1,9 +1,9 @@
 """Drift of the odometry: absolute and relative error of its path against the truth.
 
 Both paths begin at the same pose; that of the odometry is the integral of its twists. The
-definitions are those of the library `evo`, and a test compares the numbers with those of the
-library where it is installed (``requirements/evo.lock``): ``evo_ape`` with the origins aligned, and
-``evo_rpe --delta 1 --delta_unit m --pairs_from_reference``, whose pairs follow each other.
+definitions are those of the library `evo`: ``evo_ape`` with the origins aligned, and ``evo_rpe
+--delta 1 --delta_unit m --pairs_from_reference`` with consecutive pairs. If the library is
+installed (``requirements/evo.lock``), a test compares the numbers.
 """
 
 import math
@@ -25,7 +25,7 @@ _SHORT = f"the path is shorter than {DELTA:g} m"
 def odometry_path(history: RunHistory) -> FloatArray:
     """Return the odometry's poses x, y, yaw [m, m, rad], starting at the true pose, (T, 3).
 
-    An unmeasured twist is integrated as zero, as in the node.
+    If no twist was measured, zero is integrated, as in the node.
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))
@@ -61,7 +61,8 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
         delta: length of a segment [m].
 
     Returns:
-        Root mean square of the error's translation [m], NaN without a segment; number of segments.
+        Root mean square of the translation error [m] (NaN if there is no segment), and the number
+        of segments.
     """
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
     pairs, first, way = [], 0, 0.0

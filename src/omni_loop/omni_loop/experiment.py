@@ -2,9 +2,9 @@
 
 An experiment file lists only values that differ from the defaults. Parts are referred to by name:
 ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``, and a vehicle refers
-to its tire in the same way. The variant and then each ``--set`` override are merged into the
-result; every value can be reached by its dotted key. If a variant or an override names another
-part, that part is read first, and the other values for it are merged into it.
+to its tire in the same way. First the variant is merged into the result, then each ``--set``
+override, whose dotted key can reach every value. If a variant or an override names another part,
+that part is read first, and the other values of the part are merged into it.
 """
 
 import re
@@ -35,8 +35,8 @@ from omni_sim.configuration import SimulationConfiguration, SimulatorConfigurati
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 
-# Dotted keys whose value may be the name of a file instead of a mapping, and the folder of the
-# file. A nested part comes after the one that contains it.
+# Dotted keys whose value may be the name of a file instead of a mapping, with the folder of the
+# file. A nested part comes after the part that contains it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # key whose value may be a table or a recording
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
@@ -70,12 +70,12 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
     @property
     def uses_lines(self) -> bool:
-        """Whether the brake assistant depends on the lines of the cameras."""
+        """Whether the brake assistant uses a twist from the lines of the cameras."""
         return self.feedback != "velocity_sensor"
 
     @property
     def twist_period(self) -> float:
-        """Time between two twists that the assistant receives [s], 0 for one in every step."""
+        """Time between two twists that the assistant receives [s]; 0 for a twist in every step."""
         return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
@@ -84,7 +84,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
         return "" if self.feedback in FEEDBACKS else self.feedback
 
     def check_consistency(self) -> None:
-        """Refuse a loop in which a node would wait for messages that no node publishes.
+        """Raise an error if a node would wait for messages that no node publishes.
 
         Nodes must be configured with the names of the vehicle's wheels and line cameras. The
         configured positions may differ from the true ones, to study such errors.
@@ -111,7 +111,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
             )
 
     def check_drivable(self) -> None:
-        """Refuse odometries that need an axle, and user's classes that cannot be created.
+        """Raise an error if the odometry needs an axle or a user's class cannot be created.
 
         A simulated vehicle has no axle that resists lateral slip. A recorded vehicle may have one,
         so this is not checked for replays.
@@ -157,7 +157,7 @@ class ExperimentLibrary:
         """Return the names of an experiment's variants, in the order of its file.
 
         Args:
-            experiment: its name.
+            experiment: name of the experiment.
             overrides: ``dotted.key=value`` texts; if one replaces the control law, variants that
                 differ in their law are left out.
         """
@@ -207,13 +207,13 @@ class ExperimentLibrary:
             raise ConfigurationError(
                 join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
             )
-        # Values for a part are merged into the part that is named last, whatever their order.
+        # Values of a part are merged into the last named part, also if they come before the name.
         named: dict[str, str] = {}
         layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
         names = [_nest(path, named[path]) for path in _PARTS if path in named]
         for layer in (*names, *layers):
             tree = merge(tree, self._resolve(layer, near=near))
-        # Nodes are configured with the true mounting unless an experiment sets another one.
+        # Nodes use the true mounting unless an experiment configures another one.
         for kind in ("sensors", "flow_sensors"):
             _set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
@@ -239,7 +239,7 @@ class ExperimentLibrary:
         return from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
 
     def vehicle_values(self, name: str) -> dict[str, Any]:
-        """Return the values in the file of a vehicle, with the content of files that it names.
+        """Return the values in a vehicle's file, with the content of the files that it names.
 
         Args:
             name: name of the vehicle, as for `vehicle`.
@@ -247,7 +247,7 @@ class ExperimentLibrary:
         return _plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
-        """Read line cameras alone, without a check that their placement is regular.
+        """Read line cameras alone, even if no twist can be computed from their placement.
 
         Args:
             name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
@@ -283,7 +283,7 @@ class ExperimentLibrary:
         return resolved
 
     def _located(self, kind: str, name: str) -> str:
-        """Return the file in a folder that ``./omni new-vehicle`` wrote; other names unchanged."""
+        """Return the file for a folder that ``./omni new-vehicle`` wrote, other names unchanged."""
         file = Path(name) / _IN_FOLDER.get(kind, "")
         known = name.endswith(".yaml") or (self._folder / kind / f"{name}.yaml").is_file()
         return name if known or kind not in _IN_FOLDER or not file.is_file() else str(file)
@@ -312,7 +312,7 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
         overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
 
     Raises:
-        ConfigurationError: it is no such file, or a key or value does not fit.
+        ConfigurationError: the file is no such configuration, or a key or value does not fit.
     """
     tree = read_mapping(path, "configuration")
     for override in overrides:
@@ -328,7 +328,7 @@ def _nearest(name: str, near: Path | None) -> str:
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Refuse a vehicle without values that have no sensible default."""
+    """Raise an error if a vehicle lacks values that have no sensible default."""
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):
@@ -359,7 +359,7 @@ def parse_override(text: str) -> dict[str, Any]:
         )
     try:
         value = load_yaml(value_text)
-    except (yaml.YAMLError, ValueError):  # the latter for a date such as 2020-13-01
+    except (yaml.YAMLError, ValueError):  # ValueError: a date such as 2020-13-01
         raise ConfigurationError(key, f"the value {value_text[:200]!r} is not valid YAML") from None
     return _nest(key.strip(), value)
 
@@ -377,7 +377,7 @@ def _plain(tree: Mapping[str, Any]) -> dict[str, Any]:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Remove the names of parts from a layer and store them in `named`, by path."""
+    """Return a layer without the names of parts, which are stored in `named` by path."""
     rest: dict[str, Any] = {}
     for key, value in layer.items():
         path = join_key(prefix, str(key))
@@ -399,7 +399,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(variants, Mapping) or not variants:
         raise ConfigurationError("variants", "an experiment needs at least one named variant")
     for name in variants:
-        # It becomes the name of a folder.
+        # The name becomes that of a folder.
         if not isinstance(name, str) or not re.fullmatch(_VARIANT, name):
             raise ConfigurationError(
                 "variants",
@@ -410,7 +410,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the true one where the tree does not configure it."""
+    """Set a value of a node to the true value unless the tree configures it."""
     configured = tree.get(node, {})
     if isinstance(configured, Mapping) and truth is not None:
         tree[node] = merge({name: truth}, configured)
@@ -439,7 +439,7 @@ def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> None:
 
 
 def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge a tree into another; values that are not mappings replace earlier ones."""
+    """Return `base` with the values of `layer`, which are merged mapping by mapping."""
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)

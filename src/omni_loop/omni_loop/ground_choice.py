@@ -14,7 +14,7 @@ _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", "
 
 
 def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
-    """Return the overrides of an experiment for both options.
+    """Return the overrides that set both options in an experiment.
 
     Args:
         ground: a named ground, a YAML file, or a picture; None keeps the experiment's.
@@ -36,7 +36,7 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
 
 
 def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
-    """Render the grounds of a run before its nodes start, and refuse unusable pictures.
+    """Render the grounds of a run before its nodes start; raise an error for unusable pictures.
 
     Rendering a ground of 2400 dpi takes longer than the timeouts of the nodes.
 
@@ -73,7 +73,7 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
 
 
 def is_picture(ground: str) -> bool:
-    """Return whether a ground is given by a picture: by its suffix, or as a file other than YAML.
+    """Return whether a ground is a picture: an image suffix, or an existing file that is not YAML.
 
     Args:
         ground: name of a ground or path of a file.

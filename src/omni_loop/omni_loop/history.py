@@ -20,7 +20,7 @@ from omni_platform.signals import UNMEASURED_VARIANCE
 
 PER_WHEEL = "per wheel"
 
-# What the columns of an array are, one row per stamp; none for one number per stamp.
+# Names of the columns of an array with one row per stamp; none for one number per stamp.
 _NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
 _WHEELS = {"components": (PER_WHEEL,)}
 _TWIST = {"components": ("v_x", "v_y", "yaw rate")}
@@ -32,7 +32,7 @@ _QUATERNION = {"components": ("q_z", "q_w")}
 class RunHistory:
     """Time histories of one run, T control stamps and N wheels.
 
-    Make one with `from_samples` or `from_quaternions`. Arrays are read-only.
+    `from_samples` and `from_quaternions` make a history. Its arrays are read-only.
 
     Attributes:
         wheel_names: names of the wheels, in the order of the columns.
@@ -40,17 +40,17 @@ class RunHistory:
         pose: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw without jumps, shape (T, 3).
         orientation: quaternion components (q_z, q_w) of the heading, shape (T, 2).
         twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], (T, 3).
-        wheel_angle: [rad], shape (T, N).
-        wheel_speed: [rad/s], shape (T, N).
-        brake_torque: [N m], shape (T, N).
+        wheel_angle: rotation of each wheel [rad], shape (T, N).
+        wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
+        brake_torque: torque of each brake [N m], shape (T, N).
         enable: 1 where brake pressure passes, 0 where the wheel rolls free, shape (T, N).
         error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
         pedal: the driver's brake demand 0..1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
-        estimate_variance: its variances [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
+        estimate_variance: variances of `estimate` [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
         assist_state: state of the brake assistant at each stamp, a value of `AssistState`; an empty
             text, or no array, if unknown.
-        real_time_factor: simulated over elapsed time [1], NaN where unknown.
+        real_time_factor: simulated over elapsed time [1], NaN if unknown.
 
     Raises:
         ValueError: shapes do not fit together, or stamps do not increase.
@@ -168,7 +168,7 @@ class RunHistory:
 
     @property
     def braking_time(self) -> FloatArray:
-        """Time since the pedal goes down [s], since the first stamp if it never does, (T,)."""
+        """Time since the pedal goes down [s], or since the first stamp if it never does, (T,)."""
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
 
@@ -200,7 +200,7 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
     """Return headings [rad] without jumps from (q_z, q_w).
 
     Args:
-        orientation: (q_z, q_w), shape (T, 2); steps between rows turn by less than half a turn.
+        orientation: (q_z, q_w), shape (T, 2), less than half a turn between rows.
 
     Returns:
         Headings, the first in (-pi, pi], shape (T,).

@@ -1,7 +1,7 @@
 """The loop of plant, estimator and controller in one process, without ROS.
 
-It passes the same values between the same cores in the same order as the graph in lockstep does,
-so that a run gives the same bits either way. `steps` is the loop; everything else consumes it.
+The loop passes the same values between the same cores in the same order as the graph in lockstep,
+so that both give the same bits. `steps` is the loop; the other functions use it.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ class Plant(Protocol):
         """Return state and measurements at the current stamp."""
 
     def advance(self, brake_enable: quantities.FloatArray) -> None:
-        """Advance by one control period with these shares of the brake pressure [1], shape (N,)."""
+        """Advance by one control period; `brake_enable` has the pressure shares [1], shape (N,)."""
 
 
 class Estimator(Protocol):
@@ -63,9 +63,9 @@ def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterato
     """Run the loop endlessly: observe, estimate, decide, advance.
 
     Args:
-        plant: advances by a control period after every moment but the last that is asked for.
-        estimator: receives every observation.
-        controller: called with every estimate.
+        plant: vehicle, which advances by one control period between two moments.
+        estimator: source of the twist, called with every observation.
+        controller: brake assistant, called with every estimate.
     """
     while True:
         observation = plant.observe()
@@ -90,7 +90,7 @@ class SensorEstimator:
     """Passes the readings of the velocity sensor through."""
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return its reading."""
+        """Return the reading of the velocity sensor."""
         return observation.velocity_sensor
 
 
@@ -98,7 +98,7 @@ class LineEstimator:
     """Passes the lines of the cameras to an odometry.
 
     Attributes:
-        last: its latest estimate, None before the first.
+        last: latest estimate of the odometry, None before the first one.
     """
 
     def __init__(self, odometry: Odometry) -> None:
@@ -108,7 +108,7 @@ class LineEstimator:
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist over the lines since the last stamp."""
         for name, batch in observation.line_batches.items():
-            self._odometry.match(name, batch)  # while the next is rendered
+            self._odometry.match(name, batch)  # in the background, while the next is rendered
         self.last = self._odometry.update({**observation.line_batches, **observation.flows})
         return signals.TwistSample(self.last.stamp_ns, self.last.twist, self.last.covariance)
 
@@ -130,7 +130,7 @@ def run_closed_loop(
     Args:
         configuration: the whole loop.
         simulator: a simulator of this configuration, for inspection after the run; made if None.
-        estimator: replaces the estimator of the configuration.
+        estimator: estimator that replaces that of the configuration, if given.
 
     Returns:
         The history at every control stamp. Its real-time factor is unknown: this function reads
@@ -145,9 +145,9 @@ def run_closed_loop(
 def _until_over(
     configuration: experiment.ExperimentConfiguration, moments: Iterable[Moment]
 ) -> Iterator[tuple[Moment, signals.TwistSample | None]]:
-    """Yield the moments of a run with the twist of the odometry at each, None without lines."""
+    """Yield the moments of a run, each with the odometry's twist (None without lines)."""
     progress = RunProgress(configuration)
-    # The assistant does not depend on this odometry; its estimate is only recorded.
+    # The assistant does not use this odometry, whose estimate is only recorded.
     recorded: Estimator | None = None
     if configuration.simulation.render_lines and not configuration.uses_lines:
         recorded = LineEstimator(make_odometry("", configuration.odometry))
@@ -164,11 +164,11 @@ def _until_over(
 def record(
     wheel_names: tuple[str, ...], moments: Iterable[tuple[Moment, signals.TwistSample | None]]
 ) -> history.RunHistory:
-    """Return the history of moments.
+    """Return the history of a run from its moments.
 
     Args:
         wheel_names: wheel names of the plant.
-        moments: one per control stamp, with the twist of the odometry, None if there is none.
+        moments: one moment per control stamp, with the odometry's twist or None.
     """
     samples: dict[str, list[Any]] = {}
     states: list[str] = []

@@ -1,19 +1,19 @@
 """Metrics of a braking run: distance, rotation, switchings, odometry error.
 
 Braking lasts from the first stamp with the pedal down to the end of the history, in which the
-vehicle must have come to rest (`RestCriterion`). If it has not, if the pedal is never pressed, or
-if it is pressed at a standstill, quantities that are then undefined are NaN, with the reason in
-their note; they are never replaced by intermediate values.
+vehicle must have come to rest (`RestCriterion`). If the vehicle has not come to rest, or if the
+pedal is never pressed or is pressed at a standstill, some quantities are undefined. They are NaN,
+with the reason in their note, and never an intermediate value.
 
 All positions are those of `base_link`. The quantities, in the order of the result:
 
 ==================== ===== ===================================================================
 stopping_distance    m     straight line from the start of braking to the final position
-path_length          m     along the path between the two
+path_length          m     length of the path from the start of braking to the final position
 orientation_change   deg   magnitude of the total change of yaw, full turns counted
 lateral_deviation    m     largest distance from the line through the start along v_c0
-stopping_time        s     from the start of braking until the vehicle comes to rest
-peak_yaw_rate        rad/s largest magnitude from the start of braking on
+stopping_time        s     time from the start of braking until the vehicle comes to rest
+peak_yaw_rate        rad/s largest magnitude of the yaw rate from the start of braking on
 brake_switchings     1     changes of the enables while stopping, all wheels together
 brake_switchings.<w> 1     changes of the enables of wheel <w> while stopping
 fail_safe_share      1     share of the stamps from braking to rest at which all brakes were on
@@ -23,8 +23,8 @@ yaw_rate_rmse        rad/s root mean square error of the odometry's yaw rate
 real_time_factor     1     simulated over elapsed time
 ==================== ===== ===================================================================
 
-The odometry is compared with the truth at the control stamp where the brake assistant uses it,
-at every stamp of the run where it measured.
+At every stamp of the run with a measurement, the odometry is compared with the truth at the
+control stamp at which the brake assistant uses it.
 """
 
 import dataclasses
@@ -65,10 +65,10 @@ class Metric:
     Attributes:
         value: measured value, NaN if it is undefined.
         unit: SI symbol, ``deg`` or ``1``.
-        reference: the dissertation's figure, if there is one.
+        reference: value in the dissertation, if there is one.
         at_most: upper limit of the value, if there is one.
         at_least: lower limit of the value, if there is one.
-        note: why the value is NaN, or a remark for the reader; else empty.
+        note: reason why the value is NaN, or a remark for the reader; else empty.
     """
 
     value: float
@@ -92,18 +92,18 @@ class Metric:
 class RestCriterion:
     """Criterion for a vehicle at rest.
 
-    The tires are springs: a vehicle that stops rocks back and forth on them for a moment. It
-    comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate`, provided
-    that from then on it never again exceeds the larger `rocking` limits. A vehicle that slows down
-    at a reaches this `speed` / a early (20 ms at 5 m/s^2).
-    A run ends by another rule, `omni_sim.run_progress.run_outcome`: future rocking is not known
-    while it goes on, so the vehicle must have been at rest for a while.
+    The tires are springs, on which a stopping vehicle rocks back and forth for a moment. The
+    vehicle comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate` and
+    after which it never exceeds the larger `rocking` limits. A vehicle with deceleration a reaches
+    this stamp `speed` / a before its speed is zero. A run ends by another rule,
+    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for a while, because
+    later rocking is not yet known.
 
     Attributes:
         speed: speed of `base_link` [m/s].
-        yaw_rate: magnitude [rad/s].
+        yaw_rate: magnitude of the yaw rate [rad/s].
         rocking_speed: speed that a vehicle at rest may still reach [m/s].
-        rocking_yaw_rate: yaw rate that it may still reach [rad/s].
+        rocking_yaw_rate: yaw rate that a vehicle at rest may still reach [rad/s].
     """
 
     speed: float = 0.1
@@ -137,7 +137,7 @@ def run_metrics(
 
     Args:
         history: the run.
-        rest: when the vehicle counts as stopped.
+        rest: criterion for a vehicle at rest.
     """
     metrics = _braking_metrics(history, rest or RestCriterion())
     metrics |= _odometry_metrics(history)
@@ -164,7 +164,7 @@ def results_document(
 
     Args:
         name: name of the experiment.
-        metrics_by_variant: what `run_metrics` returned, by variant.
+        metrics_by_variant: results of `run_metrics` by variant.
     """
     entries: dict[str, dict[str, Any]] = {}
     for variant, metrics in metrics_by_variant.items():
@@ -215,7 +215,7 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
     }
     notes = {"lateral_deviation": _NO_DIRECTION}
-    # The period before the first braking one counts: a brake let go with the pedal is a change.
+    # Includes the stamp before braking: a release together with the pedal is a switching.
     switchings = _switchings(history.enable[max(start - 1, 0) : stop + 1])
     values["brake_switchings"] = float(np.sum(switchings))
     notes["brake_switchings"] = _NO_ENABLES
@@ -239,7 +239,7 @@ def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) 
 
 
 def _fail_safe_share(states: tuple[str, ...]) -> Metric:
-    """Return the share of the assistant's states while braking that are faults."""
+    """Return the share of stamps at which the assistant's state is a fault; braking stamps only."""
     if not any(states):
         return Metric(math.nan, "1", note=_NO_STATES)
     faults = Counter(state for state in states if state in _FAULTS)

@@ -1,4 +1,4 @@
-"""Options of every command that runs the loop: overrides and user's classes."""
+"""Options of every command that runs the loop: overrides and the user's classes."""
 
 from omni_platform import command_options, configuration
 

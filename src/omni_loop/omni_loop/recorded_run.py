@@ -1,9 +1,9 @@
 """A run read back from its rosbag2 folder, without ROS.
 
 Only the small topics are decoded, not the line batches, which make up nearly all of a bag.
-`ground_truth/odom` gives the control stamps; every other message belongs to the control stamp t_k
-with ``t_{k-1} < stamp <= t_k`` (the odometry's stamp is that of its newest line, up to one line
-period older than the control stamp).
+`ground_truth/odom` gives the control stamps. Every other message belongs to the control stamp t_k
+with ``t_{k-1} < stamp <= t_k``. The odometry's stamp is that of its newest line, up to one line
+period before the control stamp.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ _TOPICS = (
     topics.DIAGNOSTICS,
 )
 _TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
-_ASSISTANT = "brake_assist"  # the name of its status, after its namespace
-# A run without odometry or without brake assistant is still a run: their values become NaN.
+_ASSISTANT = "brake_assist"  # name of its diagnostics status after the namespace
+# A run may lack the odometry or the brake assistant; the values are then NaN.
 _REQUIRED = (topics.WHEEL_STATES, topics.PEDAL)
 
 # Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
@@ -56,7 +56,7 @@ class Stream:
 
     @classmethod
     def of(cls, entries: Iterable[tuple[int, Any]]) -> Stream:
-        """Return pairs of stamp [ns] and message in the order of the stamps."""
+        """Return a stream from pairs of stamp [ns] and message, sorted by stamp."""
         ordered = sorted(entries, key=lambda entry: entry[0])
         stamps = np.array([stamp for stamp, _ in ordered], dtype=np.int64)
         return cls(stamps, tuple(message for _, message in ordered))
@@ -65,8 +65,8 @@ class Stream:
 def read_run(bag_folder: Path | str) -> RunHistory:
     """Read the history of a run from a rosbag2 folder, whatever the namespace of its vehicle.
 
-    Values without a message (no enable in the last period, say) are NaN. A recording of a real
-    vehicle has no ground truth: its motion is that of the measured twist, integrated.
+    Values without a message (for example no enable in the last period) are NaN. A recording of a
+    real vehicle has no ground truth, so its motion is the integral of the measured twist.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
@@ -93,7 +93,7 @@ def read_streams(
     Args:
         bag: the recording of a vehicle.
         chosen: the topics.
-        required: those that must exist.
+        required: topics that must exist.
 
     Raises:
         BagError: the bag cannot be read, lacks a topic, or one is of another type.
@@ -169,7 +169,7 @@ def _true_motion(truth: Stream) -> dict[str, Any]:
 
 
 def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
-    """Return the motion at the stamps of the wheels by the measured twist, interpolated.
+    """Return the motion at the stamps of the wheel speeds, integrated from the measured twist.
 
     Raises:
         ValueError: the twist is never measured.

@@ -20,9 +20,10 @@ def cut(history: RunHistory, first: int, last: int) -> RunHistory:
 def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
     """Return the stops of a history, in order.
 
-    A stop begins when the pedal goes down in motion and ends at rest with the pedal still down;
-    it includes a second before and half a second after. Slowing down without coming to rest is no
-    stop. A history without a stop, or with one stop that begins in motion, is returned unchanged.
+    A stop begins when the pedal goes down in motion and ends at rest with the pedal still down. Its
+    part of the history also has the second before and the half second after. Slowing down without
+    coming to rest is no stop. A history without a stop, or with one stop that begins in motion, is
+    returned unchanged.
     """
     spans = _spans(history, RestCriterion())
     if not spans or (len(spans) == 1 and _moves(history, 0)):
@@ -31,7 +32,7 @@ def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
 
 
 def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
-    """Return whether a stamp is in motion; pressing the pedal below [m/s] or [rad/s] is parking."""
+    """Return whether the vehicle is faster than `least` [m/s or rad/s] at a stamp."""
     twist = history.twist[index]
     return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
 

@@ -1,7 +1,7 @@
 """Sweeps: an experiment with several values of one or more keys, in one process.
 
-``vehicle.load.mass=0,100,250`` gives three values; several such texts give every combination.
-A run gives the same bits as one over the graph.
+``vehicle.load.mass=0,100,250`` gives three runs; several such texts give all combinations. A run
+gives the same bits as one over the graph.
 """
 
 import dataclasses
@@ -71,7 +71,7 @@ def sweep(
     """Run all combinations.
 
     Args:
-        configurations: variant, values of the swept keys, and the loop.
+        configurations: variant, values of the swept keys, and configuration of each run.
         report: receives the completed share [0..1] and a text.
     """
     results = []
@@ -85,7 +85,7 @@ def sweep(
 
 
 def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistory:
-    # What is no sweep starts without them.
+    # Imported here, so that commands without a sweep start faster.
     from omni_loop import compiled, loop
 
     if configuration.feedback == "velocity_sensor" and not configuration.simulation.render_lines:

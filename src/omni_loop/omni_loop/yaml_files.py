@@ -1,4 +1,4 @@
-"""Reads configuration files and values in YAML."""
+"""Reading of configuration files and values in YAML."""
 
 import re
 from collections import Counter
@@ -37,8 +37,8 @@ def load_yaml(text: str) -> Any:
     """Return the content of a YAML text, with numbers such as 1e-3 as numbers.
 
     Raises:
-        yaml.YAMLError: it is no YAML.
-        ValueError: it is too large, or a value such as a date is invalid.
+        yaml.YAMLError: the text is no YAML.
+        ValueError: the text is too long, or a value such as a date is invalid.
     """
     if len(text) > LARGEST_YAML:
         raise ValueError(f"it has {len(text)} characters, and at most {LARGEST_YAML} are read")
@@ -56,13 +56,13 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
         key: configuration key or option, for messages.
 
     Raises:
-        ConfigurationError: it cannot be read, or contains no mapping.
+        ConfigurationError: the file cannot be read, or contains no mapping.
     """
     try:
         document = load_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
-    except (yaml.YAMLError, ValueError) as error:  # the latter for dates and bytes
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and bytes
         problem = " ".join(str(error).split())[:200]
         raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
     if not isinstance(document, dict):
