@@ -22,13 +22,13 @@ _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 class ComparisonTable:
     """A row per quantity and a column per variant, for as many variants as fit side by side.
 
-    Further variants follow in tables below, so that numbers never wrap; names may wrap. A value
-    that misses its limit is marked with ``!``; the dissertation's figure follows in brackets. An
-    undefined quantity is a dash, with the reason below the table.
+    Further variants follow in tables below, so that numbers never wrap; names may wrap. ``!`` marks
+    a value that misses its limit. The value in the dissertation follows in brackets. A dash stands
+    for an undefined quantity, with the reason below the table.
 
     Attributes:
-        metrics_by_variant: what `run_metrics` returned, in the order of the columns.
-        title: printed above the table.
+        metrics_by_variant: results of `run_metrics` by variant, in the order of the columns.
+        title: title above the table, if any.
     """
 
     metrics_by_variant: Mapping[str, Mapping[str, Metric]]
@@ -39,7 +39,8 @@ class ComparisonTable:
         title = self.title
         left = list(self.metrics_by_variant)
         while left:
-            # The widest that fits: as it is, with folded headings, with fewer variants.
+            # Take the widest table that fits: with all variants, then folded headings, then fewer
+            # variants.
             for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
                 shown = {name: self.metrics_by_variant[name] for name in left[:count]}
                 table = _table(shown, title, folded=folded)
@@ -63,7 +64,7 @@ def _table(
         pad_edge=False,
     )
     variants = metrics_by_variant.values()
-    # Every quantity once, in the order of the variants that have it.
+    # Each quantity once, in the order in which the variants list it.
     rows = {
         metric_label(quantity): in_small_units([metrics.get(quantity) for metrics in variants])
         for quantity in dict.fromkeys(key for metrics in variants for key in metrics)
@@ -113,7 +114,7 @@ def _times(metric: Metric, factor: float, unit: str) -> Metric:
 
 
 def metric_label(quantity: str) -> str:
-    """Return the name of a quantity; that of a single wheel is indented."""
+    """Return the name of a quantity, indented if it belongs to a single wheel."""
     name, _, wheel = quantity.partition(".")
     label = (
         f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)

@@ -1,4 +1,4 @@
-"""Writes tables as CSV files, such as the data of a figure."""
+"""Functions that write CSV tables, such as the data of a figure."""
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,8 +18,8 @@ def write_table(
     Args:
         path: path of the file.
         header: names of the columns.
-        rows: texts and integers, which are written as they are, and other numbers.
-        digits: significant ones of the other numbers.
+        rows: cells of each row; texts and integers are written unchanged.
+        digits: number of significant digits of all other numbers.
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -32,12 +32,12 @@ def write_table(
 
 
 def write_records(path: Path, records: Sequence[Any]) -> Path:
-    """Write records of one type, a row each, under the names of their fields and their units.
+    """Write records of one type as rows below the names and units of their fields.
 
     Args:
         path: path of the file.
-        records: one instance or more of a `NamedTuple`, whose numbers carry their units:
-            ``speed: Annotated[float, "m/s"]``.
+        records: at least one instance of a `NamedTuple`, which declares its numbers with their
+            units, as ``speed: Annotated[float, "m/s"]``.
     """
     hints = get_type_hints(type(records[0]), include_extras=True)
     units = {name: getattr(hint, "__metadata__", None) for name, hint in hints.items()}
@@ -46,7 +46,7 @@ def write_records(path: Path, records: Sequence[Any]) -> Path:
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
-    """Write columns of equal length under their names, numbers with six digits.
+    """Write columns of equal length below their names, numbers with six digits.
 
     Args:
         path: path of the file.

@@ -12,7 +12,7 @@ from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
 
-# Width of a drawn wheel in diameters; the configuration has no wheel width.
+# Drawn width of a wheel per diameter [1], because the configuration has no wheel width.
 _WHEEL_WIDTH = 0.45
 
 
@@ -22,7 +22,7 @@ class GroundPatch:
 
     Attributes:
         outline: corners in `odom` [m].
-        friction: factor on the friction of the ground around it [1].
+        friction: friction of the patch over that of the ground around it [1].
     """
 
     outline: tuple[tuple[float, float], ...]
@@ -45,13 +45,13 @@ class Scene:
     """A vehicle and its ground as seen from above.
 
     Attributes:
-        chassis_length: along x of the body [m].
-        chassis_width: along y of the body [m].
+        chassis_length: length of the chassis along x of the body frame [m].
+        chassis_width: width of the chassis along y of the body frame [m].
         wheels: mounts by wheel name.
         center_of_gravity: center of gravity of vehicle and load together, in the body frame [m], if
             known.
         load: position of the load in the body frame [m], if there is one.
-        patches: ground with a different friction.
+        patches: patches of ground with a different friction.
     """
 
     chassis_length: float
@@ -68,7 +68,7 @@ class Scene:
 
     @property
     def wheel_outlines(self) -> tuple[FloatArray, ...]:
-        """Corners of each wheel in the body frame [m], shape (4, 2) each, in their order."""
+        """Corners of each wheel in the body frame [m], shape (4, 2) each, in wheel order."""
         geometry = PlatformGeometry.from_wheels(self.wheels)
         outlines = []
         for row in range(len(geometry.names)):
@@ -89,7 +89,7 @@ class Scene:
 
     @property
     def drawn_points(self) -> FloatArray:
-        """Points in the body frame [m] whose convex hull contains the vehicle, shape (M, 2)."""
+        """Points in the body frame [m], shape (M, 2), whose convex hull contains the vehicle."""
         points = [self.chassis, *self.wheel_outlines]
         points += [np.array([p]) for p in (self.load, self.center_of_gravity) if p is not None]
         return np.concatenate(points)
@@ -101,14 +101,14 @@ def rectangle(length: float, width: float) -> FloatArray:
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Return points (M, 2) [m] of a frame at the pose x, y, yaw [m, m, rad] of that frame."""
+    """Return points (M, 2) [m] in the world frame, given in a frame with the pose x, y, yaw."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
 
 
 def ahead_up(points: FloatArray) -> FloatArray:
-    """Return points (M, 2) of the body for a figure in which the vehicle moves upwards."""
+    """Return points (M, 2) of the body frame, turned so that forward is up in the figure."""
     return np.column_stack((-points[:, 1], points[:, 0]))
 
 
@@ -119,7 +119,8 @@ def overlap(a: FloatArray, b: FloatArray) -> bool:
         a: corners in order [m], shape (M, 2), at least two.
         b: corners in order [m], shape (K, 2), at least two.
     """
-    # Convex outlines are apart if their shadows on some axis are: that of an edge or across it.
+    # Separating axes: convex outlines are apart if their projections on an edge's direction or on
+    # its normal are.
     edges = np.concatenate([np.roll(a, 1, axis=0) - a, np.roll(b, 1, axis=0) - b])
     axes = np.concatenate([edges, edges[:, ::-1] * (-1.0, 1.0)])
     shadow_a, shadow_b = axes @ a.T, axes @ b.T

@@ -1,9 +1,9 @@
 """Selection of the moments of a braking maneuver that the top view shows without overlap.
 
-The first snapshot is the start of braking, the last one the final position. Those between them
-follow at about equal distances along the longest path of all variants, at round times, and as
-many as there is room for. Every variant shows the same moments, so that they compare; where its
-vehicle or arrow would overlap an earlier one, a moment close by is shown, or none.
+The first snapshot is the start of braking, the last one the final position. Between them, as many
+snapshots as there is room for follow at round times, about equally spaced along the longest path of
+all variants. Every variant shows the same moments, so that they can be compared. If the vehicle or
+its arrow would overlap an earlier snapshot, a moment close by is shown, or none.
 """
 
 import dataclasses
@@ -17,12 +17,12 @@ from omni_loop.metrics import RestCriterion
 from omni_platform.quantities import FloatArray
 
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
-_SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, the best first
+_SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, in order of preference
 
 
 @dataclasses.dataclass(frozen=True)
 class Snapshots:
-    """Indices of the stamps to draw, in order, and the time to write next to each."""
+    """Indices of the stamps to draw, in order, and the label (time) of each."""
 
     indices: tuple[int, ...]
     labels: tuple[str, ...]
@@ -62,9 +62,9 @@ def choose_snapshots(
     Args:
         scene: the vehicle.
         histories: runs by variant, at least one.
-        rest: when a vehicle counts as stopped.
+        rest: criterion for a vehicle at rest.
         arrow_scale: length of the velocity arrow over speed [m / (m/s)].
-        most: largest number of them.
+        most: largest number of snapshots.
     """
     spans = {name: _span(history, rest) for name, history in histories.items()}
     longest = max(spans.values(), key=lambda span: float(span.traveled[-1]))
@@ -87,13 +87,13 @@ def velocity_arrow(
 
     Args:
         scene: the vehicle.
-        history: its run.
+        history: run of the vehicle.
         index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
         shortest: length of the shortest arrow, in lengths of the chassis.
 
     Returns:
-        None where the vehicle is too slow for an arrow.
+        Tail and tip; None if the vehicle is too slow for an arrow.
     """
     tail = history.pose[index, :2]
     arrow = arrow_scale * history.velocity_world[index]
@@ -109,13 +109,14 @@ def snapshot_outlines(
 
     Args:
         scene: the vehicle.
-        history: its run.
+        history: run of the vehicle.
         index: index of the stamp.
         arrow_scale: length of the arrow over speed [m / (m/s)].
-        clearance: distance of an arrow's tip or of a load from others, in lengths of the chassis.
+        clearance: smallest distance of an arrow's tip or a load from other elements, in lengths of
+            the chassis.
 
     Returns:
-        Corners of each, or both ends, in `odom` [m], shape (4, 2) or (2, 2).
+        Corners of an outline or both ends of a line, in `odom` [m], shape (4, 2) or (2, 2) each.
     """
     pose = history.pose[index]
     outlines = [placed(corners, pose) for corners in (scene.chassis, *scene.wheel_outlines)]

@@ -1,8 +1,8 @@
 """Colors, sizes and file formats of all figures.
 
-Colors are those of M. Okabe and K. Ito, which readers with any common color vision can distinguish.
-Figures are made with matplotlib's objects, never with pyplot. Importing this module applies
-``omni.mplstyle`` to all figures of the process.
+The colors are those of M. Okabe and K. Ito, which people with color-vision deficiencies can
+distinguish. Figures are made with matplotlib's objects, never with pyplot. Importing this module
+applies ``omni.mplstyle`` to all figures of the process.
 """
 
 import io
@@ -20,7 +20,7 @@ ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 BLACK, GRAY, PALE = "#222222", "#8A8A8A", "#DDDDDD"
 
-# Neighbors differ in lightness too.
+# Successive colors also differ in lightness.
 WHEEL_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
 
 matplotlib.rcParams.update(
@@ -32,7 +32,7 @@ PAGE_WIDTH: float = matplotlib.rcParams["figure.figsize"][0]  # [in]
 
 
 def wheel_color(index: int) -> str:
-    """Return the color of a wheel by its place in the vehicle's order."""
+    """Return the color of the wheel with this index in the vehicle's order."""
     return WHEEL_COLORS[index % len(WHEEL_COLORS)]
 
 
@@ -49,13 +49,13 @@ def panels(
     """Return a figure with a grid of axes, labeled along its lower and left edge.
 
     Args:
-        title: title of the figure, may be empty.
+        title: title of the figure; may be empty.
         rows: number of rows of axes.
         columns: number of columns of axes.
         size: width and height [in].
-        x: label of all x axes, or one for each column.
-        y: label of all y axes, or one for each row.
-        **kwargs: of `Figure.subplots`, as ``sharex=True``.
+        x: label of all x axes, or one label for each column.
+        y: label of all y axes, or one label for each row.
+        **kwargs: arguments of `Figure.subplots`, such as ``sharex=True``.
 
     Returns:
         The figure and its axes, shape (rows, columns).
@@ -72,14 +72,14 @@ def panels(
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """Explain the labeled elements of some axes below a figure."""
+    """Draw a legend of the labeled elements of some axes below a figure."""
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
 def note(
     axes: Axes, words: str, place: tuple[float, float], offset: tuple[float, float], **look: Any
 ) -> None:
-    """Write words at an offset [points] from a place in the units of the axes."""
+    """Write words near a data point `place`, shifted by `offset` [points]."""
     axes.annotate(words, place, offset, textcoords="offset points", **look)
 
 
@@ -105,7 +105,7 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
     """Write a figure as PNG or SVG, by the suffix; the same figure gives the same bytes.
 
     Raises:
-        ValueError: another suffix.
+        ValueError: the suffix is another one.
     """
     target = Path(path)
     if target.suffix not in {".png", ".svg"}:

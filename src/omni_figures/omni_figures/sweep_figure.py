@@ -11,10 +11,10 @@ from omni_loop.sweep import SHOWN, SweptRun, number
 
 
 def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
-    """Draw four quantities over the first swept key, a line for each variant and other value.
+    """Draw four quantities over the first swept key, with a line per variant and further value.
 
     Args:
-        runs: runs of the sweep; at least one.
+        runs: runs of the sweep, at least one.
         title: title of the figure.
     """
     key, *others = runs[0].values

@@ -1,9 +1,10 @@
 """Velocities and errors over time while braking, like Figures 31 and 32.
 
 One column per variant: linear velocity in the body frame, yaw rate, the sliding-manifold values s_i
-    by wheel, and when each brake was on. Time counts from the start of braking. A row has one
-    scale; a panel that would show only a flat line has its own scale, which is labeled. Lines are
-    the truth, thin dashed lines what the odometry measured.
+by wheel, and the times at which each brake was on. Time counts from the start of braking. All
+panels of a row have the same scale, except a panel that would show only a flat line; the scale of
+this panel is labeled. Solid lines show the truth, thin dashed lines the measurement of the
+odometry.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ from omni_platform.quantities import FloatArray
 _ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
 _V_X, _V_Y, _YAW_RATE = style.BLUE, style.ORANGE, style.GREEN
 _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
-_OWN_SCALE = "#FFF7DC"  # background
+_OWN_SCALE = "#FFF7DC"  # background of a panel with its own scale
 
 Limits = tuple[float, float]
 
@@ -35,7 +36,7 @@ def time_series(
 
     Args:
         histories: runs by variant, in the order of the columns.
-        title: printed above the columns.
+        title: title above the columns.
         before: time that is shown before the start of braking [s].
 
     Raises:
@@ -95,21 +96,21 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
     time = history.braking_time
-    edges = np.append(time, time[-1])  # an enable holds until the next stamp
+    edges = np.append(time, time[-1])  # each enable applies until the next stamp
     pressed = history.pedal > 0.0
     for column, name in enumerate(history.wheel_names):
         row = wheels.index(name)
-        # A missing enable means that the brake is on, as on a vehicle.
+        # Without an enable the brake is on, as on a vehicle.
         share = np.where(pressed, np.nan_to_num(history.enable[:, column], nan=1.0), 0.0)
         share = np.append(share, share[-1])
-        drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # to the end of a period
+        drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # up to the end of the period
         top = row + 0.35 - 0.7 * share
         look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 0.0}
         axes.fill_between(edges, row + 0.35, top, where=drawn, step="post", **look)
 
 
 def _choose_scales(histories: Sequence[RunHistory], before: float) -> list[list[Limits]]:
-    """Return the limits of velocity, yaw rate and error, each one value per history."""
+    """Return the limits of the rows velocity, yaw rate and error, for each history."""
     shown = [h.braking_time >= -before for h in histories]
     pairs = list(zip(histories, shown, strict=True))
     return [
@@ -130,8 +131,8 @@ def _row_scales(
     Args:
         shown: values of each panel.
         noisy: values of each panel whose outliers may be cut off.
-        share: a panel has its own scale if it would fill less of the common one than this [1].
-        least: smallest range that has its own scale [m/s] or [rad/s].
+        share: share of the common scale below which a panel gets its own scale [1].
+        least: range of values below which a panel keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)
     scales = []
@@ -139,7 +140,7 @@ def _row_scales(
         known = np.append(values[np.isfinite(values)], 0.0)
         hidden = least < np.ptp(known) < share * (common[1] - common[0])
         low, high = _limits([values], noisy[place : place + 1]) if hidden else common
-        # A scale of its own leaves room to say so.
+        # Room for the label of the separate scale.
         scales.append((low, high + (0.15 * (high - low) if hidden else 0.0)))
     return scales
 

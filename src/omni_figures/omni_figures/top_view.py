@@ -1,7 +1,7 @@
 """Top view of braking: snapshots of every variant, like Figures 24 and 30.
 
-One panel per variant, all at the same scale, so that distances compare by eye. Times count from
-the start of braking; `snapshots` selects the moments.
+Every variant has a panel, all at the same scale, so that distances can be compared by eye. Times
+count from the start of braking; `snapshots` selects the moments.
 """
 
 import dataclasses
@@ -26,10 +26,10 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """The section of ground of every panel, and its layout on the page."""
+    """The area of ground that every panel shows, and the layout of the panels."""
 
-    low: FloatArray  # [m]
-    high: FloatArray  # [m]
+    low: FloatArray  # lower left corner [m]
+    high: FloatArray  # upper right corner [m]
     side_by_side: bool
     inches_per_meter: float
 
@@ -47,9 +47,9 @@ def top_view(
     Args:
         scene: vehicle and ground.
         histories: runs by variant, in the order of the panels.
-        title: printed above the panels.
-        rest: when a vehicle counts as stopped.
-        arrow: length of the arrow of the greatest speed, in lengths of the chassis.
+        title: title above the panels.
+        rest: criterion for a vehicle at rest.
+        arrow: length of the velocity arrow at the greatest speed, in lengths of the chassis.
 
     Raises:
         ValueError: there is no history.
@@ -97,10 +97,10 @@ def _choose_view(
     Args:
         scene: vehicle and ground.
         histories: runs by variant.
-        snapshots: their snapshots.
+        snapshots: snapshots by variant.
         arrow_scale: length of an arrow over the speed [m / (m/s)].
-        height: of all panels [in].
-        lowest: height of a panel at least [in].
+        height: height of all panels together [in].
+        lowest: smallest height of a panel [in].
     """
     points = []
     for name, history in histories.items():
@@ -114,14 +114,14 @@ def _choose_view(
     span = high - low
     side_by_side = bool(span[1] > span[0]) and len(histories) > 1
     columns, rows = (len(histories), 1) if side_by_side else (1, len(histories))
-    # What axes, titles and legend leave of the page.
+    # Width of a panel, without axis labels, titles and legend.
     width = (style.PAGE_WIDTH - 1.0 - 0.3 * (columns - 1)) / columns
     room = np.array([width, height / rows])
-    # Labels stand on the left of platforms that move up the page, else above them.
+    # Labels are left of platforms that move up the page, else above them.
     label = np.array([0.55, 0.0] if side_by_side else [0.0, 0.2])
     scale = float(np.min((room - label) / span))
     low, high = low - (label * [1, 0]) / scale, high + (label * [0, 1]) / scale
-    # What the scale leaves free becomes ground, so that every panel fills its place.
+    # Enlarge the shown ground, so that every panel fills its place.
     wanted = np.array([room[0], max(lowest, (high - low)[1] * scale)])
     slack = np.maximum(wanted / scale - (high - low), 0.0)
     return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
@@ -130,7 +130,7 @@ def _choose_view(
 def _lay_out(
     view: _View, count: int, handles: Sequence[Any], title: str, entries: int = 7
 ) -> tuple[Figure, Any]:
-    """Return a figure with equal panels and its legend, which has some entries in a row."""
+    """Return a figure with equal panels and a legend of `entries` entries per row."""
     width, height = (view.high - view.low) * view.inches_per_meter
     rows, columns = (1, count) if view.side_by_side else (count, 1)
     legend = 0.25 * math.ceil(len(handles) / entries)
@@ -165,11 +165,11 @@ def _label_snapshots(
     view: _View,
     points: float = 9.0,
 ) -> None:
-    """Write each label next to its snapshot without overlap, in a size [points]."""
+    """Write each label next to its snapshot without overlap, with font size `points`."""
     line = points / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
-    for place in (len(labels) - 1, *range(len(labels) - 1)):  # the last one matters most
+    for place in (len(labels) - 1, *range(len(labels) - 1)):  # last label first: it matters most
         label = labels[place]
         size = np.array([0.6 * line * (len(label) + 1), 1.4 * line])
         for center in _label_places(covered[place][0], size, view.side_by_side):
@@ -187,12 +187,12 @@ def _label_snapshots(
 
 
 def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
-    """Yield positions of a label of a size [m] around a chassis, the best first."""
+    """Yield center positions of a label with `size` [m] next to a chassis, the best first."""
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
-    # Beside the path, which leads up the page when panels stand side by side.
+    # Next to the path, which leads up the page if panels are side by side.
     sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]
     for first, second in (sides, [(y, x) for x, y in sides]):
-        for gap in (0.1, 0.6):  # in heights of the label
+        for gap in (0.1, 0.6):  # gap in label heights
             reach = (high - low + size) / 2.0 + gap * size[1]
             yield (low + high) / 2.0 + reach * first
             yield (low + high) / 2.0 + reach * second

@@ -54,12 +54,12 @@ def draw_snapshot(
     """Draw the platform as it was at one stamp.
 
     Args:
-        axes: where to draw.
+        axes: axes to draw on.
         scene: the vehicle.
-        history: its run.
+        history: run of the vehicle.
         index: index of the stamp.
         arrow_scale: length of the velocity arrow over speed [m / (m/s)].
-        age: 0 for the last snapshot, towards 1 for the first; old ones are fainter.
+        age: 0 for the last snapshot, near 1 for the first; older snapshots are fainter.
     """
     pose = history.pose[index]
     layer = 3.0 + 4.0 * (1.0 - age)
@@ -86,7 +86,7 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels in their colors, filled by their share of braking, with the active direction."""
+    """Draw wheels with the active direction; the share of brake pressure sets their tint."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
@@ -101,16 +101,16 @@ def _draw_wheels(
 
 
 def _share(history: RunHistory, index: int, wheel: str) -> float:
-    """Return the share of the brake pressure of a wheel [1]."""
+    """Return the share of the pedal's pressure at a wheel's brake [1]."""
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
         return 0.0
     share = float(history.enable[index, history.wheel_names.index(wheel)])
-    # A missing enable means that the brake is on, as on a vehicle.
+    # Without an enable the brake is on, as on a vehicle.
     return 1.0 if math.isnan(share) else share
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return a mixture of white and a share of a color [1]."""
+    """Return white mixed with a color, whose `share` is from 0 to 1."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
