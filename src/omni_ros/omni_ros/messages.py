@@ -1,5 +1,7 @@
 """Conversions between the cores' arrays and the standard messages."""
 
+from __future__ import annotations
+
 import importlib
 import math
 import struct
