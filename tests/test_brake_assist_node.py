@@ -140,8 +140,8 @@ def test_it_assists_and_every_invalid_input_puts_all_brakes_on(vehicle: Vehicle)
 
 @pytest.mark.safety(
     "the wrong brakes act",
-    "wheels other than configured",
-    "the assistant compares the names: all brakes on",
+    "the vehicle has other wheels than configured",
+    "the assistant compares the names and puts all brakes on",
     within="the next decision",
 )
 def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
@@ -158,7 +158,7 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
 @pytest.mark.safety(
     "a command of a second publisher acts",
     "a second publisher of pedal, twist, wheel states or enables",
-    "the assistant detects it in the graph: all brakes on, and an error is reported",
+    "the assistant detects the publisher, puts all brakes on, and reports an error",
     within="an event of the graph",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
@@ -186,7 +186,7 @@ def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle:
 @pytest.mark.safety(
     "brakes act late",
     "pedal, twist or both stop sending",
-    "watchdogs on a steady clock: all brakes on without a request",
+    "watchdogs on a steady clock put all brakes on",
     within="`demand_timeout`, `feedback_timeout`",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])

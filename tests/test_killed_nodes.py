@@ -26,7 +26,7 @@ def benchmark() -> Any:
 @pytest.mark.safety(
     "a run fails without an error",
     "a node is killed, halted or asked to stop",
-    "the other nodes detect it: the run ends with an error in one sentence",
+    "the other nodes detect this, and the run ends with an error of one sentence",
     within="some seconds",
 )
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
 @pytest.mark.safety(
     "brakes act late",
     "the process of the assistant hangs",
-    "the timeout of the valves: all brakes on; the run ends with an error",
+    "the valves apply all brakes after a timeout; the run ends with an error",
     within="`enable_timeout`",
 )
 def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ class Valve(Bystander):
 @pytest.mark.safety(
     "a command of a second publisher acts",
     "a second publisher of enables",
-    "the valves apply all brakes while both are matched",
+    "the valves apply all brakes while two publishers are matched",
     within="an event of the graph",
 )
 def test_it_runs_on_in_simulated_time_and_brakes_with_two_publishers(assistant: Assistant) -> None:

@@ -62,7 +62,7 @@ def found(
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a brake without torque",
-    "brake monitor: the wheel rolls while others slide; all brakes on, and an error is reported",
+    "brake monitor: the wheel rolls while others slide, so all brakes are on; an error is reported",
     within=0.2,
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])

@@ -86,7 +86,7 @@ def test_a_steady_stop_is_left_alone_whatever_its_brakes_do(
 
 @pytest.mark.safety(
     RELEASED,
-    "several faulty sensors, or a faulty law: the vehicle rolls unbraked from 5 m/s",
+    "the vehicle rolls unbraked from 5 m/s, because several sensors or the law are faulty",
     "effect monitor",
     within=0.2,
 )
@@ -106,15 +106,18 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
         pytest.param(
             True,
             marks=pytest.mark.safety(
-                RELEASED, "the same, in the middle of a stop", "effect monitor", within=1.2
+                RELEASED,
+                "the vehicle rolls unbraked from the middle of a stop on",
+                "effect monitor",
+                within=1.2,
             ),
         ),
         pytest.param(
             False,
             marks=pytest.mark.safety(
                 RELEASED,
-                "the same, in the middle of a stop, without an IMU",
-                "effect monitor, by the wheel speeds",
+                "the vehicle rolls unbraked from the middle of a stop on, without an IMU",
+                "effect monitor, from the wheel speeds",
                 within=2.5,
             ),
         ),
@@ -131,7 +134,9 @@ def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants)
 
 
 @pytest.mark.safety(
-    RELEASED, "the same, at the end of a stop, at a tenth of its speed", "effect monitor",
+    RELEASED,
+    "the vehicle rolls unbraked at the end of a stop, at a tenth of the initial speed",
+    "effect monitor",
     within=1.1,
 )  # fmt: skip
 @pytest.mark.parametrize("imu", [True, False])
@@ -195,7 +200,7 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
 @pytest.mark.safety(
     RELEASED,
     "a scale error that the twist and all encoders share, from the start of braking",
-    "effect monitor: its speed is that of the integrated specific force",
+    "effect monitor: it uses the speed from the integrated specific force",
     within=1.2,
 )
 @pytest.mark.parametrize("scale", [0.0, 0.5, 0.7])

@@ -103,9 +103,9 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
 
 @pytest.mark.safety(
     "brakes released when they should act",
-    "twist that is NaN, late, from the future, of large variance, too fast, or that jumps; "
+    "a twist that is NaN, late, from the future, too fast, or jumps, or has a large variance; a "
     "pedal without a value",
-    "gate: all brakes on until `recovery_count` valid twists",
+    "gate: all brakes are on until `recovery_count` valid twists have arrived",
     within=0.01,
 )
 @pytest.mark.parametrize(
@@ -278,8 +278,8 @@ def test_missing_twists_put_all_brakes_on_and_restart_recovery(
 
 @pytest.mark.safety(
     "brakes released when they should act",
-    "twist stuck, without an IMU",
-    "gate: the value does not change while braking",
+    "the twist is stuck, without an IMU",
+    "gate: a value that does not change while braking is rejected",
     within=0.22,
 )
 def test_twist_that_never_changes_while_braking_is_implausible(
@@ -499,7 +499,7 @@ def test_some_brake_is_always_on(
 @pytest.mark.safety(
     "brakes released when they should act",
     "the law fails",
-    "an exception or an enable outside [0, 1] puts all brakes on",
+    "after an exception or an enable outside [0, 1], all brakes are on",
     within="the same step",
 )
 def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 
 RELEASED = "brakes released when they should act"
-ISOLATED = "fault isolation: it contradicts "
+ISOLATED = "fault isolation: the reading contradicts "
 PERIOD_NS = 10_000_000
 STEP = 0.01  # [s]
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
@@ -149,7 +149,7 @@ def test_fault_free_sensors_are_all_used(drive: Drive) -> None:
 
 
 @pytest.mark.safety(
-    RELEASED, "twist permanently lost", "dead reckoning by IMU and wheels", within=0.0
+    RELEASED, "the twist is permanently lost", "dead reckoning with IMU and wheels", within=0.0
 )
 def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> None:
     drive.run(180, "silence")
@@ -159,8 +159,8 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
 
 @pytest.mark.safety(
     "brakes act late",
-    "twist 50 ms late",
-    "it is compared with the state at its stamp and propagated to the present",
+    "the twist is 50 ms late",
+    "the twist is compared with the state at its stamp; the result is propagated to the present",
     within=0.0,
 )
 def test_a_late_twist_is_compensated(drive: Drive) -> None:
@@ -174,14 +174,14 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
         pytest.param(
             "twist", 0.5, NO_TWIST,
             marks=pytest.mark.safety(
-                RELEASED, "velocity of the twist off by 0.5 m/s",
+                RELEASED, "the velocity of the twist is wrong by 0.5 m/s",
                 ISOLATED + "accelerometer and wheels", within=0.1,
             ),
         ),
         pytest.param(
             "rate", 0.3, NO_TWIST,
             marks=pytest.mark.safety(
-                RELEASED, "yaw rate of the twist off by 0.3 rad/s",
+                RELEASED, "the yaw rate of the twist is wrong by 0.3 rad/s",
                 ISOLATED + "the gyro, which explains how the velocity changes", within=0.1,
             ),
         ),
@@ -189,7 +189,7 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
         pytest.param(
             "gyro", 0.3, NO_GYRO,
             marks=pytest.mark.safety(
-                RELEASED, "gyro off by 0.3 rad/s",
+                RELEASED, "the gyro is wrong by 0.3 rad/s",
                 ISOLATED + "the twist, whose rate explains how its velocity changes", within=0.1,
             ),
         ),
@@ -197,7 +197,7 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
         pytest.param(
             "force", 4.0, NO_FORCE,
             marks=pytest.mark.safety(
-                RELEASED, "accelerometer off by 4 m/s^2", ISOLATED + "twist and wheels", within=0.2
+                RELEASED, "the accelerometer is wrong by 4 m/s^2", ISOLATED + "twist and wheels", within=0.2
             ),
         ),
     ],
@@ -213,8 +213,8 @@ def test_a_faulty_source_is_isolated(
 
 @pytest.mark.safety(
     RELEASED,
-    "twist stuck, also that of a sensor that is read every 40 ms",
-    "fault isolation: braking does not change it",
+    "the twist is stuck, also if the sensor is read only every 40 ms",
+    "fault isolation: braking does not change the twist",
     within=0.2,
 )
 @pytest.mark.parametrize("hold", [1, 4])
@@ -239,7 +239,7 @@ def test_a_source_that_recovers_has_left_nothing_behind(
 
 
 @pytest.mark.safety(
-    RELEASED, "one faulty encoder", "gate: a wheel that contradicts the filters is rejected",
+    RELEASED, "one faulty encoder", "gate: a wheel speed that contradicts the filters is rejected",
     within=0.0,
 )  # fmt: skip
 def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive) -> None:
@@ -357,9 +357,9 @@ def isolated_encoder(
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
-    "an encoder that reads nothing, too little, too much, or backwards, under `allocation`",
-    "fault isolation: no wheel can have that speed; the law does not receive it",
+    "the stop is longer or rotates more",
+    "an encoder reads nothing, too little, too much, or backwards, with the law `allocation`",
+    "fault isolation: no wheel can have this speed, so the law does not receive the speed",
     within=0.3,
 )
 @pytest.mark.parametrize(
@@ -397,9 +397,9 @@ def test_a_possible_wheel_speed_is_used(
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
+    "the stop is longer or rotates more",
     "a fault that twist and IMU share",
-    "fault isolation: the wheels contradict the estimate; all brakes on",
+    "fault isolation: the wheels contradict the estimate, and all brakes are on",
     within=0.25,
 )
 def test_wheels_contradict_a_fault_that_twist_and_imu_share(

@@ -38,9 +38,9 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
 
 @pytest.mark.safety(
     "a brake does not follow its command",
-    "a brake without torque, in the closed loop: any wheel of four, some of six, four directions, "
+    "a brake without torque, in the closed loop: any of four wheels, some of six, four directions, "
     "6 to 10 m/s",
-    "the stop is at most 15 % longer than unassisted and rotates as that does",
+    "the stop is at most 15 % longer than unassisted, with the same rotation",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
 
 @pytest.mark.safety(
     "a brake does not follow its command",
-    "a brake without torque, valve stuck or brake stuck, under `allocation`",
-    "brake monitor, or the law: up to 1.5 times the distance unassisted, 20 deg more",
+    "a brake without torque, a stuck valve or a stuck brake, with the law `allocation`",
+    "brake monitor, or the law: at most 1.5 times the unassisted distance and 20 deg more rotation",
     within="the whole stop",
 )
 @pytest.mark.parametrize("fails", [{"brake": 0.0}, {"open_valve": 1.0}, {"stuck_brake": 0.5}])
@@ -94,7 +94,7 @@ def test_a_brake_with_a_quarter_of_its_torque_is_not_treated_as_failed(wheel: st
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a valve that cannot release, a brake that is stuck",
-    "the law brakes with the others: up to 1.5 times the distance unassisted, 15 deg more",
+    "the law brakes with the others: at most 1.5 times the unassisted distance, 15 deg more rotation",
     within="the whole stop",
 )
 @pytest.mark.parametrize("changes", [FORWARD, SLANTED, ASIDE, DIAGONAL])

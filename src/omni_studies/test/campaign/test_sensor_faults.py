@@ -32,9 +32,9 @@ def stops() -> FaultyStops:
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
-    "twist or an encoder off, stuck, attenuated, drifting or gone",
-    "all layers, in the closed loop: the limits of the study hold",
+    "the stop is longer or rotates more",
+    "the twist or an encoder is wrong, stuck, attenuated, drifting or missing",
+    "all mechanisms in the closed loop: the stop keeps the limits of the study",
     within="the whole stop",
 )
 @pytest.mark.parametrize("imu", [True, False])
@@ -92,9 +92,9 @@ def test_a_twist_that_turns_otherwise_does_not_isolate_the_gyro(
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
-    "gyro or accelerometer off, stuck, reversed, swapped or gone",
-    "all layers, in the closed loop: the limits of the study hold",
+    "the stop is longer or rotates more",
+    "the gyro or accelerometer is wrong, stuck, reversed, swapped or missing",
+    "all mechanisms in the closed loop: the stop keeps the limits of the study",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -133,9 +133,9 @@ def test_a_gyro_fault_just_before_the_pedal_is_no_offset_of_the_twist(
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
+    "the stop is longer or rotates more",
     "a fault too small to be detected, also while the line of motion is stored",
-    "its effect on the stop is small",
+    "the fault has little effect on the stop",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -196,9 +196,9 @@ def test_disputes_that_come_and_go_are_settled() -> None:
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
-    "twist permanently lost 0.3 s after the pedal",
-    "dead reckoning, then all brakes: at most 8 deg",
+    "the stop is longer or rotates more",
+    "the twist is permanently lost 0.3 s after the pedal",
+    "dead reckoning, then all brakes on: the vehicle rotates by at most 8 deg",
     within="the whole stop",
 )
 def test_a_stop_goes_on_without_the_twist(stops: FaultyStops) -> None:
@@ -238,8 +238,8 @@ FAST_TURN = (
 
 @pytest.mark.safety(
     "brakes act late",
-    "twist 20 to 200 ms late, as `feedback_delay` says",
-    "all sources are compared at the same stamp: the stop is that of a prompt one",
+    "the twist is 20 to 200 ms late, and `feedback_delay` is set to this delay",
+    "all sources are compared at the same stamp; the stop is as good as without a delay",
     within="the whole stop",
 )
 @pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
@@ -271,9 +271,9 @@ def test_a_configured_delay_costs_little(
 
 
 @pytest.mark.safety(
-    "the stop is longer or turns more",
-    "twist and all encoders scaled by 0.64 to 0.74 as the pedal goes down",
-    "effect monitor: at most 1.5 times the distance",
+    "the stop is longer or rotates more",
+    "twist and all encoders are scaled by 0.64 to 0.74 from the pedal on",
+    "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
 )
 @pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
