@@ -197,7 +197,8 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
         pytest.param(
             "force", 4.0, NO_FORCE,
             marks=pytest.mark.safety(
-                RELEASED, "the accelerometer is wrong by 4 m/s^2", ISOLATED + "twist and wheels", within=0.2
+                RELEASED, "the accelerometer is wrong by 4 m/s^2",
+                ISOLATED + "twist and wheels", within=0.2,
             ),
         ),
     ],
