@@ -15,12 +15,12 @@ from omni_bringup.workspace import workspace_folder
 from omni_studies.page_numbers import filled, stored
 
 STATUSES = {
-    "works": "as the text has it",
-    "differs": "on purpose; the remark, or the docstring of the module, explains it",
-    "partial": "a part of it, which the remark names",
-    "reference": "used by no command; tests keep it",
-    "missing": "left out",
-    "background": "described in the text, not used by it",
+    "works": "implemented as in the text",
+    "differs": "differs on purpose; the remark or the docstring of the module gives the reason",
+    "partial": "partly implemented; the remark describes the part",
+    "reference": "used only by tests",
+    "missing": "not implemented",
+    "background": "described in the text, but not used there",
 }
 
 
@@ -49,17 +49,18 @@ def page(folder: Path) -> str:
     counts = Counter(row.status for rows in found.values() for row in rows)
     parts = [
         "# The dissertation, row by row\n\nThis page lists every equation, figure, table and claim "
-        "of the dissertation, whether it holds here, and the\ncommand or test that shows it.\n"
-        "Use it to check a claim, or to find the module that implements an equation.\n"
-        "It is generated from `dissertation.yaml` by `python -m omni_bringup.dissertation_page`; "
-        "do not edit it.\nThe text is V. Kálmán, *On modeling and control of omnidirectional "
+        "of the dissertation, its status in this project,\nand the command or test that shows it. "
+        "Use it to check a claim, or to find the module of an equation.\n\n"
+        "This page is generated from `dissertation.yaml` by "
+        "`python -m omni_bringup.dissertation_page`; do not edit it.\n"
+        '"The text" is V. Kálmán, *On modeling and control of omnidirectional '
         "wheels*, BME Budapest 2013.\n\n"
-        "| holds | rows | |\n|---|---|---|",
+        "| status | rows | meaning |\n|---|---|---|",
         *(f"| {status} | {counts[status]} | {words} |" for status, words in STATUSES.items()),
     ]
     for title, rows in found.items():
         parts.append(
-            f"\n## {title}\n\n| in the text | claim | number | holds | shown by | where | |"
+            f"\n## {title}\n\n| text | claim | number | status | shown by | module | remark |"
         )
         parts.append("|---|---|---|---|---|---|---|")
         for row in rows:
