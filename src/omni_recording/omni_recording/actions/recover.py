@@ -6,7 +6,7 @@ index and the metadata that readers need.
 
 import dataclasses
 import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -54,48 +54,34 @@ def recover(path: Path, folder: Path) -> Recovery | None:
         RecordingError: the new recording cannot be written.
     """
     problems: list[str] = []
+    channels: list[mcap.RecordedChannel] = []
     files = bag_files(path, problems)
     # The topics must be known before the first message is written, so it is read twice.
-    survey = _survey(path, files, problems)
-    if not survey.problems and _metadata_fit(path, survey.count):
+    count, first_ns, last_ns = 0, 1 << 63, 0
+    for message in _whole_messages(files, problems, channels):
+        count += 1
+        first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
+    if not problems and _metadata_fit(path, count):
         return None
-    if not survey.count:
-        words = "; ".join(survey.problems) or "the files are empty"
+    if not count:
+        words = "; ".join(problems) or "the files are empty"
         raise BagError(path, f"contains no complete message: {words}")
-    with write.Rosbag2Writer(folder, [_topic(path, one) for one in survey.channels]) as writer:
+    with write.Rosbag2Writer(folder, _topics(path, channels)) as writer:
         for message in _whole_messages(files, [], []):
             writer.write(message.channel.topic, message.log_ns, message.data, message.publish_ns)
     if path.is_dir():
         _copy_notes(path, folder)
-    return Recovery(folder, writer.counts, survey.first_ns, survey.last_ns, tuple(survey.problems))
+    return Recovery(folder, writer.counts, first_ns, last_ns, tuple(problems))
 
 
-@dataclasses.dataclass
-class _Survey:
-    """Problems, channels, message count and log times found in the first pass."""
-
-    problems: list[str]
-    channels: Collection[mcap.RecordedChannel] = ()
-    count: int = 0
-    first_ns: int = 1 << 63
-    last_ns: int = 0
-
-
-def _survey(path: Path, files: tuple[Path, ...], problems: list[str]) -> _Survey:
-    found = _Survey(problems)
-    channels: list[mcap.RecordedChannel] = []
-    for message in _whole_messages(files, found.problems, channels):
-        found.count += 1
-        found.first_ns = min(found.first_ns, message.log_ns)
-        found.last_ns = max(found.last_ns, message.log_ns)
+def _topics(path: Path, channels: Iterable[mcap.RecordedChannel]) -> list[RecordedTopic]:
     by_topic: dict[str, mcap.RecordedChannel] = {}
     for channel in channels:
         known = by_topic.setdefault(channel.topic, channel)
         if known.type_name != channel.type_name:
             kinds = f"{known.type_name} and {channel.type_name}"
             raise BagError(path, f"{channel.topic} is of two types, {kinds}")
-    found.channels = by_topic.values()
-    return found
+    return [_topic(path, channel) for channel in by_topic.values()]
 
 
 def _whole_messages(
