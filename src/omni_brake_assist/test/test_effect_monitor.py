@@ -133,13 +133,29 @@ def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants)
     assert trip_time(constants, 4.0, 0.3, rolls=1) < 3.0
 
 
-@pytest.mark.safety(
-    RELEASED,
-    "the vehicle rolls unbraked at the end of a stop, at a tenth of the initial speed",
-    "effect monitor",
-    within=1.1,
-)  # fmt: skip
-@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize(
+    "imu",
+    [
+        pytest.param(
+            True,
+            marks=pytest.mark.safety(
+                RELEASED,
+                "the vehicle rolls unbraked at the end of a stop, at a tenth of the initial speed",
+                "effect monitor",
+                within=1.1,
+            ),
+        ),
+        pytest.param(
+            False,
+            marks=pytest.mark.safety(
+                RELEASED,
+                "the vehicle rolls unbraked at the end of a stop, without an IMU",
+                "effect monitor, from the duration of the stop",
+                within=5.6,
+            ),
+        ),
+    ],
+)
 def test_a_vehicle_that_rolls_on_at_the_end_of_a_stop_is_braked(
     constants: EffectConstants, imu: bool, within: float
 ) -> None:

@@ -162,7 +162,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         memory.newest[1] = row
         record.gyro = reading[ROW_IMU] if abs(reading[ROW_IMU]) < FASTEST_TURN else math.nan
         record.braked = record.braked + dt if braking else 0.0
-        push = math.hypot(force[1], force[2]) if force[0] else 0.0
+        push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[ROW_WHEELS:wheels]
         fuse_wheels(constants, memory, dt, braking, enable, speeds, push)
         weigh_braking(constants, memory, stamp_ns, reading[ROW_PEDAL])

@@ -50,8 +50,8 @@ _GAIN, _IDLE = 0.1, 0.05
 _FAULTY = 0.05  # prior probability of a faulty encoder [1]
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # range of faulty readings: at rest [m/s], per speed [1]
 _EDGE = 0.15  # speed by which a sliding rim may be outside rest to rolling [m/s]
-# Slip of driven wheels by the specific force [s^2/m], [s^4/m^2], and number of consecutive steps
-# whose readings have the same error by slip.
+# Slip of driven wheels by the specific force [s^2/m], [s^4/m^2], as a share of the vehicle's speed,
+# and number of consecutive steps whose readings have the same error by slip.
 _SLIP, _SLIP_GROWTH, _SLIP_STEPS = 0.01, 0.002, 40.0
 _LEAST_LOSS, _LARGEST_LOSS = 1.5, 15.0  # deceleration of a braked vehicle [m/s^2]
 _LOSS_DEVIATION = 0.05  # standard deviation of a loss of speed [m/s]
@@ -64,7 +64,8 @@ class _Wheel(NamedTuple):
         rolls: prior probability that the wheel rolls [1].
         faulty: probability that its encoder is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
-        share: additional standard deviation as a share of this speed [1].
+        push: specific force by which the wheels drive the vehicle, NaN where it is not measured
+            [m/s^2].
         excess: speed of the rim above rolling after a release, as the tire springs back [m/s].
         span: range of the readings of a faulty encoder [m/s].
     """
@@ -72,7 +73,7 @@ class _Wheel(NamedTuple):
     rolls: float
     faulty: float
     variance: float
-    share: float
+    push: float
     excess: float
     span: float
 
@@ -171,8 +172,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
                 memory.ratio[j - 1] = squared / GATE
         if k == ALL:
             memory.ratio[1] -= memory.ratio[0]
-        if record.inertial:  # without an IMU only rolling wheels can contradict the twist
-            memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
+        memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
         if not uses:
             continue
         if squared <= GATE or not record.inertial:
@@ -209,7 +209,7 @@ def fuse_wheels(
         braking: whether the pedal is down.
         enable: enables [1], shape (N,).
         speeds: wheel speeds [rad/s], shape (N,).
-        push: magnitude of the specific force [m/s^2].
+        push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
     suspect = 0
     for i in range(speeds.size):
@@ -217,7 +217,6 @@ def fuse_wheels(
     released, rolling = False, False
     speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
     span = _SPEED_RANGE + _SPEED_SHARE * speed
-    slip = math.sqrt(_SLIP_STEPS) * (_SLIP + _SLIP_GROWTH * push) * push
     for i in range(speeds.size):
         rim = constants.roll[i] * speeds[i]
         change = rim - memory.rim[i]
@@ -240,10 +239,9 @@ def fuse_wheels(
             rolls = _BRAKED
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
-        share = constants.share if braking else constants.share + slip
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], _FAULTY)
         memory.evidence[NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
-        wheel, odds = _Wheel(rolls, faulty, own, share, excess, span), 1.0
+        wheel, odds = _Wheel(rolls, faulty, own, 0.0 if braking else push, excess, span), 1.0
         for k in range(FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             if k == memory.record[0].best:
@@ -262,14 +260,18 @@ def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
     """Correct a filter by a wheel; return the likelihood of a fault-free encoder [s/m]."""
-    rolls, faulty, own, share, excess, span = wheel
+    rolls, faulty, own, push, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
     factor = 1.0 + state[SCALE]
     h[:] = 0.0
     h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
-    variance = own + (share * ground) ** 2
+    speed = math.hypot(state[U_X], state[U_Y])
+    if math.isnan(push):
+        push = speed * abs(state[RATE])  # of a turn
+    slip = math.sqrt(_SLIP_STEPS) * (_SLIP + _SLIP_GROWTH * push) * push
+    variance = own + (constants.share * ground) ** 2 + (slip * speed) ** 2
     predicted = variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground

@@ -16,8 +16,9 @@ difference of ``v`` and its low-pass; the larger share ``a / c`` counts. The pos
 possible with the lowest friction.
 
 Two more bounds limit for how long brakes may be released: the duration of a stop with a modest
-deceleration, and `stall` at the end of a stop without much deceleration. The latter occurs when two
-brakes keep a vehicle on a course along which no roller is braked.
+deceleration, and, with an IMU, `stall` at the end of a stop without much deceleration. The latter
+occurs when two brakes keep a vehicle on a course along which no roller is braked. Without an IMU
+the slow wheels of a vehicle whose fast ones are locked would look like the end of a stop.
 
 Once a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -187,7 +188,7 @@ def watch_effect(
     if released:
         ledger.missed += ledger.speed * (1.0 - achieved) * dt
     ledger.braked += ledger.speed * achieved * dt
-    stalls = released and achieved < _LITTLE and ledger.speed < _END * ledger.start
+    stalls = felt and released and achieved < _LITTLE and ledger.speed < _END * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
     due = constants.grace + ledger.start / constants.least
