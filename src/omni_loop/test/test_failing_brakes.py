@@ -94,7 +94,8 @@ def test_a_brake_with_a_quarter_of_its_torque_is_not_treated_as_failed(wheel: st
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a valve that cannot release, a brake that is stuck",
-    "the law brakes with the others: at most 1.5 times the unassisted distance and 15 deg more",
+    "the law brakes with the other wheels: at most 1.5 times the unassisted distance and 15 deg "
+    "more rotation",
     within="the whole stop",
 )
 @pytest.mark.parametrize("changes", [FORWARD, SLANTED, ASIDE, DIAGONAL])
