@@ -1,13 +1,14 @@
 """Reference: displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
 
-The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to its
-left (+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors
-``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``: an angle from a difference of x means
-sensors along y, and in the order of (75) counter-clockwise is positive if sensor 1 is on the left.
+The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to its left
+(+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors ``dx_1 = X
+- d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``. As Eq. (75) computes the angle from a difference
+of x, the sensors are along y; with the order of (75), the angle is positive counter-clockwise if
+sensor 1 is on the left.
 
-The two x determine X and the angle; the two y both measure Y. Equation (74) weights the y as if Y
-varied along the line. Weighted least squares uses their variances instead, which is the better mean
-unless d_1 = d_2, where both are equal. X and the angle do not depend on the variances.
+The two x determine X and the angle, and both y measure Y. Equation (74) weights the y as if Y
+varied along the line. Weighted least squares uses their variances instead and gives the better
+mean; for d_1 = d_2 both are equal. X and the angle do not depend on the variances.
 
 **The straight line between two instants.** On an arc about which the platform turns by phi,
 
@@ -38,8 +39,8 @@ class SensorDisplacement:
     """Displacement of a two-dimensional sensor between two instants.
 
     Attributes:
-        x: forward [m].
-        y: coordinate y to the left [m].
+        x: displacement forward [m].
+        y: displacement to the left [m].
     """
 
     x: float
@@ -51,8 +52,8 @@ class PlanarDisplacement:
     """Motion of a point of the platform between two instants.
 
     Attributes:
-        x: forward, along the axes of the first instant [m].
-        y: coordinate y to the left, along the axes of the first instant [m].
+        x: displacement forward, along the axes of the first instant [m].
+        y: displacement to the left, along the axes of the first instant [m].
         angle: turn of the platform, counter-clockwise [rad].
     """
 
@@ -92,7 +93,7 @@ def two_sensor_displacement(
 
     Args:
         first: reading of the sensor to the left of the point.
-        second: reading of the sensor to the right of it.
+        second: reading of the sensor to the right of the point.
         d_1: distance of the first sensor from the point [m], not negative.
         d_2: distance of the second sensor from the point [m], not negative.
 
@@ -117,7 +118,7 @@ def first_sensor_displacement(
 ) -> PlanarDisplacement:
     """Return the displacement of the first sensor, Eqs. (76)-(78): d_1 = 0.
 
-    The y of the second sensor is not needed: it may be a single line camera.
+    The y of the second sensor is not needed, so this sensor may be a single line camera.
 
     Args:
         first: reading of the left sensor, which is the reference point.
@@ -154,8 +155,8 @@ def _check_finite(**values: float) -> None:
 
 
 def _arc(angle: float) -> tuple[float, float]:
-    """Return ``sin a / a`` and ``(1 - cos a) / a``, parts of an arc along and across its start."""
-    if abs(angle) < 1e-4:  # the next terms of the series are below the rounding of a double
+    """Return ``sin a / a`` and ``(1 - cos a) / a``: end of an arc of length 1, along and across."""
+    if abs(angle) < 1e-4:  # further terms of the series are below rounding
         return 1.0 - angle**2 / 6.0, 0.5 * angle
     half = 0.5 * angle
     return math.sin(angle) / angle, math.sin(half) ** 2 / half

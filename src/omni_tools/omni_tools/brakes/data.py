@@ -1,4 +1,4 @@
-"""Data of recorded stops for the fit of the brakes: motion, wheel speeds and commands."""
+"""Recorded stops as data for the fit of the brakes: motion, wheel speeds and commands."""
 
 import dataclasses
 from pathlib import Path
@@ -25,7 +25,7 @@ class BrakeData:
     Attributes:
         time: time of the samples [s], increasing, shape (K,).
         twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
-        wheel_speed: [rad/s], shape (K, N).
+        wheel_speed: rotational speed of each wheel [rad/s], shape (K, N).
         command_time: start of each command [s], increasing, shape (C,).
         command: commanded share of the largest torque of each brake [1], shape (C, N).
     """
@@ -46,12 +46,12 @@ def read_brake_data(
         folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal`, a twist, and
             `brake/enable` unless the pedal alone braked.
         wheel_names: wheel names of the vehicle, in the order of the columns.
-        brake: with the resolution of its valves.
+        brake: brakes, with the resolution of the valves.
         twist_topic: one of `TWIST_TOPICS`.
 
     Raises:
         BagError: the recording cannot be read or lacks a topic.
-        BrakeDataError: its wheels are not the vehicle's.
+        BrakeDataError: the recording has other wheels than the vehicle.
     """
     required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)
@@ -79,7 +79,8 @@ def read_brake_data(
         enable = by_wheel(streams[_ENABLE], "effort")
         if brake.kind == brakes.ON_OFF:
             enable = (enable >= 0.5).astype(np.float64)
-        # An enable answers the pedal of its own stamp; before the first one all brakes are on.
+        # An enable belongs to the pedal with the same stamp. Before the first enable all brakes are
+        # on.
         row = np.searchsorted(seconds(streams[_ENABLE]), command_time, side="right") - 1
         shares[row >= 0] = np.clip(enable[row[row >= 0]], 0.0, 1.0)
     return BrakeData(

@@ -1,18 +1,17 @@
 """Fit the brakes' torque, dead time and lag to recorded stops, without a tire.
 
-The force of a tire follows from the speed of a wheel that turns under its brake:
-``I d(omega)/dt = g F - sign(omega) T``, with ``g = R cos(gamma)``, gives the force ``F`` on the
-vehicle along the roller's axis. Momentum and angular momentum over each interval between two
-samples then depend only on the brake torques:
+While a wheel turns under its brake, its speed gives the tire force. ``I d(omega)/dt = g F -
+sign(omega) T`` with ``g = R cos(gamma)`` yields the force ``F`` on the vehicle along the roller's
+axis. The changes of momentum and angular momentum between two samples then depend only on the brake
+torques:
 
     sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
 
 where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity, and the mean
 pressure ``p_i`` follows the command with dead time and first-order lag, in closed form. The tire
-force of a locked or reversing wheel is unknown: the equations are projected onto the directions
-    that
-such wheels cannot affect. Wheel loads and tires are not needed, only masses and the wheels'
-inertia; the rolling radius is estimated before the pedal goes down.
+force of a locked or reversing wheel is unknown, so the equations are projected onto the directions
+that such wheels cannot affect. The fit needs masses and the wheels' inertia, but neither wheel
+loads nor tires. The rolling radius is estimated before the pedal goes down.
 
 While the same wheels turn, the equations are summed over the intervals, so that the error of a
 measured speed occurs in one row instead of two rows with opposite signs.
@@ -35,10 +34,10 @@ from omni_platform.quantities import FloatArray, IntArray
 from omni_sim.vehicle import configuration, loads
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
-_SLOWEST = 0.5  # wheel speed below which a wheel counts as standing [rad/s]
-_DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # where the search starts [s]
+_SLOWEST = 0.5  # wheel speed below which a wheel counts as locked [rad/s]
+_DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # start values of the search [s]
 _TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # start values [s]
-_SHORTEST = 1e-4  # time that is distinguished from none [s]
+_SHORTEST = 1e-4  # smallest time constant [s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,7 +50,7 @@ class BrakeFit:
             shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
-        residual: differences of speed, root mean square [m/s].
+        residual: root mean square of the differences of speed [m/s].
         intervals: number of intervals in which a wheel turned under its brake.
         stops: the data of each recording, for the figure.
     """
@@ -73,7 +72,7 @@ class StopEquations:
         data: data of the stop.
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
-        segment: number of the span in which the same wheels turn, shape (K,).
+        segment: number of the time span in which the same wheels turn, shape (K,).
         change: projected impulse of the brakes [m/s], shape (K, 3).
         per_torque: impulse per torque of each brake [m/s per N m], shape (K, 3, N).
     """
@@ -96,14 +95,14 @@ def fit_brakes(
     """Fit one torque, dead time and time constant to all wheels of all stops.
 
     Args:
-        stops: recorded.
-        vehicle: with masses, wheels and wheel inertia; its brake is not used.
-        fewest: number of intervals with a wheel that turns under its brake.
+        stops: recorded stops.
+        vehicle: vehicle, of which masses, wheels and wheel inertia are used.
+        fewest: smallest number of intervals with a wheel that turns under its brake.
         most_left: largest residual over the effect of the brakes [1].
         vaguest: largest standard error of the torque over the torque [1].
 
     Raises:
-        BrakeDataError: the stops do not determine the brakes; names what is missing.
+        BrakeDataError: the stops do not determine the brakes; the message names what is missing.
     """
     equations = tuple(_equations(stop, vehicle) for stop in stops)
     shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _asked(e) for e in equations]
@@ -148,12 +147,12 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     """Return the mean pressure of each brake over each interval as a share of the largest.
 
     Args:
-        stop: with its commands.
-        dead_time: [s].
-        time_constant: [s].
+        stop: equations of a stop, with its commands.
+        dead_time: dead time of the brakes [s].
+        time_constant: time constant of the brakes [s].
 
     Returns:
-        [1], shape (K, N).
+        Shares [1], shape (K, N).
     """
     tau = max(time_constant, _SHORTEST)
     changes = np.diff(stop.data.command, axis=0)
@@ -184,12 +183,12 @@ def _equations(
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center
     lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
-    length = np.sqrt(masses.yaw_inertia / masses.mass)  # makes a moment comparable with a force
+    length = np.sqrt(masses.yaw_inertia / masses.mass)  # converts yaw rates to speeds
     wrench = np.column_stack((geometry.active, cross(arm, geometry.active) / length))
     wrench /= masses.mass
 
     step = np.diff(stop.time)
-    # Velocity of the center of gravity, both ends seen from the heading in the middle.
+    # Velocity of the center of gravity at both ends of an interval, in axes with its mean heading.
     yaw_rate = stop.twist[:, 2]
     velocity = stop.twist[:, :2] + yaw_rate[:, np.newaxis] * [-masses.center[1], masses.center[0]]
     half = 0.25 * (yaw_rate[1:] + yaw_rate[:-1]) * step
@@ -203,7 +202,7 @@ def _equations(
     factor = step[:, np.newaxis] * np.sign(before) * turning / lever
     per_torque = wrench.T * factor[:, np.newaxis, :]
 
-    # The drive holds the speed until the pedal goes down.
+    # Before the pedal goes down, the drive also exerts torques.
     pressed = stop.time[:-1] >= _pedal_down(stop)
     for k in np.flatnonzero(~np.all(turning, axis=1)):
         unknown = wrench[~turning[k]].T
@@ -233,7 +232,7 @@ def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return fitted less measured impulses, cumulated [m/s], as one vector."""
+    """Return cumulated fitted minus measured impulses [m/s] as one vector."""
     torque, dead_time, time_constant = unknowns
     parts = [
         _summed(
@@ -259,9 +258,10 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
 def _rolling_share(
     stop: BrakeData, vehicle: configuration.VehicleConfiguration, deflection: float = 0.2
 ) -> FloatArray:
-    """Return rolling over nominal radius of each wheel, shape (N,).
+    """Return the rolling radius over the nominal radius of each wheel [1], shape (N,).
 
-    It is 1 if it is not observable, or differs from 1 by more than the `deflection` of a tire.
+    The ratio is 1 if the wheel does not turn or the estimate differs from 1 by `deflection` [1] or
+    more.
     """
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
@@ -273,8 +273,8 @@ def _rolling_share(
 
 
 def _search(equations: Sequence[StopEquations]) -> Any:
-    """Return scipy's result, started from the best point of a grid."""
-    # Only a fit needs it, and it takes its time to load.
+    """Return the result of SciPy's search, which starts from the best point of a grid."""
+    # Imported here, because only fits need this slow import.
     from scipy.optimize import least_squares
 
     def start(dead_time: float, time_constant: float) -> tuple[float, float]:
@@ -337,7 +337,7 @@ def _wheel_torques(
     n = columns.shape[2]
     flat = columns.reshape(-1, n)
     torque, error = np.full(n, np.nan), np.full(n, np.nan)
-    # Four forces cause three accelerations; an offset that all wheels share is not observable.
+    # Only three accelerations are measured, so four torques may not be observable.
     size = np.linalg.svd(flat, compute_uv=False)
     if size[-1] > 1e-3 * size[0]:
         torque = np.linalg.lstsq(flat, change.ravel(), rcond=None)[0]

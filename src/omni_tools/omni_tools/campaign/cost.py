@@ -1,4 +1,4 @@
-"""Duration of a chunk of a campaign; the only module of this folder that reads the clock."""
+"""Duration of a chunk of a campaign; only this module of the package reads the clock."""
 
 import time
 from collections.abc import Callable
@@ -8,7 +8,7 @@ Result = TypeVar("Result")
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, float]:
-    """Return the result of some work and its duration [s], which only sizes the next chunk."""
+    """Return the result of `work` and its duration [s], which only sets the next chunk's size."""
     begin = time.perf_counter()
     result = work()
     return result, time.perf_counter() - begin

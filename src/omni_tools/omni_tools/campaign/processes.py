@@ -1,7 +1,8 @@
 """Worker processes of a campaign on this machine.
 
-They are forks of the process that made the first run, so that imports and loaded data are shared.
-Each ends with its parent; if one dies, the work of all is given to others.
+The workers are forks of the process that made the first run, so that they share its imports and
+data. A worker ends with its parent. If a worker dies, all workers are replaced, and the new ones
+take over their unfinished work.
 """
 
 import ctypes
@@ -16,7 +17,7 @@ from typing import Any
 from omni_platform.background import ALONE
 
 Run = Callable[[Sequence[int]], Any]
-_run: Run  # of a worker: as a fork it needs no pickling
+_run: Run  # set in each worker; not pickled
 
 
 class WorkerDiedError(RuntimeError):
@@ -33,16 +34,16 @@ def share(
     """Run seeds on several cores.
 
     Args:
-        run: makes the runs of some seeds; runs in the workers.
+        run: function that makes the runs of some seeds; called in the workers.
         next_seeds: returns the next seeds; empty at the end.
         workers: number of processes.
         take: called with each result of `run`, in any order.
-        most_deaths: number of workers, one after the other, that may die without a result.
+        most_deaths: number of times in turn that workers may die without a result in between.
 
     Raises:
         WorkerDiedError: the same seeds ended several workers in turn.
     """
-    left: list[Sequence[int]] = []  # what the workers that died should have done
+    left: list[Sequence[int]] = []  # unfinished work of workers that died
     deaths = 0
     while True:
         flying: dict[Future[Any], Sequence[int]] = {}
@@ -51,7 +52,7 @@ def share(
         try:
             while True:
                 while len(flying) < workers and (left or (seeds := next_seeds())):
-                    left = left or [seeds]  # until the pool has accepted them
+                    left = left or [seeds]  # kept until the pool has accepted the seeds
                     flying[pool.submit(_work, left[-1])] = left[-1]
                     left.pop()
                 if not flying:
@@ -75,7 +76,7 @@ def share(
 def _prepare(run: Run, parent: int) -> None:
     global _run  # noqa: PLW0603
     _run = run
-    # Ctrl-C is answered by the parent; a killed parent (PR_SET_PDEATHSIG) ends its workers.
+    # The parent handles Ctrl-C. The kernel ends a worker whose parent dies (PR_SET_PDEATHSIG).
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)

@@ -45,10 +45,10 @@ from omni_tools.campaign.processes import WorkerDiedError, share
 CHUNK_TIME = 1.0
 """Target duration of a chunk of runs [s]."""
 
-_ALONE = 2.0  # total time of runs from which the rest is estimated [s]
-_FIRST_RUNS = 3  # runs from which the rest is estimated at least
-_WORTH = 1.0  # [s] of work below which no other process is started
-_IN_FLIGHT = 3  # chunks per worker of a cluster, so that none waits for the next one
+_ALONE = 2.0  # time of first runs in this process, for an estimate of the rest [s]
+_FIRST_RUNS = 3  # smallest number of these first runs
+_WORTH = 1.0  # remaining work below which no worker is started [s]
+_IN_FLIGHT = 3  # queued chunks per worker of a cluster, so that no worker is idle
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 Work = Callable[[int], Row]
@@ -73,10 +73,10 @@ class CampaignOptions(Configuration):
     """take the finished runs of a part from its folder"""
 
     def check_consistency(self) -> None:
-        """Refuse contradicting options.
+        """Raise an error if options contradict each other.
 
         Raises:
-            ConfigurationError: options contradict each other; names them.
+            ConfigurationError: options contradict each other; the message names them.
         """
         if self.workers is not None and self.scheduler is not None:
             raise ConfigurationError("--workers", "does not go with --scheduler, which has its own")
@@ -90,7 +90,7 @@ class CampaignOptions(Configuration):
             seeds: seeds of the whole campaign.
 
         Raises:
-            ConfigurationError: the part has none of them.
+            ConfigurationError: the part has none of these seeds.
         """
         if not self.seeds:
             return seeds
@@ -122,19 +122,19 @@ def run_campaign(
     """Run the missing seeds of a campaign.
 
     Args:
-        work: does a run; sent to the workers.
+        work: function that makes a run; sent to the workers.
         seeds: seeds of the whole campaign.
         row: type of the result of a run, a NamedTuple whose first field is ``seed``.
         options: the part of the campaign, the workers, and earlier results.
         path: path of the table of all runs, a CSV file.
-        fingerprint: fingerprint of everything that the runs depend on besides their seeds.
+        fingerprint: digest of everything except the seeds on which the runs depend.
         report: called with the completed share [0..1] and a text.
 
     Returns:
         The rows of this part in the order of their seeds.
 
     Raises:
-        ConfigurationError: the options are invalid, or a table is of another campaign.
+        ConfigurationError: the options are invalid, or a table belongs to another campaign.
         CampaignError: the same run ended several workers of the cluster in turn.
         KeyboardInterrupt: after Ctrl-C; the message names the table that is kept.
     """
@@ -199,10 +199,10 @@ class _Chunks:
     def __init__(self, seeds: Sequence[int], lanes: int) -> None:
         self._left = list(reversed(seeds))
         self._lanes = lanes
-        self._size = 2  # while nothing is known of the cost of a run
+        self._size = 2  # until the cost of a run is known
 
     def next(self) -> list[int]:
-        """Return the next chunk, empty at the end."""
+        """Return the seeds of the next chunk; empty at the end."""
         return [self._left.pop() for _ in range(min(self._size, len(self._left)))]
 
     def taking(
@@ -225,11 +225,11 @@ def connected(scheduler: str, patience: float = 10.0) -> Iterator[Any]:
     """Connect to a cluster.
 
     Args:
-        scheduler: its address.
-        patience: how long to wait for an answer [s].
+        scheduler: address of the scheduler.
+        patience: longest wait for an answer [s].
 
     Yields:
-        Its `distributed.Client`.
+        The `distributed.Client` of the connection.
 
     Raises:
         ConfigurationError: no scheduler answers at the address.
@@ -251,7 +251,7 @@ def distribute(
 
     Args:
         client: a `distributed.Client`.
-        work: makes a run.
+        work: function that makes a run.
         seeds: seeds to run.
         take: called with the rows of every chunk as it is finished, in any order.
 

@@ -58,7 +58,7 @@ class Mistake:
 
     Attributes:
         name: name of the mistake, with the wheel or the sensor.
-        remedy: what to change.
+        remedy: advice what to change.
         wheels: corrected wheels, if the description of the wheels is wrong.
         dead_time: corrected dead time of the brakes [s], if the described one is wrong.
     """
@@ -82,19 +82,19 @@ def find_mistakes(
     """Return the mistakes found in a drive.
 
     Args:
-        wheels: as described.
+        wheels: wheels as described in the vehicle's file.
         signals: signals of the drive.
         motions: motions of the drive.
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
-        brake: brakes, as described.
+        brake: brakes as described in the vehicle's file.
         allowed: tolerances of the tests.
     """
     known = np.diag([distance, distance, angle])
     wheel = _wheel_mistake(wheels, motions.angle, known, allowed.misfit)
     found = [] if wheel is None else [wheel]
     found += _twist_mistakes(motions.twist, known, allowed)
-    # The slip of a wheel is known only where its speed and the twist are right.
+    # The slip of a wheel needs a correct wheel speed and twist, so brakes are checked last.
     slips = not found and np.any(np.isfinite(signals.enable)) and np.any(motions.twist)
     found += _imu_mistakes(motions, angle, allowed)
     if slips:
@@ -107,7 +107,7 @@ def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[s
 
     Args:
         vehicle: values of the file.
-        mistakes: mistakes found; those outside the file change nothing.
+        mistakes: mistakes found; mistakes outside the file change nothing.
     """
     changed = dict(vehicle)
     for mistake in mistakes:
@@ -125,7 +125,7 @@ def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArra
 
 
 def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
-    """Return the largest error of a wheel, as a share of its prediction."""
+    """Return the largest relative error of the wheels' angles against the prediction [1]."""
     error = np.linalg.norm(angle - predicted, axis=0)
     return float(np.max(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)))
 
@@ -139,7 +139,7 @@ def _wheel_mistake(
     for mistake in _hypotheses(wheels, angle, known):
         try:
             misfit = _misfit(angle, _predicted(mistake.wheels or wheels, known))
-        except configuration.ConfigurationError:  # such a vehicle could not move
+        except configuration.ConfigurationError:  # no valid vehicle
             continue
         candidates.append((misfit, mistake))
     misfit, best = min(candidates, key=lambda candidate: candidate[0])
@@ -172,14 +172,14 @@ def _hypotheses(
 
 
 def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelMount]]:
-    """Yield single changes of a wheel: what is changed, the remedy, and the changed wheel.
+    """Yield possible single errors of a wheel: the wrong part, the remedy, and the corrected wheel.
 
     Args:
         mount: wheel as described.
-        scale: measured over predicted angle [1].
+        scale: measured over predicted angle of the wheel [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    radius = min(mount.radius / max(scale, 0.1), 10.0)  # the largest of a mount
+    radius = min(mount.radius / max(scale, 0.1), 10.0)  # largest valid radius
     for part, remedy, field, value in (
         ("direction", "negate the speed, or turn heading_deg by 180", "heading_deg", turned),
         ("roller", "negate roller_angle_deg", "roller_angle_deg", -mount.roller_angle_deg),
@@ -226,7 +226,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray, allowed: Tolerances) -
             f"twist sensor: speed is {scale:.3f} times the true one",
             "check height, scale and unit of its sensors",
         )
-    # A sensor at (x, y) moves by the turn with (-y, x) times the angle.
+    # When the vehicle turns by an angle, a sensor at (x, y) moves by (-y, x) times the angle.
     x, y = turn[1] / angle, -turn[0] / angle
     if math.hypot(x, y) > allowed.offset and abs(mean) <= allowed.heading:
         yield Mistake(
@@ -272,7 +272,7 @@ def _brake_mistakes(
 ) -> Iterator[Mistake]:
     """Compare the slip of each wheel with each enable, both relative to the mean of all wheels.
 
-    The pedal moves all brakes at once; differences to the mean distinguish the wheels.
+    The pedal acts on all brakes at once, so only differences to the mean distinguish the wheels.
     """
     names = list(wheels)
     rolling = kinematics.PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
@@ -286,7 +286,7 @@ def _brake_mistakes(
         free = (pedal == 0.0) & moving[:, row]
         if np.sum(braked) * signals.period < allowed.braked or not np.any(free):
             continue
-        # A loaded wheel rolls on a smaller radius, which looks like a slip of some per cent.
+        # A loaded wheel has a smaller rolling radius, so it seems to slip by some per cent.
         rise = np.percentile(slip[braked, row], 95) - np.mean(slip[free, row])
         if rise < allowed.response:
             yield Mistake(f"brake {name} does not act", "check its wiring, valve and power")
@@ -305,7 +305,7 @@ def _brake_mistakes(
                 for i, j in itertools.combinations(range(len(names)), 2)
             )
         )
-    # Each hypothesis with the delay that fits it best.
+    # Each hypothesis is judged at its best delay.
     delay = int(np.argmax(own))
     fit_exchanged, (one, other) = max(exchanged)
     if fit_exchanged > max(own[delay], 0.0) + allowed.exchange:
@@ -313,7 +313,7 @@ def _brake_mistakes(
             f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
         )
         return
-    # One delay fits both applying and releasing.
+    # The delay was fitted to applying and releasing together.
     found = signals.period * delay
     longest = max(brake.dead_time, brake.release_time)
     short, long = brake.dead_time - found, found - longest
@@ -326,7 +326,7 @@ def _brake_mistakes(
 
 
 def _without_mean(values: FloatArray, used: FloatArray) -> FloatArray:
-    """Return values less the mean of the used ones in each row, 0 where not used."""
+    """Subtract from each row the mean of its used values; unused values become 0."""
     count = np.maximum(np.sum(used, axis=1, keepdims=True), 1)
     mean = np.sum(np.where(used, values, 0.0), axis=1, keepdims=True) / count
     return np.where(used, values - mean, 0.0)

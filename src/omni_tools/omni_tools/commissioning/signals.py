@@ -28,8 +28,8 @@ class Signals:
     """Signals of a drive at T equally spaced times, N wheels; NaN where there are none.
 
     Attributes:
-        time: [s], shape (T,).
-        wheel_speed: [rad/s], shape (T, N).
+        time: times of the rows [s], shape (T,).
+        wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
         twist: body twist where it is measured [m/s, m/s, rad/s], shape (T, 3).
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
@@ -76,7 +76,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
         wheels: names in the order of the columns.
 
     Raises:
-        BagError: it cannot be read.
+        BagError: the recording cannot be read.
         ConfigurationError: the wheels are not those of the recording.
     """
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
@@ -150,7 +150,7 @@ def motions_of(drive: Signals) -> Motions:
     """Find the three motions and the stop.
 
     Raises:
-        ConfigurationError: there are not three motions without the pedal and one that ends with it.
+        ConfigurationError: the drive does not have three motions without the pedal and one stop.
     """
     speed = np.nanmax(np.abs(drive.wheel_speed), axis=1)
     free = np.nan_to_num(drive.pedal) <= 0.0
@@ -177,7 +177,7 @@ def motions_of(drive: Signals) -> Motions:
 
 
 def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:
-    """Return the integral of each column, with its mean where a value is missing."""
+    """Return the integral of each column; a missing value counts as the mean of its column."""
     known = np.isfinite(values)
     sums = np.sum(np.where(known, values, 0.0), axis=0)
     return np.asarray(sums * dt * len(values) / np.maximum(known.sum(axis=0), 1))
@@ -189,12 +189,13 @@ def _runs(
     moves: tuple[float, float] = (0.01, 0.03),
     shortest: float = 0.3,
 ) -> list[slice]:
-    """Return the times of motion, joined over short rests, without short and small ones.
+    """Return the spans of motion; short rests are bridged, short or slow spans omitted.
 
     Args:
         speed: largest wheel speed [rad/s], shape (T,).
         period: period of the rows [s].
-        moves: speed from which a wheel moves, and which a motion reaches, over the largest [1].
+        moves: speed above which a wheel moves, and the least peak speed of a motion, both over the
+            largest speed [1].
         shortest: shortest motion, and shortest rest between two motions [s].
     """
     fastest = float(np.max(speed, initial=1e-9))
@@ -206,7 +207,7 @@ def _runs(
             joined[-1][1] = last
         else:
             joined.append([first, last])
-    # A threshold cuts off how a motion begins and ends.
+    # The threshold would cut off the beginning and the end of a motion.
     edge = round(0.1 / period)
     return [
         slice(max(first - edge, 0), last + edge)

@@ -1,11 +1,12 @@
 """The shortest known stop: optimal control with full knowledge of the vehicle.
 
-Direct transcription: pose, twist and wheel speeds at the points of a two-stage Radau rule and brake
-torques constant over an interval are the unknowns of one nonlinear program that IPOPT solves.
-Wheel spin, slip and load transfer are modeled as in the simulator, except that functions are
-smooth: the tire's curve is a sine of an arctangent with the same slope, peak and sliding force,
-slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, and loads and tires have no lag. The stop ends at
-`Transcription.end_speed`; the remaining distance is that of the mean deceleration up to there.
+The problem is transcribed directly into one nonlinear program, which IPOPT solves. The unknowns are
+pose, twist and wheel speeds at the points of a two-stage Radau rule, and brake torques that are
+constant over an interval. Wheel spin, slip and load transfer are modeled as in the simulator,
+except that functions are smooth: the tire's curve is a sine of an arctangent with the same slope,
+peak and sliding force, slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, and loads and tires have
+no lag. The stop ends at `Transcription.end_speed`; the remaining distance is that of the mean
+deceleration up to there.
 
 A local optimum is no proof that no shorter stop exists. `bounds` computes a certified lower bound;
 the true minimum is between the two.
@@ -40,7 +41,7 @@ class Plan:
     Attributes:
         distance: straight line from start to rest [m]; NaN if no local optimum was found.
         rotation: change of heading [deg].
-        time: [s], shape (M + 1,).
+        time: times of the interval ends [s], shape (M + 1,).
         state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
             yaw rate [rad/s] and wheel speeds in the sense of rolling at the start [rad/s],
             shape (M + 1, 6 + N).
@@ -72,7 +73,7 @@ def load_casadi() -> Any:
     """Import CasADi, which set-up does not install.
 
     Raises:
-        ConfigurationError: it is not there; the words say how to get it.
+        ConfigurationError: CasADi is missing; the message says how to install it.
     """
     try:
         return importlib.import_module("casadi")
@@ -113,10 +114,10 @@ class OptimalStop:
     """Plans stops of a vehicle on even ground.
 
     Args:
-        vehicle: what brakes.
-        friction: factor of the ground [1].
+        vehicle: braking vehicle.
+        friction: friction factor of the ground [1].
         maneuver: motion at the start of braking, with the full pedal.
-        program: how the stop is transcribed.
+        program: nonlinear program of the stop.
     """
 
     def __init__(
@@ -144,12 +145,12 @@ class OptimalStop:
 
         Args:
             rotation: largest change of heading [deg].
-            guess: a stop of any law from the same motion as the initial guess; later plans start
-                from the one before.
+            guess: stop of any law from the same motion, the initial guess of the first plan; later
+                plans start from the previous plan.
         """
         opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))
-        # From a run an adaptive barrier arrives more often, from an optimum the other one.
+        # The adaptive barrier converges more often from a run, the monotone one from an optimum.
         for strategy in (
             ("adaptive", "monotone") if self._known is None else ("monotone", "adaptive")
         ):
@@ -162,7 +163,7 @@ class OptimalStop:
                 found, solved = opti.solve(), True
                 self._known = found.value(opti.x)
                 break
-            except RuntimeError:  # the words of the solver: neither optimum nor way to one
+            except RuntimeError:  # raised by the solver if it finds no optimum
                 found = opti.debug
         states = np.column_stack((self._start, found.value(self._ends)))
         return Plan(
@@ -302,7 +303,7 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.calm * ca.sumsqr(change))
 
     def _way(self, last: Any) -> Any:
-        """Return the distance of base_link from the start at a state [m]."""
+        """Return the straight distance of base_link at a state from its start [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

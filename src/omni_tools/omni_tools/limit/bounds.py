@@ -2,12 +2,12 @@
 
 Pedal ramp, dead time and lag limit the brakes less and less during a stop, and friction depends on
 the positions of the wheels. The shortest distance therefore results from the strongest deceleration
-at every position: ``d(v^2)/ds = -2 a(s, t)``; a slower vehicle arrives at a position later, when no
-less torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no faster than
-rolling, so the impulse of its force is at most that of its brake.
+at every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position later, when at
+least as much torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no
+faster than rolling, so the impulse of its force is at most that of its brake.
 
-For a stop that keeps heading and line the ground under each wheel is known; within `EDGE_MARGIN` of
-an edge the higher friction is used. For stops with any heading and path a wheel may be anywhere
+For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
+of an edge the higher friction is used. For stops with any heading and path, a wheel may be anywhere
 within the distance traveled.
 """
 
@@ -32,11 +32,11 @@ EDGE_MARGIN = 0.02
 KEPT = math.radians(0.5)
 """Allowed deviation of the heading and of the direction of motion [rad]."""
 
-_TIME_STEP = 2e-3  # of the torque build-up [s]
+_TIME_STEP = 2e-3  # time step during the torque build-up [s]
 _PLACES = 200  # positions along the path over patches
 _LEAST = 1e-6  # deceleration below which the vehicle does not stop [m/s^2]
-_LEVELS = 64  # of torque during build-up, rounded up
-_SKETCHED = 12  # levels of torque during build-up in a sketch, rounded down; headings there
+_LEVELS = 64  # levels of torque during build-up, rounded up
+_SKETCHED = 12  # the same for a sketch, rounded down, and its number of headings
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
 _SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
@@ -50,7 +50,7 @@ class Maneuver:
         pose: x, y [m], yaw [rad] of base_link, shape (3,).
         twist: twist of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
         pedal: final position of the pedal [1].
-        ramp_time: time the pedal takes to get there [s].
+        ramp_time: time in which the pedal reaches its final position [s].
     """
 
     pose: FloatArray
@@ -69,7 +69,7 @@ class Bound:
         tolerance: amount by which a run may be shorter because of neglected effects [m]: lag of the
             loads, elastic deflection of the tires at rest, and deviations of heading and direction
             of up to `KEPT`.
-        reason: why there is no bound, else empty.
+        reason: reason why there is no bound, else empty.
     """
 
     distance: float
@@ -84,7 +84,7 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
     pose, twist = driver.start_pose, driver.start_twist
     time, rate = configuration.brake_time, float(twist[2])
     turned = rate * time
-    # Mean direction over the path: the velocity turns with the body, or keeps its direction.
+    # Mean direction of the path: the velocity either turns with the body or keeps its direction.
     half = 0.0 if configuration.hold_world_direction else 0.5 * turned
     chord = 1.0 if half == 0.0 else math.sin(half) / half
     cos, sin = math.cos(pose[2] + half), math.sin(pose[2] + half)
@@ -143,7 +143,7 @@ def straight_bound(
 def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the bound of the path of the center of gravity in any stop; see `straight_bound`."""
+    """Return the bound of the center of gravity's path in any stop; see `straight_bound`."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     cases = _AnyHeading(vehicle, ground, maneuver)
@@ -153,7 +153,7 @@ def any_heading_bound(
     distance = cases.distance(speed)
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
-    # While the loads lag they may be anything.
+    # While the loads lag, they may have any distribution.
     first = cases.deceleration(0.0, 0.0, math.inf)
     loose = cases.limit.loose(cases.friction(0.0, 0.0))
     gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
@@ -172,8 +172,8 @@ def straight_sketch(
 ) -> float:
     """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    A longer run need not be compared with the bound itself. Torque during build-up is rounded
-    down.
+    A run that is longer than the sketch is also longer than the bound, which is then not needed.
+    Torque during build-up is rounded down.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
     if cases.first is None or cases.first.bound <= _LEAST:
@@ -254,7 +254,7 @@ class _Cases:
         return self._final * share
 
     def _level(self, torque: float) -> float:
-        """Round a torque [N m] during build-up to limit the number of cases; up for a bound."""
+        """Round a torque during build-up [N m], up for a bound, to limit the number of cases."""
         step = self._enough_torque / (_SKETCHED if self._sketch else _LEVELS)
         rounded = math.floor if self._sketch else math.ceil
         return float(rounded(torque / step) * step)
@@ -305,16 +305,16 @@ class _Straight(_Cases):
 
     @property
     def first_strict(self) -> Deceleration | None:
-        """As `first`, without the force of locked wheels that the motion does not drive."""
+        """Like `first`, without the force of locked wheels that the motion does not drive."""
         case = Case(self.friction(0.0, 0.0), True, standing=False)
         return self.limit.strongest(self._direction, case)
 
     @property
     def near(self) -> list[float]:
-        """Deviations of heading and direction to check [rad]: limits, and where wheels lock.
+        """Deviations of the direction of motion to check [rad].
 
-        A locked wheel that the motion does not drive may exert a force of either sign; at a
-        slightly different direction it may not.
+        They are the limits and the directions in which the motion does not drive a wheel. There a
+        locked wheel may exert a force of either sign, but not in a slightly different direction.
         """
         d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
@@ -334,7 +334,7 @@ class _Straight(_Cases):
 
 
 class _AnyHeading(_Cases):
-    """Any stop."""
+    """A stop with any heading and path."""
 
     tolerance = 1e-3
 
@@ -371,7 +371,7 @@ class _OneHeading(_AnyHeading):
 
 
 def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Return how far a point is beyond each patch's sides, along and across [m]."""
+    """Return the distances of a point from each patch, along and across the patch [m]."""
     d_x, d_y = x - table[:, 0], y - table[:, 1]
     along = np.abs(d_x * table[:, 2] + d_y * table[:, 3]) - table[:, 4]
     across = np.abs(d_y * table[:, 2] - d_x * table[:, 3]) - table[:, 5]
@@ -389,11 +389,11 @@ def _reachable_friction(friction: FrictionMap, center: FloatArray, radius: float
     largest = -math.inf
     if len(friction.table):
         along, across = _box_distances(friction.table, float(center[0]), float(center[1]))
-        for row in reversed(range(len(friction.table))):  # the last one counts
+        for row in reversed(range(len(friction.table))):  # the last patch counts
             if max(along[row], across[row]) > radius:
                 continue
             largest = max(largest, float(friction.table[row, 6]))
-            # Wholly within this patch; an ellipse is smaller than its box, which overestimates it.
+            # The circle is within this patch. (Boxes stand for ellipses, which they contain.)
             if max(along[row], across[row]) <= -radius and friction.table[row, 7] == 0.0:
                 return largest
     return max(largest, friction.base)

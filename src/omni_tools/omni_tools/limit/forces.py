@@ -1,17 +1,17 @@
 """The strongest deceleration that the wheels of a vehicle can produce: a small convex program.
 
-A wheel ``i`` pushes along its active direction only, ``f_i n_wi`` with ``|f_i| <= P(N_i)``, the
-peak of its tire's curve. The loads are affine in the forces (`omni_sim.vehicle.loads`) and ``P`` is
-concave, so the forces that friction allows are a convex set. It is enclosed in a polyhedron by
-tangents of ``P``, over which a linear program finds the largest deceleration. The dual solution is
-an upper bound for all forces; the primal forces, scaled down until they obey the true ``P``, are
-feasible.
+Wheel ``i`` exerts a force only along its active direction, ``f_i n_wi`` with ``|f_i| <= P(N_i)``,
+where ``P`` is the peak of its tire's curve. The loads are affine in the forces
+(`omni_sim.vehicle.loads`) and ``P`` is concave, so the forces that friction allows are a convex
+set. Tangents of ``P`` enclose this set in a polyhedron, over which a linear program finds the
+largest deceleration. The dual solution is an upper bound for all forces; the primal forces, scaled
+down until they obey the true ``P``, are feasible.
 
-Neglected, each such that the result stays a bound: wheel spin (only the ground's forces act on the
-body, however the wheels turn) and slip (the peak force is reached at once). Loads follow the
-acceleration without lag; `bounds` accounts for the lag. A wheel may lift off: then the loads leave
-their plane, and only weight and moments need to balance. So in addition to stops with all wheels on
-the ground, stops are computed in which the plane would give wheel ``j`` a negative load; where the
+Wheel spin and slip are neglected, and the result is still a bound: only the ground's forces act on
+the body, however the wheels turn, and the peak force is assumed to act at once. Loads follow the
+acceleration without lag; `bounds` accounts for the lag. If a wheel lifts off, the loads leave their
+plane, and only weight and moments need to balance. Therefore stops in which the plane would give
+wheel ``j`` a negative load are computed in addition to stops with all wheels on the ground. If the
 vehicle could tip over, the loads only need to carry the weight.
 """
 
@@ -30,8 +30,9 @@ from omni_sim.tire.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
-_FIRST = 16  # one tangent in so many is in the first program, others are added as needed
-# Error of a tangent's height from the grid of loads; largest excess over an omitted tangent [N].
+_FIRST = 16  # every 16th tangent is in the first program; others are added as needed
+# Height of a tangent that covers the error of the load grid, and the largest excess over an omitted
+# tangent [N].
 _FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
@@ -62,7 +63,7 @@ class Case(NamedTuple):
 
     Attributes:
         friction: friction factor of the ground under each wheel [1], shape (N,).
-        straight: whether yaw moment, lateral force and driving forces must be zero.
+        straight: whether the stop must have no yaw moment, lateral force or driving force.
         torque: largest torque of every brake [N m].
         lag: share of the acceleration that the loads do not follow yet [1].
         standing: whether locked wheels that the motion does not drive may exert a force.
@@ -79,12 +80,12 @@ class LimitVehicle:
     """The properties of a vehicle on which the limit depends.
 
     Attributes:
-        masses: body and load together.
+        masses: mass, center and inertia of body and load together.
         position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
         torque_force: largest wheel force per commanded brake torque [1/m], shape (N,).
-        grip: factor on the friction under each wheel [1], shape (N,).
+        grip: friction of each wheel over that of the ground [1], shape (N,).
         strongest_peak: strongest peak of the tire at any load, on ground of friction 1 [N].
     """
 
@@ -103,7 +104,7 @@ class LimitVehicle:
         self.torque_force = vehicle.by_wheel("brake") / (radius * rim)
         self.grip = vehicle.by_wheel("friction")
         losses = vehicle.passive_losses
-        # Rolling resistance grows with the load; with its largest value it is a cone too.
+        # Rolling resistance grows with the load. Its largest share keeps the set of forces convex.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load
         self._weight = self.masses.mass * loads.GRAVITY
         self._tire = tire
@@ -123,7 +124,7 @@ class LimitVehicle:
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
         slope = np.append(slope, 0.0)
-        # The highest that a line of this slope must be: true for any curve, concave or not.
+        # Smallest offset with which the line is above the curve, also if the curve is not concave.
         offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _FORCE_ERROR
         return slope, offset
 
@@ -142,7 +143,7 @@ class LimitVehicle:
         return rows, np.append(self._weight, np.zeros(len(rows) - 1))
 
     def _zero_moment_point(self, lag: float = 0.0) -> FloatArray:
-        """Return ``z = -h a / g`` per force of the wheels [m/N], shape (2, 2 N)."""
+        """Return the zero-moment point ``z = -h a / g`` per wheel force [m/N], shape (2, 2 N)."""
         directions = np.vstack((self.active, self._passive)).T
         return -(1.0 - lag) * self.masses.height / self._weight * directions
 
@@ -160,7 +161,8 @@ class LimitVehicle:
                 key=lambda found: found.bound,
                 default=None,
             )
-        # A straight stop leans along its direction only: do the wheels stay down then?
+        # A straight stop shifts the loads only along its direction: do all wheels stay on the
+        # ground?
         found = self._solve(direction, case, SUM)
         if found is None:
             return None
@@ -199,7 +201,7 @@ class LimitVehicle:
             bearable = case.friction * self.peak(load)
             force = -np.sign(along) * np.minimum(bearable, torque)
             carried = self._weight * self._plane @ np.append(1.0, z_of_force @ force)
-            load = 0.5 * (load + carried)  # at once it may swing to and fro
+            load = 0.5 * (load + carried)  # damped, because the iteration may oscillate
         if np.min(carried) > 0.0:
             bearable = case.friction * self.peak(carried)
             excess = max(1.0, float(np.max(np.abs(force) / np.maximum(bearable, 1e-9))))
@@ -209,7 +211,7 @@ class LimitVehicle:
         return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
-        """Return the load models to try, each with the wheel that it lifts."""
+        """Return the load models to try, each with the wheel that lifts off in it."""
         reach = self.masses.height / loads.GRAVITY * self.loose(friction)
         hull = self._arm[loads.support_polygon(self._arm)]
         edge = np.roll(hull, -1, axis=0) - hull
@@ -219,18 +221,18 @@ class LimitVehicle:
         return [(PLANE, None), *((BALANCE, int(j)) for j in np.flatnonzero(~stays))]
 
     def give(self, direction: FloatArray, deceleration: float) -> float:
-        """Return the elastic deflection of the tires that moves a stopped vehicle back [m].
+        """Return the distance by which elastic tires push a stopped vehicle back [m].
 
         Args:
             direction: direction of the motion, unit vector, shape (2,).
-            deceleration: along the direction at the end of the stop [m/s^2].
+            deceleration: deceleration along the direction at the end of the stop [m/s^2].
         """
         force = self.masses.mass * deceleration * direction
         stiffness = self._tire.stiffness * self.active.T @ self.active
         return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
 
     def loose(self, friction: FloatArray) -> float:
-        """Return an upper bound of the deceleration [m/s^2] for any wheel loads."""
+        """Return an upper bound of the deceleration for any distribution of the loads [m/s^2]."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
         return float(len(self.active) * mean[0] / self.masses.mass) + loads.GRAVITY * self._loss
 
@@ -268,7 +270,7 @@ class LimitVehicle:
         bounds = np.column_stack((lower, upper))
         cost = np.concatenate((along, passive_along, np.zeros(wheels))) / self.masses.mass
         chosen = np.zeros((wheels, len(self._slope)), dtype=np.bool_)
-        from scipy.optimize import linprog  # takes half a second: not while nodes start
+        from scipy.optimize import linprog  # slow import, not needed while nodes start
 
         chosen[:, ::_FIRST] = chosen[:, -1] = True
         while True:
@@ -290,8 +292,8 @@ class LimitVehicle:
         dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals
         dual += low @ found.lower.marginals + high @ found.upper.marginals
         bound = max(-float(dual), -float(found.fun))
-        # With the forces their loads return to those at rest, which are admissible, and the set is
-        # convex: forces shrunk by the worst excess exist.
+        # The forces at rest are admissible and the set is convex, so the forces divided by the
+        # worst excess are admissible too.
         excess_share = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
         feasible = -float(found.fun) / max(1.0, float(np.max(excess_share)))
         return Deceleration(bound, feasible, force, load)
@@ -309,7 +311,7 @@ class LimitVehicle:
         return rows.reshape(-1, 3 * wheels), np.tile(friction[wheel] * self._offset[line], 2)
 
     def _fixed_rows(self, lifted: int | None) -> tuple[FloatArray, FloatArray]:
-        """Return the inequalities of passive losses and of a wheel that lifts off."""
+        """Return the inequalities for passive losses and for a wheel that lifts off."""
         wheels = len(self.active)
         rows, right = np.zeros((0, 3 * wheels)), np.zeros(0)
         if self._loss > 0.0:
@@ -339,13 +341,14 @@ class LimitVehicle:
 
 
 def farthest(support: Callable[[float], float], tolerance: float) -> float:
-    """Return a bound of the distance of the points of a convex set from the origin.
+    """Return a bound of the largest distance of a convex set's points from the origin.
 
     Between two directions no point is farther than the intersection of their support lines; the
     interval with the farthest intersection is halved until the bound is within the tolerance.
 
     Args:
-        support: largest component of the set's points along a direction [rad], at least 0.
+        support: function from a direction [rad] to the largest component of the points along it, at
+            least 0.
         tolerance: largest relative excess of the bound [1].
     """
     angles = np.linspace(-math.pi, math.pi, 9).tolist()
@@ -366,11 +369,11 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return the largest distance of points between two directions, given their supports."""
+    """Return the largest distance of points between two directions with known supports."""
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)
-    # Where the lines meet outside of the interval, the farthest point is in one of the directions.
+    # If the lines meet outside the interval, the farthest point is in one of its two directions.
     if across <= 0.0 or one <= other * cos:
         return max(one, other)
     return math.hypot(one, across)

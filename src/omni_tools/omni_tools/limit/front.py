@@ -1,4 +1,4 @@
-"""The Pareto front of distance against rotation: the shortest known stops and the laws."""
+"""Pareto front of stopping distance and rotation: the shortest known stops, and the laws."""
 
 import math
 from collections.abc import Callable
@@ -51,11 +51,11 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
     """Return the shortest known stops, and those of the laws, by name.
 
     Args:
-        load: composes the experiment with the overrides of a law; sensors are taken to be ideal.
+        load: function that composes the experiment with the overrides of a law, with ideal sensors.
         maneuver: motion at the start of braking.
 
     Raises:
-        ConfigurationError: CasADi is missing, or the ground is not of one friction.
+        ConfigurationError: CasADi is missing, or the friction of the ground is not uniform.
     """
     experiment = load(IDEAL)
     ground = experiment.ground

@@ -19,8 +19,8 @@ def limit_share(
 
     Args:
         history: history of the run.
-        configuration: its vehicle and ground.
-        distance: the run's stopping distance [m].
+        configuration: configuration of the run, with vehicle and ground.
+        distance: stopping distance of the run [m].
     """
     start = history.brake_start
     if start is None or not distance > 0.0:

@@ -1,22 +1,20 @@
 """Calibration of the mounting and pixel pitch of line cameras from drives of known motion.
 
-A camera of pitch p whose axis points to phi and passes base_link at the lever ``l = x sin phi -
-y cos phi`` sees, in a motion (v_x, v_y, Omega), Eq. (23),
+In a motion (v_x, v_y, Omega), a camera of pitch p, whose axis points to phi and passes base_link at
+the lever ``l = x sin phi - y cos phi``, measures by Eq. (23)
 
     pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
 
-This is linear in c, which a drive with straight, sideways and turning parts determines: then ``p =
-    1 /
-|(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis has no
+This is linear in c. A drive with straight, sideways and turning parts determines c, and thus ``p =
+1 / |(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis has no
 effect on the measurement and keeps its configured value. Mirrored lines (a mirror, a camera mounted
 the other way round) turn phi by half a turn.
 
-Coefficients that a drive does not excite keep their configured values: these enter as one
-    observation
-of each coefficient, with a standard deviation of a third (of 1 / p, and 0.3 m of the lever), and a
-coefficient that this observation determines as well as the drives is not changed. The fit is robust
-(Huber). Its standard errors are cluster-robust (Liang and Zeger 1986), because the errors of
-neighboring batches are not independent.
+The configured values enter as one observation of each coefficient, with a standard deviation of a
+third of 1 / p, or of 0.3 m for the lever. A coefficient that the drives do not determine better
+than this observation keeps its configured value. The fit is robust (Huber). Its standard errors are
+cluster-robust (Liang and Zeger 1986), because the errors of neighboring batches are not
+independent.
 """
 
 import dataclasses
@@ -37,7 +35,7 @@ from omni_platform.quantities import FloatArray
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
 
-_PRIOR = (0.33, 0.33, 0.3)  # of c, in units of 1 / p and m / p
+_PRIOR = (0.33, 0.33, 0.3)  # standard deviations of c, in units of 1 / p and m / p
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +45,7 @@ class Drive:
     Attributes:
         time: middle of each batch [s], shape (m,).
         pixels: displacement [px/s], shape (m,).
-        twist: twist of the reference (v_x, v_y [m/s], yaw rate [rad/s]), shape (m, 3).
+        twist: twist of the reference v_x, v_y [m/s] and yaw rate [rad/s], shape (m, 3).
         line_rate: line rate from the stamps [1/s].
         line_rate_error: standard error of the line rate [1/s].
     """
@@ -67,11 +65,11 @@ class Calibration:
         nominal: the configured camera.
         sensor: the calibrated camera.
         error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
-        mirrored: whether its lines run against the configured axis.
+        mirrored: whether the lines run against the configured axis.
         unseen: descriptions of the quantities that the drives do not determine.
         drives: the drives with this camera.
-        residual: RMS residual of the velocity along the axis in each drive [m/s].
-        before: RMS residual in each drive with the configured values [m/s].
+        residual: residuals of the velocity along the axis, by drive and batch [m/s].
+        before: residuals with the configured values, by drive and batch [m/s].
     """
 
     nominal: sensors.LineSensor
@@ -94,8 +92,8 @@ def observe(
     """Return the measurements of one camera during a drive.
 
     Args:
-        sensor: as configured.
-        batches: batches of its lines, oldest first.
+        sensor: the configured camera.
+        batches: batches of the camera's lines, oldest first.
         reference_time: stamps of the reference [s], ascending, shape (k,).
         reference_twist: known motion at these stamps, NaN where unknown, shape (k, 3).
         configuration: configuration of the odometry that matches the lines.
@@ -141,10 +139,11 @@ def calibrate(
     """Fit one camera to its drives.
 
     Args:
-        nominal: as it is configured.
-        drives: one or more.
+        nominal: the configured camera.
+        drives: drives with this camera, at least one.
         fewest: smallest number of measured batches.
-        seen_below: uncertainty below which a coefficient is determined, over the prior one [1].
+        seen_below: ratio of the standard error to the prior one below which a coefficient counts as
+            determined [1].
 
     Raises:
         ConfigurationError: too few batches were measured.
@@ -161,7 +160,7 @@ def calibrate(
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < seen_below * prior
     if not seen.all():
-        # Unobservable parameters are not fitted to the noise of the reference.
+        # Unobservable parameters must not be fitted to the noise of the reference.
         coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
         covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
     found_pitch, heading, lever, errors = _mounting(coefficients, covariance)
@@ -171,7 +170,7 @@ def calibrate(
     rate = float(rates.mean())
     scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
     rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
-    # The nearest place on the new line of sight, whose distance from base_link is the lever.
+    # Move the camera to the nearest point on the new axis, which has the fitted lever.
     off = lever - sensors.velocity_row(nominal.x, nominal.y, heading)[2]
     left = {
         "scale_error": math.hypot(errors[0] / found_pitch, rate_error / rate),
@@ -182,7 +181,7 @@ def calibrate(
     stated: Any = {name: float(v) for (name, v), ok in zip(left.items(), known, strict=True) if ok}
     sensor = dataclasses.replace(
         nominal,
-        # What the drives do not show keeps its configured standard error.
+        # An undetermined quantity keeps its configured standard error.
         **stated,
         x=float(nominal.x + off * math.sin(heading)),
         y=float(nominal.y - off * math.cos(heading)),
@@ -212,7 +211,7 @@ def _mounting(
     pitch = 1.0 / size
     heading = math.atan2(coefficients[1], coefficients[0])
     lever = coefficients[2] * pitch
-    # Derivatives of (pitch, heading, lever) by c.
+    # Derivatives of (pitch, heading, lever) with respect to c.
     c_1, c_2, c_3 = coefficients
     jacobian = np.array(
         [
@@ -233,15 +232,15 @@ def _fit(
     huber: float = 2.5,
     stretches: int = 24,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients and their covariance, robustly.
+    """Return the coefficients and their covariance, from a robust fit.
 
     Args:
         twist: twist of the reference, shape (m, 3).
         pixels: displacement [px/s], shape (m,).
         start: expected coefficients, shape (3,).
-        prior: their standard deviations, shape (3,).
-        huber: residual from which on a batch counts less, in robust standard deviations [1].
-        stretches: parts of the drives whose errors are independent.
+        prior: standard deviations of the expected coefficients, shape (3,).
+        huber: residual above which a batch has less weight, in robust standard deviations [1].
+        stretches: number of parts of the drives whose errors are assumed independent.
     """
     value: Any = start
     weight = np.ones(len(pixels))

@@ -23,13 +23,13 @@ class Kymograph:
 
     Attributes:
         sensor: the camera.
-        lines: oldest first, shape (m, n).
+        lines: lines of the camera, oldest first, shape (m, n).
         time: time of each line [s], shape (m,).
-        displacement: displacement of each line against the one before it [px], shape (m - 1,); NaN
-            for no match.
+        displacement: displacement of each line from the previous line [px], shape (m - 1,); NaN
+            without a match.
         correlation: correlation of these pairs at their shift [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
-        readings: the estimate of each batch.
+        readings: estimate of each batch.
     """
 
     sensor: LineSensor
@@ -53,7 +53,7 @@ def match_lines(
 
     Args:
         sensor: the camera.
-        batches: as recorded; batches without lines are omitted.
+        batches: recorded batches; batches without lines are omitted.
         configuration: configuration of the odometry.
     """
     odometry = SensorOdometry(sensor, configuration)
@@ -118,7 +118,7 @@ def _draw_displacements(axes: Axes, kymograph: Kymograph) -> None:
     batches = zip(kymograph.ends, kymograph.readings, strict=True)
     lost = [end for end, reading in batches if not reading.measured]
     if lost:
-        # At the left edge, whatever the displacements are.
+        # At the left edge of the axes, independent of the displacements.
         axes.plot(
             np.zeros(len(lost)), lost, "x", ms=4.0, color=style.VERMILLION, label="not measured",
             transform=axes.get_yaxis_transform(), clip_on=False,

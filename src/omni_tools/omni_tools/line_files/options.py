@@ -49,13 +49,13 @@ def camera_files(
     """Return the file of each camera from arguments such as ``left=left.npy``.
 
     Args:
-        sources: as they were given.
+        sources: arguments of the command line.
         known: names of the cameras.
-        where: source of these names, for messages.
+        where: source of the cameras' names, for messages.
         key: key of the option, for messages.
 
     Raises:
-        ConfigurationError: one names no camera, or a camera twice.
+        ConfigurationError: an argument names no camera, or a camera is named twice.
     """
     files: dict[str, Path] = {}
     for source in sources:

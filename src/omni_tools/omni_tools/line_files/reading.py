@@ -1,9 +1,9 @@
-"""Reads the lines of a camera from files of frame grabbers and cameras.
+"""Reading of a camera's lines from files of frame grabbers and cameras.
 
-A *stack* is a folder of pictures, taken in the order of their names, or a single one with one or
-many pages. Every row of a picture is a line, unless `Cut` selects one row or the mean of a band of
-each picture, as for an area camera. Arrays (NPY), tables (CSV, a line in a row) and
-raw bytes hold lines alone; a video needs OpenCV.
+A *stack* is a folder of pictures in the order of their names, or a single picture with one or many
+pages. Every row of a picture is a line. For an area camera, `Cut` selects one row or the mean of a
+band of each picture. Arrays (NPY), tables (CSV, one line per row) and raw bytes contain only lines.
+A video needs OpenCV.
 """
 
 import dataclasses
@@ -37,8 +37,8 @@ class RawFormat:
     """Layout of a file of raw bytes.
 
     Attributes:
-        pixels: pixels of a line; 0 where the file states it.
-        bits: bits of a pixel, 8 or 16 (little endian).
+        pixels: number of pixels of a line; 0 if the file states it.
+        bits: number of bits of a pixel, 8 or 16 (little endian).
     """
 
     pixels: int = 0
@@ -48,10 +48,10 @@ class RawFormat:
 def read_lines(
     path: Path, cut: Cut, raw: RawFormat = RawFormat(), most: int = 1 << 32
 ) -> signals.Lines:
-    """Return at most some bytes of lines, oldest first, 8 or 16 bit, shape (m, n).
+    """Return at most `most` bytes of lines, oldest first, 8 or 16 bit, shape (m, n).
 
     Raises:
-        LineFileError: it cannot be read, holds no line, or lines of different lengths.
+        LineFileError: the file cannot be read, has no line, or has lines of different lengths.
     """
     if not path.exists():
         raise LineFileError(str(path), "there is no such file or folder")
@@ -135,7 +135,7 @@ def _table(path: Path) -> NDArray[Any]:
     delimiter = next((mark for mark in ";\t," if mark in text), None)
     rows = [line for line in text.splitlines() if line.strip()]
     if rows and re.search(r"[^\s\d.,;+eE-]", rows[0]):
-        rows = rows[1:]  # names of the columns
+        rows = rows[1:]  # without the names of the columns
     return np.loadtxt(rows, delimiter=delimiter, ndmin=2) if rows else np.empty((0, 1), np.uint8)
 
 

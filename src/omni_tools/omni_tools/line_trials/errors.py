@@ -1,7 +1,7 @@
 """Errors of displacements in pixels, millimeters and per cent.
 
-Eq. (85) is printed with a division by the frame rate: meters times seconds over meters per second.
-A velocity error is the displacement error *times* the rate, and so it is computed here.
+Eq. (85) is printed with a division by the frame rate, which gives meters times seconds. A velocity
+error is the displacement error *times* the rate, and this product is computed here.
 """
 
 import math
@@ -15,14 +15,14 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
-    """Return whether errors over their stated deviations are in the interval of 95 %."""
+    """Return whether ratios of errors to their stated deviations are within the 95 % interval."""
     return np.abs(ratio) <= 1.96
 
 
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return which errors of measured velocities their stated deviations do not explain.
+    """Return which velocity errors are larger than their stated deviations explain.
 
     Args:
         ratio: error over its stated deviation [1], NaN where nothing was measured, shape (m,).
@@ -42,8 +42,8 @@ def error_values(
         pixel_error: pixel error in whole pixels, Eq. (84).
         error: error of refined displacements, unrounded [px].
         pitch: length of a pixel on the ground [m].
-        line_rate: [1/s].
-        speed: speed of the motion [m/s]; the error in velocity is a share of it, Eq. (85).
+        line_rate: lines per second [1/s].
+        speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].
 
     Returns:
         Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, mm and per cent.

@@ -1,4 +1,4 @@
-"""Simulates line cameras that move over a ground along known paths.
+"""Simulation of line cameras that move over a ground along known paths.
 
 The platform moves at a constant twist in its own frame, which is a circle or a straight line.
 """
@@ -27,7 +27,7 @@ BATCH_TIME = 0.01
 
 
 def batch_lines(line_rate: float) -> int:
-    """Return how many lines a batch has at a line rate [1/s]."""
+    """Return the number of lines in a batch at a line rate [1/s]."""
     return max(1, round(BATCH_TIME * line_rate))
 
 
@@ -53,7 +53,7 @@ class View:
         return self.length / self.pixels
 
     def overlap(self, speed: float, angle: float) -> float:
-        """Return the common share of the areas of two consecutive frames, 0..1.
+        """Return the share of its area that a frame has in common with the next one, 0..1.
 
         Args:
             speed: speed of the camera [m/s].
@@ -88,7 +88,7 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
 
     Args:
         kind: kind of `omni_sim.texture.texture.KINDS`.
-        texels: per period of 0.2 m.
+        texels: texels per period of 0.2 m.
         seed: seed of the pattern.
     """
     configuration = TextureConfiguration(kind=kind, size=PERIOD, texels=texels, seed=seed)
@@ -170,12 +170,12 @@ class Rig:
     def drive(
         self, start: FloatArray, twist: FloatArray, batches: int, first: int = 0
     ) -> Iterator[dict[str, LineBatch]]:
-        """Yield consecutive batches of `BATCH_TIME`; arguments as of `expose`.
+        """Yield consecutive batches of `BATCH_TIME`.
 
         Args:
-            start: start at line 0.
-            twist: twist of the platform.
-            batches: how many.
+            start: x, y [m] and yaw [rad] at line 0, shape (3,).
+            twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
+            batches: number of batches.
             first: number of the first line.
         """
         sizes = {name: batch_lines(sensor.line_rate) for name, sensor in self.sensors.items()}
@@ -190,11 +190,11 @@ class Rig:
 def cameras(
     views: Sequence[View], texture: GroundTexture, noise: float, seed: int
 ) -> list[LineCamera]:
-    """Return cameras at the platform's center, which share the ground; arguments as of `Rig`."""
+    """Return cameras at the platform's center over one ground; arguments of `Rig`."""
     sensors = {f"trial_{i}": view.mounted() for i, view in enumerate(views)}
     return list(Rig(sensors, texture, noise, seed).array.cameras.values())
 
 
 def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
-    """Return a single camera at the platform's center; arguments as of `Rig`."""
+    """Return a single camera at the platform's center; arguments of `Rig`."""
     return cameras((view,), texture, noise, seed)[0]

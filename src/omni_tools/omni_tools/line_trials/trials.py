@@ -28,7 +28,7 @@ class Matches:
         truth: displacement along the axis [px], shape (m,).
         shift: integer shift of the smallest distance [px], shape (m,).
         displacement: refined shift [px], shape (m,).
-        variance: stated by the refinement [px^2], infinite without one, shape (m,).
+        variance: variance stated by the refinement [px^2], infinite if there is none, shape (m,).
         similarity: Pearson's correlation at the shift, shape (m,).
     """
 
@@ -42,9 +42,8 @@ class Matches:
     def pixel_error(self) -> FloatArray:
         """Measured less rounded true displacement, Eq. (84) [px].
 
-        A truth near the middle between two integers has two valid roundings: of those within 0.55
-            px
-        the one closer to the measurement is used.
+        A true displacement near the middle between two integers has two valid roundings. Of the
+        integers within 0.55 px, the one closer to the measurement is used.
         """
         error = self.shift - np.round(self.truth)
         return np.where(np.abs(self.shift - self.truth) <= 0.55, 0.0, error)
@@ -83,19 +82,19 @@ class Matches:
         count = len(self.shift) // group * group
         median = np.median(self.shift[:count].reshape(-1, group), axis=1)
         truth = np.mean(self.truth[:count].reshape(-1, group), axis=1)
-        # As in `pixel_error`, either rounding of a truth near a half is right.
+        # As in `pixel_error`, a true value near a half may be rounded up or down.
         return np.where(np.abs(median - truth) <= 0.55, 0.0, median - np.round(truth))
 
     def right_medians(self, group: int) -> float:
-        """Return the share of `median_error` within a pixel, as `right` counts."""
+        """Return the share of medians with a `median_error` of at most a pixel."""
         return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
 
     def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
-        """Return the errors under `errors.ERROR_COLUMNS`.
+        """Return the errors in the order of `errors.ERROR_COLUMNS`.
 
         Args:
             view: field of view of the camera.
-            speed: speed at which it moved [m/s].
+            speed: speed of the camera [m/s].
         """
         return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
 
@@ -106,9 +105,9 @@ class Motion:
 
     Attributes:
         view: field of view of the camera.
-        speed: [m/s].
-        angle: angle from its axis [rad].
-        axis: its direction on the ground [rad].
+        speed: speed of the camera [m/s].
+        angle: angle of the motion from the camera's axis [rad].
+        axis: direction of the camera's axis on the ground [rad].
     """
 
     view: View
@@ -118,7 +117,7 @@ class Motion:
 
     @property
     def overlap(self) -> float:
-        """Common share of the areas of two consecutive frames, 0..1."""
+        """Share of its area that a frame has in common with the next one, 0..1."""
         return self.view.overlap(self.speed, self.angle)
 
 
@@ -139,7 +138,7 @@ def measure(
         pairs: number of consecutive lines from each position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
-        metric: name of the distance.
+        metric: similarity metric of the search.
         runs: number of random positions for each motion.
     """
     generator = np.random.default_rng(seed)
@@ -151,7 +150,7 @@ def measure(
         for run in range(runs):
             poses = path(motion.view, motion.speed, motion.angle, pairs + 1, generator, motion.axis)
             lines = eyes[motion.view].lines(poses, (i * runs + run) * (pairs + 1))
-            # Noise moves a peak by up to 4 px.
+            # Noise displaces a peak by up to 4 px.
             own.append(match(motion.view, poses, lines, metric, recovery=4))
         fields = [field.name for field in dataclasses.fields(Matches)]
         matches.append(Matches(*(np.concatenate([getattr(m, f) for m in own]) for f in fields)))
@@ -172,8 +171,8 @@ def path(
         view: field of view of the camera.
         speed: speed of the camera [m/s].
         angle: angle of its motion from its axis [rad].
-        lines: how many.
-        generator: draws the place.
+        lines: number of lines.
+        generator: random generator for the position.
         axis: direction of the camera's axis on the ground [rad].
     """
     traveled = speed / view.line_rate * np.arange(lines)
@@ -200,8 +199,8 @@ def match(
     Args:
         view: field of view of the camera.
         poses: poses of the lines, all with the same axis, shape (m + 1, 3).
-        lines: shape (m + 1, pixels).
-        metric: name of the distance.
+        lines: gray values of the lines, shape (m + 1, pixels).
+        metric: similarity metric of the search.
         divisor: k; shifts are searched up to pixels / k.
         recovery: distance within which a peak displaced by noise is searched again [px].
     """
@@ -237,7 +236,7 @@ def cramer_rao_bound(
 
     Args:
         view: field of view of the camera.
-        eye: the camera.
+        eye: rendered camera.
         poses: poses of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
         noise: standard deviation [gray levels].
@@ -246,7 +245,7 @@ def cramer_rao_bound(
     moved = np.array([step * view.pitch, 0.0, 0.0])
     change = eye.grays(poses + moved).astype(np.float64) - eye.grays(poses - moved)
     gradient = change / (2.0 * step)
-    pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # of the newer line
+    pixel = np.arange(view.pixels) - np.round(truth)[:, None]  # pixels of the newer line
     common = (pixel >= 0) & (pixel < view.pixels)
     energy = np.sum(gradient**2, axis=1, where=common)
     return np.asarray(2.0 * (noise**2 + 1.0 / 12.0) / energy)

@@ -17,11 +17,11 @@ class TwistTrial:
 
     Attributes:
         twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        estimate: estimate of it, where it was measured, shape (m, 3).
-        covariance: stated with each estimate, shape (m, 3, 3).
+        estimate: estimated twist of each measured batch, shape (m, 3).
+        covariance: covariance stated with each estimate, shape (m, 3, 3).
         measured: share of the batches that were measured, 0..1.
-        ratio: error of each camera's velocity along its axis over the stated deviation, of every
-            batch that it measured, shape (k,).
+        ratio: error of a camera's velocity along its axis over the stated deviation [1], for all
+            cameras and batches with a measurement, shape (k,).
     """
 
     twist: FloatArray
@@ -32,12 +32,12 @@ class TwistTrial:
 
     @property
     def error(self) -> FloatArray:
-        """Estimated less true twist, shape (m, 3)."""
+        """Estimated minus true twist, shape (m, 3)."""
         return self.estimate - self.twist
 
     @property
     def normalized_error_squared(self) -> FloatArray:
-        """Error squared over its expectation ``e^T C^-1 e / 3``, 1 in the mean, shape (m,)."""
+        """Normalized squared error ``e^T C^-1 e / 3``, whose expectation is 1, shape (m,)."""
         weighted = np.linalg.solve(self.covariance, self.error[:, :, None])[:, :, 0]
         return np.asarray(np.sum(self.error * weighted, axis=1) / 3.0)
 
@@ -49,14 +49,14 @@ def drive(
     batches: int,
     generator: np.random.Generator,
 ) -> TwistTrial:
-    """Move at a constant twist from a random place and heading and let the odometry measure it.
+    """Estimate a constant twist by the odometry, from a random position and heading.
 
     Args:
         configuration: configuration of the odometry, with its line cameras.
-        rig: with these line cameras.
+        rig: rig with these line cameras.
         twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        batches: how many, after the first line.
-        generator: draws place and heading.
+        batches: number of batches after the first line.
+        generator: random generator for position and heading.
     """
     sensors = configuration.sensors
     start = np.array([*generator.uniform(0.0, PERIOD, 2), generator.uniform(0.0, 2.0 * math.pi)])

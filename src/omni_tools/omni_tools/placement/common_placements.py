@@ -15,9 +15,9 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
     """Return cameras at equal angles on a circle about base_link, shape (count, 3).
 
     Args:
-        count: count of cameras.
+        count: number of cameras.
         radius: radius of the circle [m].
-        turn: angle of the axes from radial [rad]; a right angle is tangential.
+        turn: angle between the axes and the radial direction [rad]; a right angle is tangential.
         start: direction of the first camera [rad].
     """
     angle = start + math.tau * np.arange(count) / count
@@ -25,12 +25,12 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
 
 
 def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str, LineSensor]:
-    """Return line cameras evenly on a circle about base_link, each along its tangent.
+    """Return line cameras at equal angles on a circle about base_link, with tangential axes.
 
     Args:
         radius: radius of the circle [m].
-        prototype: type of the cameras.
-        count: how many.
+        prototype: camera whose type all cameras have.
+        count: number of cameras.
     """
     sensors = {}
     for i, (x, y, radial) in enumerate(ring(count, radius, 0.0).tolist()):
@@ -44,8 +44,8 @@ def common_placements(area: MountingArea, count: int, step: float = 0.005) -> di
 
     Args:
         area: the chassis.
-        count: count of cameras.
-        step: between two radii that are tried [m].
+        count: number of cameras.
+        step: step between two radii that are tried [m].
 
     Returns:
         ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.
@@ -76,9 +76,8 @@ _SECTORS = (
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
     """Return cameras named by their positions.
 
-    The direction of an axis may be reversed: headings are those within -90 and 90 deg, so that a
-        camera
-    that looks forward measures forward motion as positive.
+    Headings are within -90 and 90 deg, reversed if necessary, so that a camera along x measures
+    forward motion as positive.
 
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).

@@ -1,4 +1,4 @@
-"""Compares the best, the given and common placements of line cameras under a vehicle."""
+"""Comparison of the best, the given and common placements of line cameras under a vehicle."""
 
 import dataclasses
 import math
@@ -27,16 +27,16 @@ class DesignTask:
     """Task of a placement.
 
     Attributes:
-        area: the chassis and the cameras' rectangle.
+        area: area for the cameras on the chassis.
         texture: ground over which the cameras are tried.
         noise: noise of the cameras, standard deviation [gray levels of 8 bit].
-        count: count of cameras.
+        count: number of cameras.
         mix: mix of motions for the mean error.
-        speed: speed of base_link in all of them [m/s].
-        redundant: whether to evaluate without the camera whose failure is the worst.
+        speed: speed of base_link in all motions of the mix [m/s].
+        redundant: whether to minimize the error after the worst failure of a camera.
         given: further placements to evaluate, by name.
         seed: seed of the search and the trials.
-        batches: batches of lines in each orientation, of each angle or motion.
+        batches: number of batches of lines for each orientation of each direction or motion.
     """
 
     area: mounting_area.MountingArea
@@ -125,7 +125,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
-    """Return the errors of the regular placements measured on rendered lines, by name."""
+    """Return the errors of non-singular placements by name, measured on rendered lines."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
     for index, placement in enumerate(regular):
@@ -147,11 +147,12 @@ def design_speed(
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].
-        area: with the cameras' type and the largest distance from the center.
+        area: area for the cameras, with their type and their largest distance from the center.
         usual: usual speed [m/s].
 
     Raises:
-        ConfigurationError: sideways less than 60 % overlap are left.
+        ConfigurationError: at this speed consecutive lines overlap by less than 60 % in sideways
+            motion.
     """
     limit = sideways_limit(area.view) - yaw_rate * math.hypot(*area.reach)
     if limit <= 0.0:
@@ -175,10 +176,10 @@ def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
 
     Args:
         name: name of the file.
-        sensors: its cameras.
+        sensors: cameras of the file.
 
     Raises:
-        ConfigurationError: there is none, or they are not all of one type.
+        ConfigurationError: there is no camera, or the cameras are not all of one type.
     """
     views = {View(s.pixels, s.length, s.width, s.line_rate) for s in sensors.values()}
     if len(views) != 1:

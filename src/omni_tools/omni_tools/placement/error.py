@@ -30,8 +30,8 @@ from omni_tools.placement.sensor_error import SensorError
 
 MOTIONS = ("straight", "sideways", "diagonal", "turning")
 
-_SINGULAR = 1e-10  # of the determinant that equal eigenvalues would give
-_FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # where the elements stand in the matrix
+_SINGULAR = 1e-10  # smallest determinant, over that of a matrix with equal eigenvalues
+_FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # index of the element by row and column
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class MotionMix:
 
     Attributes:
         names: names of the M motions; one with a mirror image occurs twice.
-        twist: (v_x, v_y, yaw rate) of each [m/s, m/s, rad/s], shape (M, 3).
-        share: share of the time, sums to 1, shape (M,).
+        twist: (v_x, v_y, yaw rate) of each motion [m/s, m/s, rad/s], shape (M, 3).
+        share: share of the time of each motion, sums to 1, shape (M,).
     """
 
     names: tuple[str, ...]
@@ -50,12 +50,11 @@ class MotionMix:
 
     @classmethod
     def of(cls, speed: float, yaw_rate: float, weights: Sequence[float]) -> MotionMix:
-        """Return straight, sideways, diagonal and turning motion, the last two to either side.
+        """Return straight, sideways, diagonal and turning motion; the last two with mirror images.
 
         Args:
             speed: speed of base_link [m/s].
-            yaw_rate: yaw rate of the turning motion, which goes straight on at the same time
-                [rad/s].
+            yaw_rate: yaw rate of the turning motion, which also moves forward [rad/s].
             weights: weights of the four motions, not all 0.
         """
         slant = speed * math.sqrt(0.5)
@@ -119,7 +118,7 @@ class MeanError:
         return float(self.value(self.information(poses).sum(axis=0)))
 
     def covariance(self, poses: FloatArray) -> FloatArray:
-        """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite: singular.
+        """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite if singular.
 
         Args:
             poses: poses of the cameras, shape (N, 3).
@@ -148,8 +147,8 @@ class MeanError:
 class ConditionNumber:
     """Evaluates placements by the condition number of the sensor matrix, for comparison.
 
-    It compares components with different units and measures equal instead of small uncertainty: a
-    wide platform has a large condition number.
+    The number combines components with different units, and it measures equal uncertainty instead
+    of small uncertainty. A wide platform has a large condition number.
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
@@ -193,7 +192,7 @@ def total_variance(information: FloatArray) -> FloatArray:
 
 
 def gyration(length: float, width: float) -> float:
-    """Return the RMS distance from its middle of the points of a rectangle [m]."""
+    """Return the RMS distance of a rectangle's points from its center [m]."""
     return math.sqrt((length**2 + width**2) / 12.0)
 
 
@@ -203,7 +202,7 @@ def poses_of(sensors: Mapping[str, LineSensor]) -> FloatArray:
 
 
 def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
-    """Return E without each one of the cameras [m/s], shape (N,)."""
+    """Return E after the failure of each camera [m/s], shape (N,)."""
     own = criterion.information(poses)
     return criterion.value(own.sum(axis=0) - own)
 

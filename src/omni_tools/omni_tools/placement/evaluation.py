@@ -24,17 +24,18 @@ class EvaluatedPlacement:
 
     Attributes:
         name: name of the placement.
-        sensors: its cameras.
-        mean_error: E [m/s], infinite if it is singular.
+        sensors: cameras by name.
+        mean_error: mean twist error E [m/s], infinite if the placement is singular.
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
             mix of motions, shape (3,).
-        by_motion: E in each motion alone [m/s].
-        without: E without each camera [m/s], infinite if the others are singular, shape (N,).
+        by_motion: E of each motion [m/s].
+        without: E without each camera [m/s], infinite if the other cameras are singular, shape
+            (N,).
         condition: condition number of the sensor matrix in SI units.
         spread_deg: angle by which the axes spread, see `error.closeness` [deg].
         lever: effective lever for the yaw rate [m].
-        singular: why the odometry refuses it, empty if it does not.
-        mounting: why it cannot be mounted on the chassis, empty if it can.
+        singular: reason why the odometry refuses the placement, empty if it does not.
+        mounting: reason why the cameras cannot be mounted on the chassis, empty if they can.
     """
 
     name: str
@@ -51,12 +52,12 @@ class EvaluatedPlacement:
 
     @property
     def worst_without(self) -> float:
-        """Velocity error E after the worst failure of a camera [m/s]; infinite for three."""
+        """Mean twist error E after the worst failure of a camera [m/s]; infinite for three."""
         return float(np.max(self.without))
 
     @property
     def missed_most(self) -> str:
-        """Camera whose failure increases the error most."""
+        """Name of the camera whose failure increases the error most."""
         return tuple(self.sensors)[int(np.argmax(self.without))]
 
 
@@ -67,9 +68,9 @@ def evaluate(
 
     Args:
         name: name of the placement.
-        sensors: its cameras, of the criterion's type.
-        criterion: gives the error.
-        area: where cameras can be mounted.
+        sensors: cameras by name, of the criterion's type.
+        criterion: criterion that gives the error.
+        area: area in which cameras can be mounted.
     """
     poses = errors.poses_of(sensors)
     mix = criterion.mix

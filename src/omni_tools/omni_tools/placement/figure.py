@@ -36,8 +36,8 @@ def placement_figure(
     """Draw placements side by side; the first one sets the color scale.
 
     Args:
-        placements: one or more.
-        criterion: gives the errors.
+        placements: placements to draw, at least one.
+        criterion: criterion that gives the errors.
         area: the chassis.
         title: title of the figure.
         width: width of a panel [in].
@@ -68,7 +68,7 @@ def placement_figure(
 def _limits(
     placements: Sequence[EvaluatedPlacement], area: MountingArea
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of the section of every panel [m]."""
+    """Return two opposite corners of the area that every panel shows [m]."""
     housings = [
         area.outline(pose, housing=True)
         for placement in placements
@@ -88,14 +88,15 @@ def _norm(
     levels: int = 14,
     end: tuple[float, float] = (1.5, 2.5),
 ) -> BoundaryNorm:
-    """Return a scale over all errors, or up to a multiple of the best mean.
+    """Return a color scale over all errors, limited to a multiple of the best mean error.
 
     Args:
-        placements: one or more.
-        criterion: gives the errors.
+        placements: placements in the figure, at least one.
+        criterion: criterion that gives the errors.
         area: the chassis.
         levels: number of colors.
-        end: of the scale: at least over the smallest error, at most over the best mean error [1].
+        end: least end of the scale over the smallest error, largest end over the best mean error
+            [1].
     """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:
@@ -169,7 +170,7 @@ def _draw_sensors(axes: Axes, placement: EvaluatedPlacement, area: MountingArea)
         axes.add_patch(Polygon(housing, facecolor="white", edgecolor=style.BLUE, zorder=5))
         axes.add_patch(Polygon(area.outline(pose, housing=False), color=style.BLUE, zorder=6))
         direction = np.array([math.cos(pose[2]), math.sin(pose[2])])
-        reach = 0.065 * size  # of half an arrow
+        reach = 0.065 * size  # half the length of an arrow
         tail, tip = pose[:2] - reach * direction, pose[:2] + reach * direction
         axes.add_patch(FancyArrowPatch(tuple(tail), tuple(tip), **_ARROW_LOOK))
         inward = -np.sign(pose[:2]) * (np.abs(pose[:2]) > 0.05 * size)

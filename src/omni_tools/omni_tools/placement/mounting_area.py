@@ -1,8 +1,8 @@
-"""Where line cameras can be mounted under a chassis.
+"""Area in which line cameras can be mounted under a chassis.
 
-A camera takes the rectangle of its field of view and a housing around it. A clearance is kept from
-the edge of the chassis, the wheels and the other cameras. Wheels have the width with which they are
-drawn, since the configuration has no wheel width.
+A camera takes the rectangle of its field of view and a housing around it. Every camera keeps a
+clearance from the edge of the chassis, the wheels and the other cameras. The wheels have the width
+of the drawings, because the configuration has no wheel width.
 """
 
 import dataclasses
@@ -55,13 +55,13 @@ class MountingArea:
         """
         cosine, sine = np.abs(np.cos(poses[..., 2])), np.abs(np.sin(poses[..., 2]))
         half_length, half_width = self.half
-        limit = np.array(self.reach) + 1e-9  # a place rounded to the edge is on it
+        limit = np.array(self.reach) + 1e-9  # tolerance for positions rounded to the edge
         extent_x = np.abs(poses[..., 0]) + cosine * half_length + sine * half_width
         extent_y = np.abs(poses[..., 1]) + sine * half_length + cosine * half_width
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
-        """Return the index of a wheel that each housing is too close to, -1 without one."""
+        """Return for each housing the index of a wheel that is too close, -1 if there is none."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -77,7 +77,7 @@ class MountingArea:
 
         Args:
             poses: poses of the cameras.
-            other: reading of one camera, shape (3,), or of one for each of `poses`.
+            other: pose of one other camera, shape (3,), or of another camera for each of `poses`.
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
@@ -124,7 +124,7 @@ def _overlap(
 ) -> BoolArray:
     """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`.
 
-    Rectangles are separate if their projections on one of the four directions of their sides are.
+    Rectangles are separate if their projections on the direction of one of their sides are.
     """
     apart_x, apart_y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     turned = b[..., 2] - a[..., 2]

@@ -1,14 +1,15 @@
-"""The placement of line cameras with the smallest mean twist error on a chassis.
+"""Search for the placement of line cameras with the smallest mean twist error on a chassis.
 
-An exchange algorithm of optimal experimental design: the Fisher information of a placement is the
-sum of that of its cameras. So every position and heading of a coarse grid is tried for one camera
-after the other, with the others fixed, until none improves. The best of several random starts is
-refined with decreasing steps. Obstacles need no penalty: positions that do not fit are excluded.
+The search is an exchange algorithm of optimal experimental design: the Fisher information of a
+placement is the sum of that of its cameras. Every position and heading of a coarse grid is tried
+for one camera after the other, with the others fixed, until the error no longer decreases. The best
+of several random starts is refined with decreasing steps. Obstacles need no penalty: positions that
+do not fit are excluded.
 
-Many placements have nearly the same error. Hence placements that are symmetric about an axis of the
-vehicle or under a rotation by 180 deg are searched as well, and preferred unless a free one is
-better by more than a per cent. The result is rounded to values that can be drilled and measured,
-with its neighbors tried again.
+Many placements have nearly the same error. Placements that are symmetric about an axis of the
+vehicle or under a rotation by 180 deg are therefore searched as well. They are preferred unless a
+free placement is better by more than one per cent. The result is rounded to values that can be
+drilled and measured, and its neighbors are tried again.
 """
 
 import dataclasses
@@ -33,15 +34,16 @@ class Effort(NamedTuple):
     """Effort of a search.
 
     Attributes:
-        equal: by how much a symmetric placement may be worse [1].
-        across: places of the coarse grid across the chassis.
-        headings: headings of the coarse grid in half a turn.
-        fewer: share of either where the failure of every camera is tried [1].
+        equal: relative increase of the criterion that is accepted for a symmetric placement [1].
+        across: number of positions of the coarse grid across the chassis.
+        headings: number of headings of the coarse grid in half a turn.
+        fewer: share of these positions and headings if the failure of every camera is evaluated
+            [1].
         finest: last step [m].
         gain: relative gain of the criterion that counts as better [1].
         sweeps: largest number of sweeps over the cameras.
-        starts: random initial placements for each symmetry.
-        refined: how many of their results are refined.
+        starts: number of random initial placements for each symmetry.
+        refined: number of best results that are refined.
     """
 
     equal: float = 0.01
@@ -62,11 +64,11 @@ _ITSELF = (1.0, 1.0, 1.0)
 
 @dataclasses.dataclass(frozen=True)
 class _Unit:
-    """One camera, or one with its image.
+    """One camera, or two cameras that are images of each other.
 
     Attributes:
         images: factors of x, y and heading for each camera of the unit.
-        free: which of x, y and heading are free; a fixed position is 0.
+        free: whether x, y and heading are free; a fixed x or y is 0.
         heading: the fixed heading [rad].
     """
 
@@ -114,15 +116,15 @@ def search(
 
     Args:
         criterion: criterion to be minimized.
-        area: where cameras can be mounted.
-        count: count of cameras.
-        redundant: whether the criterion is evaluated without the camera whose failure is the worst.
+        area: area in which cameras can be mounted.
+        count: number of cameras.
+        redundant: whether the criterion is that after the worst failure of a camera.
         effort: effort of the search.
         seed: seed of the random initial placements.
-        report: called with the share done and its subject.
+        report: called with the completed share [0..1] and a text.
 
     Raises:
-        NoRoomError: no regular placement was found.
+        NoRoomError: no placement was found that fits and is not singular.
     """
     trial = _Search(criterion, area, redundant, effort)
     layouts = _layouts(count)
@@ -137,7 +139,7 @@ def search(
     if not found:
         raise NoRoomError(f"there is no room for {count} sensors that could measure the twist")
     value, symmetry, units, places = min(found, key=lambda entry: entry[0])
-    # From the best symmetric one on without the symmetry: it can only get better.
+    # Continue from the best placement without its symmetry, which can only reduce the error.
     free = (_Unit(),) * count
     loose_value, loose = trial.refine(free, _all(units, places))
     regular = [entry for entry in found if entry[1]]
@@ -162,7 +164,7 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
         ("left and right alike", _LEFT_RIGHT, (True, False, False)),
         ("front and rear alike", _FRONT_BACK, (False, True, False)),
     ):
-        # Those that are their own image are on the axis of symmetry, along it or across.
+        # Cameras that are their own images are on the axis of symmetry, along it or across it.
         for single in range(count % 2, 3, 2):
             for headings in itertools.combinations_with_replacement((0.0, 0.5 * math.pi), single):
                 own = tuple(_Unit(free=free, heading=heading) for heading in headings)
@@ -221,7 +223,7 @@ class _Search:
         """Refine with decreasing steps; return the criterion and the positions."""
         current = places.copy()
         step = self._spacing
-        turn = math.pi / self._headings / step  # the steps of heading shrink alike
+        turn = math.pi / self._headings / step  # step of heading per step of position
         value = self._walk(units, current, math.inf, (0.0, 0.0), 0)
         while step > self._effort.finest:
             value = self._walk(units, current, value, (step, step * turn), 2)
@@ -229,7 +231,7 @@ class _Search:
         return value, current
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Round the positions, choose the best of the neighbors; return as `refine`."""
+        """Round the positions to the lattice and try neighbors; return criterion and positions."""
         lattice = np.array([LATTICE[0], LATTICE[0], LATTICE[1]])
         current = np.round(places / lattice) * lattice
         value = self._walk(units, current, math.inf, LATTICE, 3)
@@ -277,10 +279,10 @@ class _Search:
 
         Args:
             units: units of the placement.
-            current: places of them, shape (units, 3).
+            current: positions of the units, shape (units, 3).
             index: index of the unit to place.
-            places: places to try, shape (K, 3).
-            own: information of each camera of the unit there, shape (K, g, M, 6).
+            places: positions to try, shape (K, 3).
+            own: information of each camera of the unit at these positions, shape (K, g, M, 6).
         """
         rest = [i for i in range(len(units)) if i != index]
         poses = units[index].poses(places)
@@ -304,7 +306,7 @@ class _Search:
         return float(values[best]), places[best]
 
     def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
-        """Return places of the coarse grid that fit, and the information of the cameras there."""
+        """Return positions of the coarse grid that fit, and the cameras' information there."""
         reach = self._area.reach
         turns = np.arange(self._headings) * math.pi / self._headings
         axes = [_grid(limit, self._spacing) for limit in reach] + [turns]
@@ -332,13 +334,13 @@ class _Search:
 
 @functools.cache
 def _cloud(free: tuple[bool, bool, bool], reach: int) -> FloatArray:
-    """Return whole steps in the free directions, shape (K, 3)."""
+    """Return all combinations of integer steps in the free coordinates, shape (K, 3)."""
     steps = np.arange(-reach, reach + 1.0)
     axes = [steps if may else np.zeros(1) for may in free]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _grid(limit: float, spacing: float) -> FloatArray:
-    """Return places about 0 up to a limit [m]."""
+    """Return equally spaced positions around 0 up to a limit [m]."""
     count = math.floor(limit / spacing)
     return spacing * np.arange(-count, count + 1.0)

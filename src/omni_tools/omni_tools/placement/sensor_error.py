@@ -1,21 +1,22 @@
-"""Error of one line camera over the direction of its motion: a model with two fitted parameters.
+"""Error of one line camera as a function of its direction of motion: a two-parameter model.
 
-Moving along its axis, the error of a camera is due to the noise of its lines. Moving across it, a
+If a camera moves along its axis, its error is due to the noise of its lines. If it moves across, a
 share ``q = |v_across| / (line rate * width)`` of the ground under a line is replaced from one line
 to the next, and the replaced ground acts as noise with the contrast of the texture. Both add to the
-difference of two lines, which Gauss-Newton divides by the gradient energy of what the lines have in
-common, ``(1 - q) (1 - p)`` of it with ``p = |v_along| / (line rate * length)``:
+difference of two lines. Gauss-Newton divides this difference by the gradient energy of the part
+that the lines have in common. This part is ``(1 - q) (1 - p)`` with ``p = |v_along| / (line rate *
+length)``:
 
     s^2 = (a + b q f) / ((1 - q)^2 (1 - p)),
 
-where the sum over the line makes ``1 - p`` enter once and the mean over the width ``1 - q`` twice.
-Every strip of ground contributes the same error twice: when it enters the view and when it leaves
-it. In a mean over m pairs of lines these are different strips while ``m q < 1``, and mostly the
-same ones beyond that, so that ``f = max(1, 2 - 1 / (m q))``.
+where ``1 - p`` enters once, by the sum over the line, and ``1 - q`` twice, by the mean over the
+width. Every strip of ground contributes the same error twice: when it enters the field of view and
+when it leaves it. Over m pairs of lines, the entering and leaving strips differ while ``m q < 1``
+and are mostly the same beyond, so that ``f = max(1, 2 - 1 / (m q))``.
 
-The values of a and b for the mean over a batch depend on ground, noise, optics and filters. Hence
-both are fitted: a camera of the type is moved over a ground at several angles, its rendered lines
-are processed by the odometry's `SensorOdometry`, and the model is fitted to the errors.
+The values of a and b for the mean over a batch depend on ground, noise, optics and filters.
+Therefore both are fitted: a camera of the type moves over a ground in several directions,
+`SensorOdometry` processes its rendered lines, and the model is fitted to the errors.
 """
 
 import collections
@@ -36,11 +37,11 @@ MOST_CROSSED = 1.0 - OVERLAP
 """Largest displacement across the axis between lines as a share of the width (section 4.4)."""
 
 ORIENTATIONS = 24
-"""Random orientations on the ground of every motion: along a single one, 0.2 m of texture have an
-error of their own that more trials do not average out."""
+"""Number of random orientations of the camera on the ground for each direction of motion. In a
+single orientation, 0.2 m of texture cause an error that more trials do not average out."""
 
 _CAMERA = "camera"
-_ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # of the motion from the axis [deg]
+_ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # from camera axis to motion [deg]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,9 +49,9 @@ class SensorError:
     """Variance of a camera's velocity along its axis, as a mean over a batch.
 
     Attributes:
-        straight: a, when it moves along its axis [m^2/s^2].
-        sideways: b, increase per share of the width that is crossed between lines [m^2/s^2], while
-            a batch does not cross all of it.
+        straight: a, variance when the camera moves along its axis [m^2/s^2].
+        sideways: b, increase of the variance per share of the width that is crossed between lines
+            [m^2/s^2], while a batch crosses less than the width.
     """
 
     straight: float
@@ -62,12 +63,12 @@ class SensorError:
         Args:
             view: field of view of the camera.
             along: velocity of the camera along its axis [m/s].
-            across: velocity across it [m/s], same shape.
+            across: velocity of the camera across its axis [m/s], same shape.
         """
         q = np.abs(across) / (view.line_rate * view.width)
         p = np.abs(along) / (view.line_rate * view.length)
         common = np.maximum(1.0 - q, 0.0) ** 2 * np.maximum(1.0 - p, 0.0)
-        # q f, which is q while m q < 1
+        # q f, equal to q while m q < 1
         crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view.line_rate))
         with np.errstate(divide="ignore"):
             variance: FloatArray = (self.straight + self.sideways * crossed) / common
@@ -81,9 +82,9 @@ class SensorTrial:
     Attributes:
         error: the fitted model.
         along: velocity along the axis [m/s], shape (A,).
-        across: velocity across it [m/s], shape (A,).
-        rms: error of the measured velocity [m/s], shape (A,).
-        fitted: errors of the model [m/s], shape (A,).
+        across: velocity across the axis [m/s], shape (A,).
+        rms: RMS error of the measured velocity [m/s], shape (A,).
+        fitted: RMS error by the fitted model [m/s], shape (A,).
     """
 
     error: SensorError
@@ -94,12 +95,12 @@ class SensorTrial:
 
     @property
     def misfit(self) -> float:
-        """Typical ratio of modeled and measured errors, less 1 [1]."""
+        """Typical relative difference between modeled and measured errors [1]."""
         return math.expm1(float(np.sqrt(np.mean(np.log(self.fitted / self.rms) ** 2))))
 
 
 def sideways_limit(view: View) -> float:
-    """Return the speed across the axis with 60 % overlap [m/s]."""
+    """Return the speed across the axis at which consecutive lines overlap by 60 % [m/s]."""
     return MOST_CROSSED * view.line_rate * view.width
 
 
@@ -112,19 +113,20 @@ def measure_sensor_error(
     seed: int,
     spread: float = 0.02,
 ) -> SensorTrial:
-    """Move a camera over a ground at several angles and fit the model to its errors.
+    """Move a camera over a ground in several directions and fit the model to its errors.
 
     Args:
         view: field of view of the camera.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
         speed: speed of the camera [m/s], at most `sideways_limit`.
-        batches: batches of lines, for each angle in each of `ORIENTATIONS`.
+        batches: number of batches of lines for each direction and orientation.
         seed: seed of positions, speeds and noise.
-        spread: of speed [1] and angle [rad]: displacements take every fraction of a pixel.
+        spread: random variation of speed [1] and direction [rad], so that displacements take every
+            fraction of a pixel.
 
     Raises:
-        ConfigurationError: the camera does not see this motion over this ground.
+        ConfigurationError: the camera cannot measure one of these motions over this ground.
     """
     generator = np.random.default_rng(seed)
     rig = Rig({_CAMERA: view.mounted()}, texture, noise, seed)
@@ -141,7 +143,7 @@ def measure_sensor_error(
             turned = angle + spread * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            # Stamps far apart: no line of a batch is compared with one of another.
+            # Stamps are far apart, so that lines of different batches are not compared.
             seen = rig.expose(start, twist, batch, 4 * count * duration_ns)
             reading = odometry.update(seen[_CAMERA])
             count += 1
@@ -166,7 +168,7 @@ def measure_sensor_error(
 
 
 def _odometry(view: View) -> SensorOdometry:
-    # The places are any that are not singular: only one of the three is used.
+    # Only the first camera is used; the others make the placement non-singular.
     sensors = {
         name: view.mounted(x, y, heading)
         for name, x, y, heading in (
@@ -179,18 +181,18 @@ def _odometry(view: View) -> SensorOdometry:
 
 
 def _most_frequent(reasons: list[str]) -> str:
-    """Return a reason of the most frequent kind; the text before its numbers is its kind."""
+    """Return a reason of the most frequent kind; the kind is the text before the colon."""
     kinds = collections.Counter(reason.partition(":")[0] for reason in reasons)
     kind = kinds.most_common(1)[0][0]
     return next(reason for reason in reasons if reason.partition(":")[0] == kind)
 
 
 def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
-    """Return the option that causes a reason of the odometry, and a remedy."""
-    if reason.startswith("frozen"):  # which the noise of a real camera rules out
+    """Return the option that causes a rejection for this reason, and a remedy."""
+    if reason.startswith("frozen"):  # impossible with the noise of a real camera
         return "--noise", "more --noise or a higher --speed, so that the lines change"
     choices = ["another --ground", "another --type"]
-    if overlap < 0.9:  # beyond, a lower speed helps little
+    if overlap < 0.9:  # at a larger overlap, a lower speed helps little
         choices.append("a lower --speed")
     if noise > 0.0:
         choices.append("less --noise")

@@ -76,7 +76,7 @@ def _weights(text: str) -> Sequence[float]:
 
 
 def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
-    """Return placements by the names of their files, made unique where names are equal."""
+    """Return placements by the names of their files; equal names are made unique."""
     cases: dict[str, Mapping[str, LineSensor]] = {}
     for name, sensors in given.items():
         case = Path(name).stem.replace(".", "_")

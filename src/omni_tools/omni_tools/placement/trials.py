@@ -1,4 +1,4 @@
-"""Measures the twist error of placements of line cameras on rendered lines."""
+"""Measurement of the twist error of placements of line cameras on rendered lines."""
 
 import dataclasses
 import math
@@ -20,9 +20,9 @@ class PlacementTrial:
     """Twist errors of a placement on rendered lines.
 
     Attributes:
-        error: estimated less true twist [m/s, m/s, rad/s] of every batch, by motion of the mix,
-            each of shape (b, 3).
-        share: share of the time, of each motion.
+        error: estimated minus true twist of every batch [m/s, m/s, rad/s], shape (b, 3), for each
+            motion of the mix.
+        share: share of the time for each motion.
         unmeasured: share of the batches without a twist.
     """
 
@@ -56,7 +56,7 @@ def drive_mix(
 ) -> PlacementTrial:
     """Simulate a placement over a ground and estimate its twist from the rendered lines.
 
-    Every batch begins at a random position of the ground, in one of several random orientations.
+    Every batch begins at a random position on the ground, in one of several random orientations.
 
     Args:
         sensors: the placement, not singular.
@@ -78,7 +78,7 @@ def drive_mix(
         own = []
         for yaw in yaws:
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            # Stamps far apart: no line of a batch is compared with one of another.
+            # Stamps are far apart, so that lines of different batches are not compared.
             begin_ns = round(SECOND_NS * total * 4.0 * BATCH_TIME)
             total += 1
             estimate = odometry.update(rig.expose(start, twist, lines, begin_ns))

@@ -26,12 +26,12 @@ def rim_slips(
     Above 1 the rim turns backwards; at rest the slip is NaN.
 
     Args:
-        vehicle: with the wheels of the history, in any order.
+        vehicle: vehicle with the wheels of the history, in any order.
         history: the run.
         standstill: speed below which a wheel is at rest [m/s].
 
     Returns:
-        Slips [1], -2 to 2, shape (T, N), in the order of the history's wheels.
+        Slips [1], from -2 to 2, shape (T, N), in the order of the history's wheels.
     """
     geometry = _geometry(vehicle, history)
     moments = cross(geometry.position, geometry.active)
@@ -45,10 +45,10 @@ def rim_slips(
 def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
     """Return the vertical loads that balance the weight and the inertia of the recorded motion.
 
-    They follow the acceleration of the center of gravity with the vehicle's load transfer time.
+    The loads follow the acceleration of the center of gravity with the load transfer time.
 
     Args:
-        vehicle: with the wheels of the history, in any order.
+        vehicle: vehicle with the wheels of the history, in any order.
         history: the run.
 
     Returns:
@@ -84,7 +84,7 @@ def _acceleration(point: FloatArray, history: RunHistory) -> FloatArray:
     v_y = history.twist[:, 1] + yaw_rate * point[0]
     world = np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
     a = np.diff(world, axis=0) / np.diff(history.time)[:, np.newaxis]
-    a = np.vstack((a[:1], a))  # of the period that ends at each stamp
+    a = np.vstack((a[:1], a))  # acceleration in the period before each stamp
     return np.column_stack((cos * a[:, 0] + sin * a[:, 1], cos * a[:, 1] - sin * a[:, 0]))
 
 

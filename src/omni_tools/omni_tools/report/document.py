@@ -1,7 +1,7 @@
 """A report as plain values, ready for strict JSON.
 
-Numbers over time are base64 texts of little-endian 32-bit floats, one text per column, NaN
-where there is no value: a third of the size of decimal numbers, and fast to read in a browser.
+Time series are base64 texts of little-endian 32-bit floats, one text per column, NaN without a
+value. They are smaller than decimal numbers and fast to read in a browser.
 """
 
 import base64
@@ -21,7 +21,7 @@ from omni_platform.geometry import PlatformGeometry
 from omni_tools.report import derived, recording
 from omni_tools.report.series import Series
 
-_MOST_STAMPS = 12_000  # two minutes at 100 Hz; of a longer run every n-th stamp is shown
+_MOST_STAMPS = 12_000  # two minutes at 100 Hz; longer runs show every n-th stamp
 _DEGREES = 180.0 / math.pi
 
 
@@ -95,14 +95,14 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
 
 def _columns(values: ArrayLike, stride: int) -> list[str]:
     """Return one text per column of values (T,) or (T, K)."""
-    with np.errstate(over="ignore"):  # values too large for 32 bits are outside of every scale
+    with np.errstate(over="ignore"):  # values too large for 32 bits become infinite
         rows = np.asarray(values, dtype="<f4")[::stride]
     columns = rows.reshape(len(rows), -1).T
     return [base64.b64encode(column.tobytes()).decode("ascii") for column in columns]
 
 
 def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
-    """Return the changes of the assistant's state."""
+    """Return the changes of the assistant's state: row of the report and new state."""
     changes, row = [], 0
     for state, span in itertools.groupby(history.assist_state[::stride]):
         changes.append((row, state.replace("_", " ")))

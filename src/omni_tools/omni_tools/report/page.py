@@ -1,8 +1,8 @@
 """The self-contained HTML file of a report.
 
 Its content security policy forbids all requests and all scripts except its own, which is identified
-by its hash. The content of recordings is data of that script: a block of JSON that no text can
-escape from, and that the script inserts as text, never as markup.
+by its hash. The content of recordings is a block of JSON, from which no text can escape. The script
+inserts it as text, never as markup.
 """
 
 import base64
@@ -45,12 +45,12 @@ def report_page(
         ),
         "STYLE": style,
         "SCRIPT": script,
-        # A browser ends the block at "</script" wherever it stands, in a text of JSON too.
+        # A browser ends the block at "</script", even inside a JSON text.
         "DATA": data.replace("<", "\\u003c"),
     }
     before, *rest = _part("report.html").split("{{")
     pieces = [before]
-    for piece in rest:  # not by replace(): a part may contain what looks like a place
+    for piece in rest:  # not by replace(), as a part may contain "{{"
         name, _, after = piece.partition("}}")
         pieces += [parts[name], after]
     return "".join(pieces)

@@ -37,14 +37,14 @@ class ReportedRun:
     """One run of a report.
 
     Attributes:
-        name: unique within the report.
-        history: time histories.
+        name: name, unique within the report.
+        history: time histories of the run.
         metrics: metrics by quantity.
         forces: forces of the wheels on the vehicle, if the recording shows them.
         test_ratios: test ratios of fault detection, if they were recorded.
         configuration: configuration of the whole loop, if it is stored with the recording and has
             all its wheels.
-        values: the configuration as texts by dotted key, as far as available.
+        values: values of the configuration as texts by dotted key, as far as available.
         notes: sentences about missing data.
     """
 
@@ -59,14 +59,14 @@ class ReportedRun:
 
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
-    """Return the runs of a recording for a report: one for each stop of a drive, named after it."""
+    """Return the runs of a recording for a report: one run for each stop of a drive."""
     return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     """Return the metrics of each stop of a recording, and the drift of its odometry.
 
-    A drive with several stops is summarized as a whole too: length, time and drift.
+    A drive with several stops also has an entry for the whole drive: length, time and drift.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -115,7 +115,7 @@ def _named_stops(history: RunHistory, name: str) -> list[tuple[str, RunHistory]]
 
 
 def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
-    """Return a stop of a recording as a separate run."""
+    """Return a run that contains one stop of a recording."""
     if history is whole.history:
         return whole
     forces, ratios = whole.forces, whole.test_ratios
@@ -134,7 +134,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
-        name: unique within the report.
+        name: name, unique within the report.
 
     Raises:
         BagError: the recording cannot be read or is not one of a run.
@@ -158,7 +158,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
 
 
 def run_names(paths: Sequence[Path]) -> list[str]:
-    """Return names of recordings: the fewest last parts of each path that make them unique.
+    """Return unique names of recordings: as few last parts of the paths as possible.
 
     Raises:
         InputError: a recording is given twice.
@@ -173,7 +173,7 @@ def run_names(paths: Sequence[Path]) -> list[str]:
 
 
 def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
-    """Return the values of the recorded configurations that are not the same, by dotted key.
+    """Return the values that differ between recorded configurations, by dotted key.
 
     Args:
         paths: recordings; one without a configuration has an empty text for every value.
@@ -210,7 +210,7 @@ def read_configuration(
         configuration = from_mapping(experiment.ExperimentConfiguration, tree)
         if set(configuration.vehicle.wheels) != set(wheel_names):
             raise ValueError("the configuration names other wheels than the recording")
-    except ValueError as error:  # ConfigurationError too
+    except ValueError as error:  # includes ConfigurationError
         return None, values, str(error)[:_LONGEST_TEXT]
     return configuration, values, ""
 
@@ -235,7 +235,7 @@ def _read_tree(path: Path) -> dict[str, Any]:
 def _flattened(
     tree: Mapping[Any, Any], above: str = "", depth: int = 1
 ) -> Iterator[tuple[str, str]]:
-    """Yield dotted keys and texts; lazily, since aliases may make a small file very large."""
+    """Yield dotted keys and texts one by one, because aliases may make a small file very large."""
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(value, dict) and value and depth < _DEEPEST:

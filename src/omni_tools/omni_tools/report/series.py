@@ -15,12 +15,12 @@ from omni_recording import decode, folder
 from omni_recording.error import BagError
 
 _NAMESPACE = "wheel_forces"
-_METERS_PER_NEWTON = 1e-4  # of the simulator's arrows
+_METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows
 
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """Values at M stamps, K of each.
+    """Time series of K values at M stamps.
 
     Attributes:
         stamp_ns: stamps [ns], increasing, shape (M,).
@@ -33,7 +33,7 @@ class Series:
     names: tuple[str, ...] = ()
 
     def during(self, history: RunHistory) -> Series | None:
-        """Return the part within a history, None if there is none."""
+        """Return the part within the time of a history, None if there is none."""
         first, last = history.stamp_ns[[0, -1]]
         part = (self.stamp_ns >= first) & (self.stamp_ns <= last)
         return Series(self.stamp_ns[part], self.values[part], self.names) if any(part) else None
@@ -44,7 +44,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
 
     Args:
         bag_folder: rosbag2 folder, or a single ``.mcap`` file.
-        wheels: how many there must be.
+        wheels: number of wheels in the markers.
 
     Returns:
         Components x and y of the force of each wheel in turn, in `odom` [N], in the order of the
@@ -74,7 +74,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
 
 
 def read_test_ratios(bag_folder: Path | str) -> Series | None:
-    """Return the test ratios as the assistant's fault detection published them, None without any.
+    """Return the test ratios that the assistant's fault detection published, None without any.
 
     A ratio is the squared innovation over its gate [1], NaN without an innovation.
 

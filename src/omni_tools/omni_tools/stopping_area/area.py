@@ -1,19 +1,18 @@
 """The area that a vehicle needs to stop, with its footprint and rotation, for every motion.
 
-A stop is stored as the support function of the area it covers: for `DIRECTIONS` fixed directions
-    d_k in
-the frame of `base_link` at the alarm, h_k = max d_k . p over all points p of the footprint until
-rest. The area of a cell (a direction of motion, a band of speeds, a band of yaw rates) is the
-polygon {p: d_k . p <= H_k}; a stop stays inside exactly if h_k <= H_k for all k.
+A stop is stored as the support function of the area that it covers: h_k = max d_k . p over all
+points p of the footprint until rest. The `DIRECTIONS` directions d_k are fixed in the frame of
+`base_link` at the alarm. The area of a cell (a direction of motion, a band of speeds, a band of yaw
+rates) is the polygon {p: d_k . p <= H_k}. A stop stays inside exactly if h_k <= H_k for all k.
 
-A first part of the stops of a cell gives a hull, H_k = max h_k. For each of the others the required
-growth of the hull is computed, and the hull grows by the largest of these n lengths (split
-conformal prediction; Wilks' tolerance limit): a further stop of the same population is then inside
-with a probability of `coverage` at least, with a `confidence` of 1 - coverage^n.
+A first part of the stops of a cell gives a hull, H_k = max h_k. Each of the other n stops requires
+a growth of the hull, and the hull grows by the largest of these n lengths (split conformal
+prediction; Wilks' tolerance limit). A further stop of the same population is then inside with a
+probability of at least `coverage`, with a `confidence` of 1 - coverage^n.
 
-Drawn for each stop: speed, direction and yaw rate within the cell, mass and position of the load,
-friction. Two of three draws for the areas are at the ends of these ranges, where distance and
-rotation are largest; held-out stops come from both kinds of population.
+For each stop, speed, direction and yaw rate within the cell, mass and position of the load, and
+friction are drawn at random. Two of three draws for the areas are at the ends of these ranges,
+where distance and rotation are largest. Held-out stops are drawn from the ends and uniformly.
 """
 
 import dataclasses
@@ -56,10 +55,11 @@ class Cell(NamedTuple):
     """Motions that share an area.
 
     Attributes:
-        name: such as ``forward_left_2_straight``.
-        speed: lowest and highest [m/s].
-        direction: start and end, counter-clockwise from forward [rad]; the start may be larger.
-        yaw_rate: lowest and highest [rad/s].
+        name: name of the cell, such as ``forward_left_2_straight``.
+        speed: lowest and highest speed [m/s].
+        direction: first and last direction, counter-clockwise from forward [rad]; the first may be
+            larger.
+        yaw_rate: lowest and highest yaw rate [rad/s].
     """
 
     name: str
@@ -79,13 +79,13 @@ class Cell(NamedTuple):
 
 
 def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[Cell, ...]:
-    """Divide all motions up to a speed and a yaw rate.
+    """Return cells that divide all motions up to a speed and a yaw rate.
 
     Args:
-        speed: largest [m/s].
-        bands: bands of speed, equally wide.
-        yaw_rate: largest, to either side [rad/s].
-        turns: bands of yaw rate, equally wide.
+        speed: largest speed [m/s].
+        bands: number of equally wide bands of speed.
+        yaw_rate: largest yaw rate to either side [rad/s].
+        turns: number of equally wide bands of yaw rate.
     """
     words = [f"_turn_{turn + 1}" for turn in range(turns)]
     words = {1: [""], 3: ["_right", "_straight", "_left"]}.get(turns, words)
@@ -108,7 +108,7 @@ def _wrapped(angle: float) -> float:
 
 
 def calibration_stops(coverage: float, confidence: float) -> int:
-    """Return the number of stops of a cell for a coverage with a confidence."""
+    """Return the number of stops of a cell that a coverage with a confidence needs."""
     return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
 
 
@@ -129,13 +129,13 @@ class StopCampaign:
     """The stops of a vehicle for the areas and for their check.
 
     Attributes:
-        base: the loop, with the largest load at its largest offset.
-        cells: cells of the motions.
+        base: configuration of the loop, with the largest load at its largest offset.
+        cells: cells that divide the motions.
         friction: friction of the ground, lowest and highest [1].
-        reaction_time: reaction time from the alarm to the pedal, with constant motion [s].
+        reaction_time: time of constant motion from the alarm to the pedal [s].
         per_cell: number of stops of each cell for its area; higher numbers are held out.
         seed: seed of all draws.
-        settling: time for which the vehicle rolls before the alarm, as its loads settle [s].
+        settling: time for which the vehicle rolls before the alarm, so that its loads settle [s].
     """
 
     base: experiment.ExperimentConfiguration
@@ -153,7 +153,7 @@ class StopCampaign:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything that a stop depends on besides its number."""
+        """Digest of everything except its number on which a stop depends."""
         fields = (getattr(self, field.name) for field in dataclasses.fields(self))
         return digest(*fields)
 
@@ -162,11 +162,11 @@ class StopCampaign:
         return number % len(self.cells)
 
     def extreme(self, number: int) -> bool:
-        """Return whether a stop is drawn mainly from the ends of the ranges."""
+        """Return whether the values of a stop are drawn mainly from the ends of their ranges."""
         return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
 
     def configuration(self, number: int) -> experiment.ExperimentConfiguration:
-        """Draw a stop."""
+        """Return the configuration of a stop, drawn at random."""
         random = np.random.default_rng([self.seed, number])
         draw = _extreme if self.extreme(number) else _uniform
         cell = self.cells[self.cell_of(number)]
@@ -193,7 +193,7 @@ class StopCampaign:
         )
 
     def stop(self, number: int) -> Sweep:
-        """Simulate a stop.
+        """Simulate a stop and return the area that it covers.
 
         Raises:
             ConfigurationError: the vehicle does not come to rest.
@@ -221,7 +221,7 @@ def _extreme(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def footprint(vehicle: VehicleConfiguration) -> FloatArray:
-    """Return points of `base_link` whose hull is the vehicle on the ground [m], shape (C, 2)."""
+    """Return points in `base_link` whose hull is the vehicle's footprint [m], shape (C, 2)."""
     x, y = 0.5 * vehicle.chassis_length, 0.5 * vehicle.chassis_width
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     tread = geometry.radius[:, None] * geometry.rolling
@@ -235,7 +235,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
     Args:
         run: run to be finished.
         points: the footprint in `base_link` [m], shape (C, 2).
-        start: first time, which also defines the frame [s].
+        start: time from which the area counts; the frame is that of `base_link` at this time [s].
     """
     pose = run.pose[round(start * SECOND_NS / run.period_ns) :]
     angle = pose[:, 2] - pose[0, 2]
@@ -255,7 +255,7 @@ def _rotation(angle: FloatArray | float) -> FloatArray:
 def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
     """Return H_k of every cell [m], shape (cells, DIRECTIONS), from its stops."""
     supports = supports_of(sweeps[: campaign.fitted])
-    # Numbers run through the cells in turn.
+    # Consecutive stops belong to consecutive cells.
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
     hull = np.max(by_cell[:HULL_STOPS], axis=0)
     growth = np.max(by_cell[HULL_STOPS:] - hull, axis=(0, 2))
@@ -284,7 +284,7 @@ def corners(limits: FloatArray) -> FloatArray:
     """
     following = np.roll(limits, -1)
     step = 2 * math.pi / DIRECTIONS
-    # Where the lines d_k . p = H_k and d_(k+1) . p = H_(k+1) meet.
+    # Intersections of the lines d_k . p = H_k and d_(k+1) . p = H_(k+1).
     along = (following - limits * math.cos(step)) / math.sin(step)
     tangents = np.column_stack((-_NORMALS[:, 1], _NORMALS[:, 0]))
     points = limits[:, None] * _NORMALS + along[:, None] * tangents

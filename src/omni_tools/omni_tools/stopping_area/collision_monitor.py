@@ -45,8 +45,8 @@ def area_metrics(
     held_out: Sequence[area.Sweep],
     stays: Sequence[bool],
 ) -> dict[str, Metric]:
-    """Return the shares of held-out stops outside their area, and the size of each area."""
-    allowed = round(1.0 - options.coverage, 12)  # not 0.010000000000000009
+    """Return the share of held-out stops that leave their area, and the size of each area."""
+    allowed = round(1.0 - options.coverage, 12)  # removes the rounding error of 1 - coverage
     extreme = [campaign.extreme(sweep.seed) for sweep in held_out]
     metrics = {}
     for case, kinds in (("uniform", (False,)), ("extremes", (True,)), ("all", (False, True))):
@@ -72,7 +72,7 @@ def monitor_parameters(
     name = Path(options.vehicle).stem
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
     checked = f"\nOf {count:.0f} stops held out {outside:.2%} left theirs." if count else ""
-    # Monitors that compare v_x see all from -speed to speed in one band.
+    # A monitor compares the signed v_x, so a single band must range from -speed to speed.
     lowest = -options.speed if options.bands == 1 else 0.0
     heading = (
         f"Stopping areas of {name}, {options.variant}, full braking {options.reaction_time:g} s "
@@ -82,7 +82,7 @@ def monitor_parameters(
         f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to that of "
         f"the vehicle's file, up to its place.{checked}"
     )
-    # Larger by a millimeter, so that rounded corners cut nothing off.
+    # Enlarged by a millimeter, so that rounding the corners cuts nothing off.
     polygons = {
         cell.name: {
             "points": str(np.round(area.corners(limit + 0.001), 3).tolist()),

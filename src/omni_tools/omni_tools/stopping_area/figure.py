@@ -21,8 +21,8 @@ def areas_figure(
 
     Args:
         cells: cells of the motions.
-        limits: H_k of each [m], shape (cells, DIRECTIONS).
-        vehicle: drawn at its pose at the alarm.
+        limits: H_k of each cell [m], shape (cells, DIRECTIONS).
+        vehicle: vehicle, drawn at its pose at the alarm.
         title: title of the figure.
     """
     shown = [

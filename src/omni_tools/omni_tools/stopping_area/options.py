@@ -41,7 +41,7 @@ class AreaOptions(CampaignOptions):
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:
-        """Refuse frictions in the wrong order."""
+        """Raise an error if the smallest friction is larger than the largest."""
         super().check_consistency()
         if self.friction_min > self.friction_max:
             lowest, highest = self.friction_min, self.friction_max
@@ -50,5 +50,5 @@ class AreaOptions(CampaignOptions):
 
     @property
     def variant(self) -> str:
-        """``assisted`` or ``unassisted``."""
+        """Name of the variant, ``assisted`` or ``unassisted``."""
         return "unassisted" if self.unassisted else "assisted"

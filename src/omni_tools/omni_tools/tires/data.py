@@ -26,9 +26,9 @@ class TireData:
     """Steady forces of a tire in one direction.
 
     Attributes:
-        slip: Eq. (1) or (2) [1], any sign, shape (n,).
+        slip: longitudinal or lateral slip by Eq. (1) or (2) [1], any sign, shape (n,).
         load: wheel load [N], above 0, shape (n,).
-        force: with the sign of the slip [N], shape (n,).
+        force: tire force, with the sign of the slip [N], shape (n,).
     """
 
     slip: quantities.FloatArray
@@ -40,7 +40,7 @@ def read_tire_data(path: Path) -> TireData:
     """Read measurements from a CSV file.
 
     Raises:
-        TireDataError: it cannot be read, a column is missing, or a value is no usable number.
+        TireDataError: the file cannot be read, a column is missing, or a value is no usable number.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

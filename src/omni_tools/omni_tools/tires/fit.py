@@ -1,8 +1,8 @@
 """Fit a tire model to measured forces by least squares.
 
 The unknowns of the model's `FitRecipe` minimize the sum of squared differences of force. With n
-rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is
-``s^2 (J^T J)^-1``, ``s^2`` the sum of squares over ``n - P``; the standard errors of the values
+rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is ``s^2 (J^T
+J)^-1``, where ``s^2`` is the sum of squares over ``n - P``. The standard errors of the values
 follow by linear propagation. They are valid for independent residuals of equal variance that are
 small enough for linear propagation. An unknown that ends on a bound counts as fixed.
 """
@@ -22,7 +22,8 @@ from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
 from omni_tools.tires.data import TireData, TireDataError
 
-# Where the peak is seen is the weakest guess: a search starts from each of these multiples.
+# The slip of the peak is the least certain start value: a search starts from each of these
+# multiples.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
 
 
@@ -31,7 +32,7 @@ class TireFit:
     """A model fitted to data.
 
     Attributes:
-        tire: with the fitted model; stiffness and damping do not follow from steady data.
+        tire: tire with the fitted model; steady data do not determine its stiffness and damping.
         keys: dotted keys of the fitted values, below the model's name.
         values: fitted values in the units of their keys, shape (P,).
         standard_errors: standard errors of `values`, shape (P,).
@@ -57,7 +58,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
         model: one of `MODELS`.
 
     Raises:
-        TireDataError: the data do not determine the model; names what is missing.
+        TireDataError: the data do not determine the model; the message names what is missing.
     """
     recipe = MODELS[model].fit
     largest_load = float(np.max(data.load)) if data.load.size else 0.0
@@ -82,7 +83,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
-    """Refuse data that are too few, or whose loads differ by less than a share of the largest."""
+    """Raise an error for too few data, or for loads that differ by too small a share."""
     needed = 2 * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
@@ -102,8 +103,8 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: f
 
 
 def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
-    """Return scipy's result of the best of several starts."""
-    # Only a fit needs it, and it takes its time to load.
+    """Return SciPy's result of the best of several searches."""
+    # Imported here, because only fits need this slow import.
     from scipy.optimize import least_squares
 
     force = np.empty_like(data.force)
@@ -144,10 +145,10 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
-    seen = np.array([_see(data, half) for half in halves])  # load, slope, force per load, slip
+    seen = np.array([_see(data, half) for half in halves])  # columns as returned by `_see`
     load = np.array([0.5 * largest_load, largest_load])
     at = np.array([np.interp(load, seen[:, 0], column) for column in seen[:, 1:].T])
-    if len(seen) > 1:  # beyond the two means, on the straight line through them
+    if len(seen) > 1:  # extrapolate linearly beyond the two mean loads
         gradient = (seen[1, 1:] - seen[0, 1:]) / (seen[1, 0] - seen[0, 0])
         line = seen[0, 1:, np.newaxis] + gradient[:, np.newaxis] * (load - seen[0, 0])
         at = np.maximum(line, 0.3 * at)
@@ -155,7 +156,7 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
 
 
 def _see(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, float]:
-    """Return mean load [N], slope and peak force per load [1], and slip of the peak [1]."""
+    """Return mean load [N], slope and peak of the force per load [1], and slip of the peak [1]."""
     slip, share = np.abs(data.slip[rows]), np.abs(data.force[rows]) / data.load[rows]
     order = np.argsort(slip, kind="stable")
     bins = np.array_split(order, min(30, max(3, len(order) // 3)))
@@ -182,7 +183,7 @@ def _tire(
 
 
 def _require_description(data: TireData, model: str, residual: float, largest: float = 0.5) -> None:
-    """Refuse data that the best curve of the model does not fit to a share of the force."""
+    """Raise an error if the residual exceeds the share `largest` of the force."""
     size = float(np.sqrt(np.mean(data.force**2)))
     if residual > largest * size:
         raise TireDataError(
@@ -192,7 +193,7 @@ def _require_description(data: TireData, model: str, residual: float, largest: f
 
 
 def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
-    """Refuse a fit whose peak is outside the measured slips."""
+    """Raise an error if the peak of the fit is outside the measured slips."""
     heavy = data.load >= 0.5 * (np.min(data.load) + np.max(data.load))
     peak = Tire(configuration).curve(float(np.mean(data.load[heavy]))).peak_slip
     largest = float(np.max(np.abs(data.slip[heavy])))
@@ -221,7 +222,7 @@ def _standard_errors(
     """Return the standard errors of the values, shape (P,), at most `vaguest` of their sizes.
 
     Raises:
-        TireDataError: a value is not determined; names it.
+        TireDataError: a value is not determined; the message names it.
     """
     free = np.flatnonzero(~at_bound)
     size = np.maximum(np.abs(recipe.scale(unknowns, largest_load))[free], 1e-300)
@@ -232,7 +233,7 @@ def _standard_errors(
         _refuse_undetermined([recipe.keys[k] for k in free[loose]])
     spread = (directions.T / singular) * residual
     covariance = (spread @ spread.T) * np.outer(size, size)
-    # How the values follow the unknowns.
+    # Derivatives of the values with respect to the unknowns.
     gradient = np.empty((len(unknowns), len(free)))
     for column, (k, step) in enumerate(zip(free, 1e-6 * size, strict=True)):
         shift = np.zeros_like(unknowns)
@@ -263,7 +264,7 @@ def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Fig
         data: measured forces.
         fit: fit of the data.
         title: title of the figure.
-        curves: number of loads at which the model is drawn at most.
+        curves: largest number of loads for which a curve is drawn.
     """
     y = ("Force F [kN]", "Data - model [N]")
     figure, ((upper,), (lower,)) = style.panels(

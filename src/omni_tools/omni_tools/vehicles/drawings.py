@@ -24,7 +24,7 @@ _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of th
 
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
-    """Return size, masses, wheels, brakes of a vehicle."""
+    """Return a text with size, masses, wheels and brakes of a vehicle."""
     masses = MassProperties.of(vehicle.body, vehicle.load)
     facts = wheel_facts(vehicle)
     loads = [fact.load for fact in facts.values()]
@@ -58,7 +58,7 @@ def draw_vehicle(
 
     Args:
         vehicle: vehicle to draw.
-        sensors: line cameras under it.
+        sensors: line cameras under the vehicle.
     """
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     figure, ((axes,),) = style.panels(
@@ -75,7 +75,7 @@ def draw_vehicle(
     for (name, fact), (x, y), radius in zip(
         wheel_facts(vehicle).items(), ahead_up(geometry.position), geometry.radius, strict=True
     ):
-        # Beside the wheel, away from the middle.
+        # Next to the wheel, on its outer side.
         side = 1.0 if x >= 0.0 else -1.0
         axes.annotate(
             f"{name.replace('_', ' ')}\n{plain(fact.load)} N",
@@ -102,7 +102,7 @@ def draw_vehicle(
 
 
 def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
-    """Return model, load and peak of a tire."""
+    """Return a text with model, load and peak of a tire."""
     half = 0.5 * tire.largest_load
     curve = Tire(tire).curve(half)
     return {
@@ -131,7 +131,7 @@ def draw_tire(tire: TireConfiguration, name: str) -> Figure:
 
 
 def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
-    """Return material, friction and patches of a ground."""
+    """Return a text with material, friction and patches of a ground."""
     patches = [f"{name} (friction {patch.friction:g})" for name, patch in ground.patches.items()]
     return {
         "looks like": ground.texture.kind,
@@ -141,7 +141,7 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 
 
 def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Figure:
-    """Draw a square of the ground, with an edge [m], in the gray levels that a camera sees."""
+    """Draw a square of the ground of length `edge` [m] in the gray levels of a camera."""
     texture = TextureCache.of_user().texture(ground.texture)
     count = min(len(texture.gray), max(1, round(edge / texture.texel)))
     edge = 1e3 * count * texture.texel
@@ -154,7 +154,7 @@ def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Fi
 
 
 def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
-    """Return position, view and largest speed of each camera."""
+    """Return a text with position, field of view and largest speed of each camera."""
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "
@@ -165,7 +165,7 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
 
 
 def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
-    """Draw the cameras from above, with their views enlarged ten times."""
+    """Draw the cameras from above, with their fields of view enlarged ten times."""
     title = "line cameras from above, forward is up (views ten times as large)"
     figure, ((axes,),) = style.panels(title, size=(6.5, 6.5), **_FROM_ABOVE)
     for name, one in sensors.items():

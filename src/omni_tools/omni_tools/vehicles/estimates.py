@@ -39,7 +39,7 @@ class Measured(Configuration):
     drives with a torque or a velocity command"""
 
     def check_consistency(self) -> None:
-        """Refuse wheels that do not fit the chassis, and invalid numbers of wheels."""
+        """Raise an error for wheels that do not fit the chassis or an invalid number of wheels."""
         if self.kind == _MECANUM and (self.wheels < 4 or self.wheels % 2):
             raise ConfigurationError("wheels", f"{self.wheels} must be 4, 6, ... for mecanum")
         across = 2.0 * self.wheel_radius
@@ -56,13 +56,14 @@ class Estimates(NamedTuple):
 
     Attributes:
         wheel_width: width of a wheel over its diameter [1].
-        density: of a wheel [kg/m^3]: rollers of rubber and plastic on a steel hub.
-        height: center of gravity above the ground, over the radius of a wheel [1].
+        density: density of a wheel with rollers of rubber and plastic on a steel hub [kg/m^3].
+        height: height of the center of gravity over the radius of a wheel [1].
         brake: torque of a brake over the torque that locks the wheel [1].
         clutch: stiffness of the drive's clutch over torque and radius of the wheel [s/m].
-        load: load of a wheel on the tire of Table 1 [N].
-        radius: radius of a wheel on the tire of Table 1 [m].
-        deceleration: for a speed whose stop is a few lengths long [m/s^2].
+        load: load of a wheel at which the tire of Table 1 is used unscaled [N].
+        radius: radius of a wheel at which the tire of Table 1 is used unscaled [m].
+        deceleration: deceleration for which the stop of the example is a few vehicle lengths long
+            [m/s^2].
     """
 
     wheel_width: float = 0.4
@@ -79,7 +80,7 @@ _USUAL = Estimates()
 
 
 def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
-    """Write a vehicle whose inertia, brakes and tires are estimated, its cameras and a stop.
+    """Write a vehicle with estimated inertia, brakes and tires, its cameras and a stop.
 
     Args:
         name: name of the vehicle, for the comments.
@@ -181,10 +182,10 @@ def _mecanum_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 
 def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
-    """Return wheels on a circle, their axes outward, rollers at 0 deg (Eq. (34))."""
+    """Return wheels on a circle with radial axles and rollers at 0 deg (Eq. (34))."""
     out = min(measured.length, measured.width) / 2.0 - _USUAL.wheel_width * measured.wheel_radius
     wheels = {}
-    # Left and right alike, and no wheel on the axis ahead.
+    # Symmetric about x, without a wheel on the x axis in front.
     apart = math.pi / measured.wheels
     first = math.pi / 2.0 - apart if measured.wheels % 2 else apart
     for row in range(measured.wheels):
@@ -217,7 +218,7 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 
 
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
-    """Return stiffness and damping by key, for the same deflection relative to the radius.
+    """Return stiffness and damping by key, for a fixed deflection relative to the radius.
 
     Args:
         largest_load: largest load of the tire [N].

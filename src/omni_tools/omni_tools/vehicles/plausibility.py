@@ -1,6 +1,6 @@
 """Plausibility of the values of an experiment.
 
-No value is refused: each remark is a sentence with the values and a remedy.
+No value is refused. Each remark is a sentence with the values and a remedy.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
-# Plausible ranges: load over the largest of the tire; torque of brakes and of drives over what the
-# ground can take; yaw inertia over that of a plate of the chassis' size; inertia of a wheel over
-# the mass that it carries times its radius squared.
+# Plausible ranges of ratios [1]: load over the tire's largest load; torque of brakes and drives
+# over that of the friction capacity; yaw inertia over that of a plate of the chassis' size; inertia
+# of a wheel over its carried mass times its radius squared.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),
@@ -38,7 +38,7 @@ class WheelFacts:
     Attributes:
         load: load at rest [N].
         grip: friction capacity [N].
-        brake_force: brake force of the brake at the ground [N].
+        brake_force: force of the brake at the ground [N].
     """
 
     load: float
@@ -56,7 +56,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     """Return load, grip and brake of each wheel of a standing vehicle.
 
     Args:
-        vehicle: with any number of wheels; the loads are those of a rigid chassis.
+        vehicle: vehicle with any number of wheels; the loads are those of a rigid chassis.
         friction: friction of the ground, as a factor [1].
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
@@ -75,7 +75,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
-    """Return the fastest speed in a direction with 60 % overlap of consecutive lines [m/s].
+    """Return the speed in a direction at which consecutive lines overlap by 60 % [m/s].
 
     Args:
         sensor: the camera.
@@ -249,7 +249,7 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
 
 
 def _velocity(sensor: Mount, twist: tuple[float, float, float]) -> tuple[float, float]:
-    """Return the velocity over the ground of a sensor under a vehicle [m/s]."""
+    """Return the velocity of a sensor over the ground [m/s]."""
     return twist[0] - twist[2] * sensor.y, twist[1] + twist[2] * sensor.x
 
 

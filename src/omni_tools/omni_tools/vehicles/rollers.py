@@ -28,10 +28,11 @@ class Rollers:
     """Arrangement of the rollers of a platform.
 
     Attributes:
-        shape: ``X`` or ``O``, formed by the rollers on top of the wheels seen from above (those on
-            the ground form the other one), ``mixed``, or empty where no roller is oblique.
-        smallest_singular_value: smallest singular value of ``M``, Eq. (33), lengths over the
-            platform's radius [1].
+        shape: ``X`` or ``O``, the shape of the rollers on top of the wheels, seen from above; the
+            rollers on the ground have the other one. ``mixed`` if neither, empty if no roller is
+            oblique.
+        smallest_singular_value: smallest singular value of ``M``, Eq. (33), with lengths divided by
+            the platform's radius [1].
         yaw_lever: smallest distance of a roller axis on the ground from the platform center [m].
     """
 
@@ -53,7 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: implausible smallest singular value, over that of the opposite roller angles [1].
+        poor: smallest singular value below which an arrangement is implausible, over that of the
+            opposite roller angles [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
@@ -106,7 +108,7 @@ def _broken_symmetry(wheels: Mapping[str, WheelMount]) -> tuple[str, ...]:
 def _mirrors_fit(
     wheels: Mapping[str, WheelMount], offset: float = 0.05, angle: float = math.radians(10.0)
 ) -> bool:
-    """Return whether rollers are mirrored wherever wheel positions are.
+    """Return whether the rollers have the same mirror symmetries as the wheel positions.
 
     Args:
         wheels: wheels of a platform.
