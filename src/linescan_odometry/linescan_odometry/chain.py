@@ -6,8 +6,6 @@ case the velocity has the same relative error. A missing batch is no such fault:
 next one are still consecutive.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameters of the line-scan odometry."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from linescan_odometry.matching.search import METRICS

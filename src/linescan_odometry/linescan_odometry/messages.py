@@ -1,7 +1,5 @@
 """ROS messages to batches of lines and measurements of flow sensors."""
 
-from __future__ import annotations
-
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image

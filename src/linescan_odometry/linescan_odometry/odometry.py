@@ -6,8 +6,6 @@ accelerates it lags by half the duration of a batch, 5 ms at 100 batches per sec
 10 m/s^2).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -3,8 +3,6 @@
 The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import partial

@@ -5,8 +5,6 @@ the peak is refined to a fraction of a pixel. A displacement that the platform c
 that is far from the median of its neighbors (section 4.6), is left out, and the rest is averaged.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration

@@ -5,8 +5,6 @@ other displacements are rejected. The range grows with time, so that a wrong las
 shock excludes the sensor for a limited time only.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,8 +6,6 @@ Dirt, shadows and mud, which no reference contains, are estimated with the displ
 may also contain this estimate from an earlier drive; the estimator then starts with it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

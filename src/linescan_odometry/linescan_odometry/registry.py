@@ -1,7 +1,5 @@
 """Creates the line-scan odometry, or a user's odometry by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Protocol
 

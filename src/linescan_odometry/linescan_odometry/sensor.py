@@ -4,8 +4,6 @@
 and returns velocity and variance. A stage that cannot measure raises `Unmeasured` with the reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path

@@ -5,8 +5,6 @@ it with the readings of its sensors. So there is only one fail-safe, and both gi
 user's law is called between the two halves, `listen` and `act`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -15,8 +15,6 @@ one, all brakes act. After a gap in the feedback over which the heading is unkno
 stored. A vehicle that only spins at that moment has no line to keep, so ``s_perp = 0``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 from collections.abc import Iterable

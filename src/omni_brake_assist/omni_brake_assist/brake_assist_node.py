@@ -3,8 +3,6 @@
 The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 import math

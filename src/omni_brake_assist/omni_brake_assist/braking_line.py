@@ -5,8 +5,6 @@ since then matters, so the body axes of that moment serve as world axes. The rot
 rate of the feedback, integrated by the trapezoidal rule over its stamps.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -5,8 +5,6 @@ its level and words. ``python -m omni_brake_assist.conditions`` prints the table
 README of this package.
 """
 
-from __future__ import annotations
-
 import enum
 import re
 from typing import NamedTuple

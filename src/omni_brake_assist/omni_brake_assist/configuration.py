@@ -1,7 +1,5 @@
 """Parameters of the brake assistant."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant

@@ -1,7 +1,5 @@
 """Input and output of the brake assistant."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from omni_brake_assist.conditions import AssistState

@@ -11,8 +11,6 @@ The gate is one compiled kernel, `judge`, for node, simulation and campaign. It 
 the violated condition, a row of `conditions.CONDITIONS`.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Conversion of messages to the inputs of the brake assistant."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

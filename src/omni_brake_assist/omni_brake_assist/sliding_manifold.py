@@ -22,8 +22,6 @@ A wheel that does not slide along its active direction (``n_wi . v_i = 0``) has 
 friction force; its ``f_hat_i`` and its error are zero.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import NamedTuple

@@ -5,8 +5,6 @@ velocity of the twist is compared with that of the accelerometer, its yaw rate w
 gyro, both in the filter of all sources, and each rolling wheel with the most probable filter.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

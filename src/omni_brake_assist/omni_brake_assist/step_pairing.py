@@ -1,7 +1,5 @@
 """Pairing of demands and feedback in lockstep."""
 
-from __future__ import annotations
-
 from omni_brake_assist.decision import BrakeDemand
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
 

@@ -6,8 +6,6 @@ would act, the valves with a command to brake open at once. With a dwell time of
 follows its command in every step.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ section 3.4.3. The angle delta is the one between the *line* of the active direc
 wheel's velocity, 0 to pi/2: 0 is a wheel that brakes best, pi/2 one that cannot brake at all.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

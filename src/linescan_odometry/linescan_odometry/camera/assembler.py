@@ -1,7 +1,5 @@
 """Assembles frames to batches of consecutive lines without gaps."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

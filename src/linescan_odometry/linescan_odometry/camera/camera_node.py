@@ -3,8 +3,6 @@
 The contract (topics, types, QoS, parameters) is in the README of this package.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

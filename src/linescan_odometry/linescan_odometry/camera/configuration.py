@@ -1,7 +1,5 @@
 """Parameters of the camera node."""
 
-from __future__ import annotations
-
 from linescan_odometry.camera.cut import Cut, row_range
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 

@@ -1,7 +1,5 @@
 """Selection of the lines in a picture: all rows, some, the mean of a band, or the columns."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -7,8 +7,6 @@ late counts as the next but one, unless the following frame shows that it was on
 clock is reset, and the lines before and after it are not joined.
 """
 
-from __future__ import annotations
-
 _FOLLOWED = 0.05  # share of an arrival's deviation by which the stamp is corrected
 _DRIFT = 0.002  # share of the deviation per frame by which the period is corrected
 _FURTHEST = 50.0  # periods by which numbered frames may be late or early

@@ -3,8 +3,6 @@
 A library is imported when a source that needs it is opened. The odometry runs without them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 from pathlib import Path

@@ -4,8 +4,6 @@ Whitened correlations at several line spacings are added along straight lines of
 displacement, as an array of sensors adds its channels along a direction of arrival.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ neighbors in the mean of a batch and in every line of it is defective, or a spec
 rest some sharp features of the ground may be interpolated too, without harm.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

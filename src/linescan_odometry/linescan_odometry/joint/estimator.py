@@ -1,7 +1,5 @@
 """Displacement of the lines of one camera, batch by batch."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

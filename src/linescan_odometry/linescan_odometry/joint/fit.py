@@ -7,8 +7,6 @@ even if the noise is not white and the model is not exact, as long as the errors
 independent.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

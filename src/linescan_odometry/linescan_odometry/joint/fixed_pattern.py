@@ -7,8 +7,6 @@ are weighted by their information. The prior variance is the power of the estima
 displacement are compared, a shrunk mean is subtracted, which is small where it is mostly error.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The method `joint` for one camera: estimator of displacements and check of their plausibility."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

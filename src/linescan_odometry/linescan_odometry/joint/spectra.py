@@ -1,7 +1,5 @@
 """Spectra of lines, and the covariance along the lines of a texture that loses its coherence."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

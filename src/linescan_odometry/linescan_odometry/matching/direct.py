@@ -21,8 +21,6 @@ searched as long as the best one of them is credible. A **prior** multiplies the
 by ``1 + weight |s - before| / limit`` and so prefers small changes of velocity.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -23,8 +23,6 @@ blocks; the variance is increased accordingly. The variance is itself an estimat
 freedom; therefore it is multiplied by the variance of Student's t, ``nu / (nu - 2)``.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ opposite signs, so in a mean over m of them all errors but the first and the las
 of the mean decreases with m, whereas that of white noise would decrease with sqrt(m).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Displacement of every line against the one before it, by a search and its refinement."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -8,8 +8,6 @@ equals that of a direct evaluation, for 8-bit and 16-bit lines, and does not dep
 of the FFT or on the grouping of lines into batches.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

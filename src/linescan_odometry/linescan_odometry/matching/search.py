@@ -6,8 +6,6 @@ only the overlapping part counts: pixel i of the newer line against pixel i + s 
 ground features moved towards smaller pixel indices (sections 4.3.2 and 4.4).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Protocol

@@ -5,8 +5,6 @@ noise moves its peak by two or three pixels, too far for Gauss-Newton steps. Smo
 of two pixels removes most of the noise and little of such a texture.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -21,8 +21,6 @@ narrow one is undersampled, which biases displacements towards whole pixels: by 
 of 0.7 px, by less than 0.001 px at 0.8 px.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Fourier transforms within kernels."""
 
-from __future__ import annotations
-
 
 def load_transforms() -> None:
     """Enable scipy.fft in kernels; to be called before the first kernel that uses it."""

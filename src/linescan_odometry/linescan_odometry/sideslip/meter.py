@@ -1,7 +1,5 @@
 """Sideslip angles of wheels, from a camera and either the wheel's speed or the platform's twist."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -6,8 +6,6 @@ covariance. It is rejected if it is NaN, above the largest speed of the sensor, 
 from the last one by more than the largest acceleration permits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -12,8 +12,6 @@ constraint is used only while the sensors alone do not determine the twist. If t
 compared with them to detect a skid.
 """
 
-from __future__ import annotations
-
 import math
 
 from omni_platform.configuration import Configuration, parameter

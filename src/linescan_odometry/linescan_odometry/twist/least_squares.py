@@ -21,8 +21,6 @@ motion across the axis, and a position error adds yaw rate. A flow sensor has on
 one of its axis for both velocities.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

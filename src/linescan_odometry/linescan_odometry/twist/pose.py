@@ -1,7 +1,5 @@
 """Dead reckoning: the pose of the vehicle from the twists of the odometry alone."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

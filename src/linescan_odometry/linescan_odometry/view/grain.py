@@ -7,8 +7,6 @@ which a single camera cannot distinguish from a motion along its axis. But the t
 motion across the axis: if a view stays correlated for longer, the texture is oblique.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import deque

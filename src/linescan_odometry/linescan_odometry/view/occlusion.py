@@ -5,8 +5,6 @@ across the axis. But a vehicle cannot come to rest faster than its brakes permit
 across the axis the view of the ground changes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

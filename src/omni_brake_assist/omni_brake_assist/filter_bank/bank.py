@@ -1,7 +1,5 @@
 """A step of the bank at the time of validity of the twist, and its prediction to the present."""
 
-from __future__ import annotations
-
 import math
 
 from omni_brake_assist.filter_bank.filters import predict, propagate

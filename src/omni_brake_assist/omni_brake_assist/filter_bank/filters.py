@@ -1,7 +1,5 @@
 """Prediction of the filters by the accelerometer, and their correction by a scalar."""
 
-from __future__ import annotations
-
 import math
 
 from omni_brake_assist.filter_bank.state import (

@@ -7,8 +7,6 @@ reading, with steps as large as a vehicle can move, so that its likelihood under
 exclude it can be compared with the others.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

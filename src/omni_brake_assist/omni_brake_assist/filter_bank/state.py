@@ -1,7 +1,5 @@
 """State and constants of the filter bank."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Any, NamedTuple

@@ -7,8 +7,6 @@ on-off valves (`slip_control`). Neither mass, load nor tire is known. docs/alloc
 of this.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,7 +1,5 @@
 """Constants, memory and inputs of the law `allocation`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

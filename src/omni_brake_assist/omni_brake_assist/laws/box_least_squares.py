@@ -6,8 +6,6 @@ first bound that it meets. A bound whose multiplier has the wrong sign is releas
 the cost, so the method ends; the limit of its steps only matters for an invalid ``H``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

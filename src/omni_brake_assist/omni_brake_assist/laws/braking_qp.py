@@ -11,8 +11,6 @@ The bounds ``l, u`` are the yaw and lateral accelerations that keep heading and 
 within ``max_rotation`` (an exponential control barrier function), minus the disturbances.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

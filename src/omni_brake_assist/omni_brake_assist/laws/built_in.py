@@ -1,7 +1,5 @@
 """The built-in laws, called through one compiled function."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration

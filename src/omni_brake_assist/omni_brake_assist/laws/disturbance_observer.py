@@ -5,8 +5,6 @@ and the estimate of the mass with the return of the heading (`braking_qp`). Each
 the loop inside it.
 """
 
-from __future__ import annotations
-
 import math
 
 from omni_brake_assist.laws.allocation_state import Constants, Memory, Wheels

@@ -5,8 +5,6 @@ speed and nominal torque ``T``. If a wheel slides, its force is its capacity. If
 whole capacity without sliding, the capacity is raised.
 """
 
-from __future__ import annotations
-
 import math
 
 from omni_brake_assist.laws.allocation_state import Constants, Memory, Wheels

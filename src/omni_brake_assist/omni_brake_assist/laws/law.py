@@ -6,8 +6,6 @@ brake pressure that should pass. The assistant puts all brakes on whenever that 
 (`assist_step`), so a law needs no fail-safe of its own.
 """
 
-from __future__ import annotations
-
 import sys
 import traceback
 from typing import NamedTuple, Protocol

@@ -1,7 +1,5 @@
 """Laws by name: the built-in laws, and classes given as ``module:Class``."""
 
-from __future__ import annotations
-
 from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws.law import Law
 from omni_platform.geometry import PlatformGeometry

@@ -1,7 +1,5 @@
 """The control law of 2013: a brake acts while its error is negative. Eqs. (44)-(46)."""
 
-from __future__ import annotations
-
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.sliding_manifold import Manifold, SlidingManifold, wheel_error

@@ -6,8 +6,6 @@ command starts to act: the effect of commands still in the dead time is predicte
 lag is inverted.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

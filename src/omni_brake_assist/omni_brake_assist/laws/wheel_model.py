@@ -7,8 +7,6 @@ model: only the sign of the slope and the height matter, and the measured wheel 
 at every step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ brakes. Therefore, once a brake has failed, all brakes act until the pedal is re
 If all brakes act weakly, no wheel slides, and no brake is reported as failed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

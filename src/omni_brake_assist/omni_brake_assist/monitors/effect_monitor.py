@@ -23,8 +23,6 @@ the slow wheels of a vehicle whose fast ones are locked would look like the end 
 Once a bound is exceeded, all brakes act until the pedal is released.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -11,8 +11,6 @@ of an edge the higher friction is used. For stops with any heading and path, a w
 within the distance traveled.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

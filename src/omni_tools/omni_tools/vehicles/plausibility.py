@@ -3,8 +3,6 @@
 No value is refused. Each remark is a sentence with the values and a remedy.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator
