@@ -128,9 +128,9 @@ class OdometryConfiguration(Configuration):
     )
     cover_detection: bool = parameter(
         True,
-        description="Whether a view that stands still, or keeps its stripes, while the platform "
-        "moves across it counts as covered or misled; off for grounds whose stripes run along the "
-        "way",
+        description="Whether a camera counts as covered, or as misled by an oblique texture, "
+        "if its view stays the same while the platform moves across its axis; "
+        "switch it off for grounds with stripes along the path",
     )
     contradiction_limit: float = parameter(
         8.0,

@@ -29,21 +29,21 @@ class AllocationConfiguration(Configuration):
     """Time constant with which the estimated friction capacity of a wheel grows while all of it
     is used without sliding (probing)"""
     slip_time: float = parameter(0.015, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of slip control: of a wheel's speed on its way to the set-point"""
+    """Time constant with which slip control brings the speed of a wheel to its set-point"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Feed-forward of slip control: additional sliding speed of the set-point until the tire has
-    deflected (relaxation)"""
+    """Sliding speed that slip control adds to the set-point until the tire has deflected
+    (relaxation)"""
     return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
-    """Control barrier function of the heading: its time constants as a share of the time that is
-    left of the stop"""
+    """Time constants of the control barrier function of the heading, as a share of the time left
+    until rest"""
     line_time: float = parameter(0.4, unit="s", minimum=0.01, maximum=100.0)
-    """Control barrier function of the direction of motion: its time constant"""
+    """Time constant of the control barrier function of the direction of motion"""
     heading_weight: float = parameter(60.0, minimum=0.0, maximum=1.0e6)
-    """Control allocation: cost of a yaw acceleration beyond its bounds, relative to 1 for the
+    """Cost of a yaw acceleration beyond its bounds in the QP, relative to 1 for missing
     deceleration"""
     line_weight: float = parameter(12.0, minimum=0.0, maximum=1.0e6)
-    """Control allocation: cost of a lateral acceleration beyond its bounds, relative to 1 for
-    the deceleration"""
+    """Cost of a lateral acceleration beyond its bounds in the QP, relative to 1 for missing
+    deceleration"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """Share of the fastest hub's speed along the active direction below which a wheel is locked, as
     the motion does not drive it"""

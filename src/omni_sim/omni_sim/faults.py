@@ -72,8 +72,8 @@ class FaultConfiguration(Configuration):
     duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the fault"""
     amplitude: float = parameter(0.0)
-    """Size ``a`` in the unit of the channel; of a drift per second, of a scale error and an echo
-    as a share"""
+    """Size ``a`` in the unit of the channel; for a drift in this unit per second, for a scale
+    error and an echo as a share"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
     """Time ``T`` of a ramp, a sine or a delay"""
 

@@ -106,9 +106,9 @@ class FlowChipConfiguration(Configuration):
     """Speed that the chip can follow at its height (0: any); faster readings are not
     measurements"""
     relative_deviation: float = parameter(0.03, minimum=0.0)
-    """Standard deviation per speed, of height and scale"""
+    """Standard deviation divided by the speed, caused by errors of height and scale"""
     linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
-    """OTOS: factor of its distances"""
+    """Scale factor of the distances of an OTOS"""
 
     def check_consistency(self) -> None:
         """Refuse a chip without the calibration that it needs."""
