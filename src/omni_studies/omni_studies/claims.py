@@ -1,10 +1,10 @@
 """Claims about the metrics of a study, and the limits of these metrics.
 
-Limits are in ``limits.yaml``, by study and name. Claims, a sentence, an expression and a comparison
-each, are in ``claims.yaml``, by study. In an expression ``quantity.case`` is a metric,
-``quantity`` all of its cases, and ``of(quantity, "pattern")`` those whose names match; ``min``,
-``max``, ``mean``, ``abs`` and ``zip`` are known. A claim about metrics that a run does not have,
-such as those of another ground, is omitted.
+``limits.yaml`` contains the limits by study and name, ``claims.yaml`` the claims by study. A claim
+has a sentence, an expression and a comparison. In an expression ``quantity.case`` is a metric,
+``quantity`` is the values of all cases, and ``of(quantity, "pattern")`` those of the cases whose
+names match. The functions ``min``, ``max``, ``mean``, ``abs`` and ``zip`` are available. A claim
+about metrics that a run does not have, such as those of another ground, is omitted.
 """
 
 import dataclasses
@@ -76,7 +76,7 @@ def _read(name: str) -> Any:
 
 
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of a study with their limits; arguments as of `evaluate`."""
+    """Return the metrics of a study with their limits; the arguments are those of `evaluate`."""
     limits = _read("limits.yaml").get(study, {})
     chosen: dict[str, Any] = {
         name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})
@@ -89,7 +89,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
     """Evaluate the claims of a study with its metrics.
 
     Args:
-        study: its name.
+        study: name of the study.
         metrics: metrics by ``<quantity>.<case>``.
 
     Returns:
@@ -105,7 +105,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
             value = float(eval(row["value"], {"__builtins__": {}, **_FUNCTIONS}, names))
         except (KeyError, NameError):
             continue
-        except (ZeroDivisionError, ValueError):  # also the largest of none
+        except (ZeroDivisionError, ValueError):  # ValueError: such as max() of no values
             value = math.nan
         limits = {name: row[name] for name in ("at_least", "at_most") if name in row}
         found = Metric(value, row.get("unit", "1"), note=row.get("note", ""), **limits)

@@ -1,6 +1,6 @@
-"""Fills the measured numbers in the pages from the documents of the commands.
+"""Fill the measured numbers in the pages from the documents of the commands.
 
-A page holds a template in a comment, and the filled template below it::
+A page contains a template in a comment, and the filled template below it::
 
     <!-- numbers: ice_patch
     | rotation [deg] | {orientation_change.assisted:.1f} |
@@ -9,22 +9,24 @@ A page holds a template in a comment, and the filled template below it::
     <!-- /numbers -->
 
 ``{study:metric.case:.1f}`` names a metric of another study, and ``run_EXPERIMENT`` a run over the
-graph. ``{table.row_column}`` is a cell of ``table.csv`` in the folder of the study: the first cell
-of its row and the head of its column, with ``_`` for all but letters and digits. A line ``each:``
-repeats the next line for entries separated by semicolons; ``$1`` and ``$2`` stand for their parts
-before and after a comma, in braces with ``_`` as above::
+graph. ``{table.row_column}`` is a cell of ``table.csv`` in the folder of the study. ``row`` is the
+first cell of its row and ``column`` the head of its column, with ``_`` for all characters but
+letters and digits. A line ``each:`` repeats the next line for entries separated by semicolons.
+``$1`` and ``$2`` stand for the parts of an entry before and after its comma, in braces with ``_``
+as above::
 
     each: rear axle, 2 m; front axle, 3 m
     | $1 at $2 | {loads.$1_mean:.0f} N |
 
-``docs/numbers.json`` keeps the numbers that templates use. This program takes them from
-given ``summary.json`` files and fills the pages; a study that ran with other options gets a NAME of
-its own before the file::
+``docs/numbers.json`` stores the numbers that templates use. This program reads them from the given
+``summary.json`` files and fills the pages. If a study ran with other options, a NAME of its own
+precedes the file::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
-With ``--check`` it changes nothing and ends with 1 if a page differs from ``docs/numbers.json``, or
-a number there from a file by more than 2 % and one unit of its last printed digit.
+With ``--check`` the program changes nothing. It ends with exit code 1 if a page differs from
+``docs/numbers.json``, or if a stored number differs from that in a file by more than 2 % and one
+unit of its last printed digit.
 """
 
 import argparse
@@ -53,8 +55,8 @@ class Place(NamedTuple):
 
     Attributes:
         study: the study of the metric.
-        metric: its name.
-        form: format of the number, as of `format`.
+        metric: name of the metric.
+        form: format specification of the number, as for `format`.
     """
 
     study: str
@@ -72,7 +74,7 @@ def expanded(template: str) -> str:
 
 
 def _with_entry(line: str, entry: str) -> str:
-    """Return a line with the parts of an entry for ``$1`` and the like."""
+    """Return a line in which the parts of an entry replace ``$1`` and ``$2``."""
     parts = re.split(r",\s*", entry.strip())
     return re.sub(r"\{[^{}]*\}|\$\d", lambda place: _inserted(place[0], parts), line)
 
@@ -87,16 +89,16 @@ def _word(text: str) -> str:
 
 
 def places(template: str, study: str) -> Iterator[Place]:
-    """Yield the metrics that a template names; `study` is that of names without one."""
+    """Yield the metrics that a template names; `study` is the study of names without one."""
     for found in _PLACE.finditer(expanded(template)):
         yield Place(found[1] or study, found[2], found[3] or "")
 
 
 def filled(template: str, study: str, numbers: Numbers) -> str:
-    """Return a template with its numbers; an unknown one is a dash.
+    """Return a template with its numbers; a dash stands for an unknown number.
 
     Args:
-        template: with places as in the module's docstring.
+        template: template with places as in the module's docstring.
         study: study of metrics without one.
         numbers: numbers to fill in.
     """
@@ -109,7 +111,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of all blocks, and of the rows of the dissertation's page."""
+    """Yield page, study and template of each block and each row of the dissertation's page."""
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             yield page, block[2], block[3]
@@ -130,7 +132,7 @@ def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
 
 
 def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str, float | None]]:
-    """Return the numbers of documents by study; those of runs over the graph as ``run_NAME``.
+    """Return the numbers in documents by study; runs over the graph are studies ``run_NAME``.
 
     Args:
         arguments: paths of ``summary.json`` files, or ``NAME=path``.
@@ -145,7 +147,7 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
         name = own or ("run_" if beside_recording else "") + document["name"]
         numbers = found.setdefault(name, {})
         metrics: dict[str, Any] = document.get("metrics", document)
-        for key, metric in metrics.items():  # a plain number in the documents of some benchmarks
+        for key, metric in metrics.items():  # documents of some benchmarks have plain numbers
             numbers[key] = metric["value"] if isinstance(metric, dict) else metric
         others = {place.metric for place in used if place.study == name} - set(numbers)
         for table in {file.parent / f"{metric.partition('.')[0]}.csv" for metric in others}:
@@ -190,7 +192,7 @@ def main() -> int:
             value = new[place.study].get(place.metric) if place.study in new else old
             if options.check and outdated(place, old, value):
                 problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
-            # Within the tolerance the old one stays, so that pages change only for a reason.
+            # Within the tolerance the old number stays, so that pages do not change by scatter.
             kept.setdefault(place.study, {})[place.metric] = (
                 value if outdated(place, old, value) else old
             )

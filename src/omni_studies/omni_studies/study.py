@@ -1,11 +1,11 @@
 """Interface of a study, and import by name.
 
-A study is a module of `omni_studies.studies`. It has a docstring that describes it, its
-options as a `Configuration` called ``Options`` (they become ``--like-this``), and a function
-``run(options, study) -> StudyResult``. A module with several studies names them in ``CASES``, a
-literal dictionary of name and sentence; ``study.case`` is the one that runs, and ``OPTIONS`` may
-hold other options for some of them. A study writes its figures and data into ``study.folder`` and
-does not print; a long one calls ``study.report(share, words)``.
+A study is a module of `omni_studies.studies`. It has a docstring that describes it, its options as
+a `Configuration` called ``Options`` (they become ``--like-this``), and a function ``run(options,
+study) -> StudyResult``. A module with several studies names them in ``CASES``, a literal dictionary
+of name and sentence. ``study.case`` is then the name of the running study, and ``OPTIONS`` may
+contain other options for some studies. A study writes its figures and data into ``study.folder``
+and does not print. A long study calls ``study.report(share, words)``.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ class StudyRun:
     """Context of a study.
 
     Attributes:
-        experiments: the configuration files by name.
-        folder: folder for its figures and data.
-        report: called with the progress.
+        experiments: library of the configuration files.
+        folder: folder for the figures and data of the study.
+        report: called with the completed share [0..1] and a text.
         case: name of the study if its module has several.
-        written: figures and data so far.
+        written: figures and data written so far.
     """
 
     experiments: ExperimentLibrary
@@ -54,13 +54,13 @@ class StudyRun:
     written: list[Path] = dataclasses.field(default_factory=list)
 
     def figure(self, name: str, figure: Figure) -> None:
-        """Write a figure under its name in the folder."""
+        """Write a figure to a file of the study's folder."""
         self.written.append(style.save_figure(figure, self.folder / name))
 
     def table(
         self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
-        """Write a table; arguments as of `data_table.write_table`."""
+        """Write a table; the arguments are those of `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
 
     def columns(self, name: str, columns: Mapping[str, Any]) -> None:
@@ -76,13 +76,13 @@ class StudyRun:
         fingerprint: str,
         name: str = "stops.csv",
     ) -> list[Row]:
-        """Make many runs, whose table has a name; arguments as of `run_campaign`."""
+        """Make many runs and write their table `name`; see `run_campaign` for the arguments."""
         path = self.folder / name
         self.written.append(path)
         return run_campaign(work, seeds, row, options, path, fingerprint, self.report)
 
     def result(self, metrics: Mapping[str, Metric], *findings: str) -> StudyResult:
-        """Return the result with all that was written."""
+        """Return the result with all written files."""
         return StudyResult(metrics, tuple(self.written), findings)
 
 
@@ -92,9 +92,9 @@ class StudyResult:
 
     Attributes:
         metrics: metrics by ``<quantity>.<case>``.
-        files: figures and data written.
+        files: written figures and data.
         findings: sentences about the results.
-        claims: evaluated with the metrics by `run_study`.
+        claims: claims, which `run_study` evaluates with the metrics.
     """
 
     metrics: Mapping[str, Metric]
@@ -104,7 +104,7 @@ class StudyResult:
 
     @property
     def missed(self) -> list[str]:
-        """The names of the metrics that miss their limits, and the claims that do not hold."""
+        """Names of the metrics that miss their limits, and claims that do not hold."""
         found = {claim.sentence: claim.found for claim in self.claims} | dict(self.metrics)
         return [name for name, metric in found.items() if metric.status == "missed"]
 
@@ -116,7 +116,7 @@ class Study(Protocol):
     Options: type[configuration.Configuration]
 
     def run(self, options: Any, study: StudyRun) -> StudyResult:
-        """Run the study, and write figures and data into the folder; `options` is its `Options`."""
+        """Run the study with its `Options`, and write figures and data into the folder."""
 
 
 class _Case:
@@ -142,7 +142,7 @@ def load_study(name: str) -> Study:
     """Return a study.
 
     Args:
-        name: one of `study_names`.
+        name: name of the study, one of `study_names`.
     """
     module, _ = plugins.described_modules(_STUDIES)[name]
     loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
@@ -153,12 +153,12 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
     """Run a study, apply its limits, evaluate its claims and write ``summary.json``.
 
     Args:
-        name: one of `study_names`.
-        options: an instance of its `Options`.
-        study: its context.
+        name: name of the study, one of `study_names`.
+        options: instance of the study's `Options`.
+        study: context of the study.
 
     Returns:
-        Its results, and the written document.
+        Results of the study, and the written document.
     """
     result = load_study(name).run(options, study)
     bounded = limited(name, result.metrics)

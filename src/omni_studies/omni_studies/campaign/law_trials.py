@@ -1,8 +1,8 @@
 """Random stops that compare control laws in pairs, on proportional and on on-off brakes.
 
-A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, without
-sensor failures, and in addition deviations that a law may not know: brake lag, nominal or
-unmodeled, and errors of the nominal torque, mass and wheel inertia.
+A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, but
+without sensor failures. It also draws deviations that a law may not know: a brake lag that is
+nominal or unmodeled, and errors of the nominal torque, mass and wheel inertia.
 """
 
 import dataclasses
@@ -22,8 +22,8 @@ from omni_studies.campaign import robustness
 from omni_studies.campaign.random_braking import RandomBraking, draw
 
 _KINDS = (PROPORTIONAL, ON_OFF)
-_ALL_ON = ""  # in place of a law
-_LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # of the brakes [s]
+_ALL_ON = ""  # name of the case with all brakes on
+_LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # limits of the drawn brake lag [s]
 _LARGEST_ERROR = 1.6  # factor between true and nominal torque, mass and inertia [1]
 _SETS = ("first", "second")  # independent sets of stops of an ablation
 
@@ -44,7 +44,7 @@ growth, no limit, no cost."""
 
 
 class LawTrial(NamedTuple):
-    """One stop.
+    """Result of one stop.
 
     Attributes:
         seed: number of the trial, `LawTrials.cases` for each seed.
@@ -60,11 +60,11 @@ class LawTrial(NamedTuple):
 
 
 class LawTrials:
-    """Runs one stop after the other; sent to the workers.
+    """Runs single trials by their numbers; sent to the workers.
 
     Args:
-        library: where the vehicles are.
-        laws: that are compared; each seed is also run with all brakes on.
+        library: library with the vehicles.
+        laws: names of the compared laws; each seed is also run with all brakes on.
         first: the first seed.
     """
 
@@ -90,8 +90,8 @@ class LawTrials:
         Args:
             seed: seed of the random draws.
             kind: kind of the brakes, `PROPORTIONAL` or `ON_OFF`.
-            law: its name, empty for all brakes on; ``allocation@field=value`` has another value of
-                a parameter of `AllocationConfiguration`.
+            law: name of the law, empty for all brakes on; ``allocation@field=value`` changes a
+                parameter of `AllocationConfiguration`.
         """
         law, _, change = law.partition("@")
         variant = "assisted" if law else "unassisted"
@@ -120,7 +120,7 @@ class LawTrials:
 
 
 def ablations() -> dict[str, str]:
-    """Return the law `allocation` with each parameter at half, double and neutral, by label."""
+    """Return names of `allocation` with one parameter halved, doubled or neutral, by label."""
     laws = {"allocation": "allocation"}
     for field, neutral in NEUTRAL.items():
         value = getattr(AllocationConfiguration(), field)
@@ -133,8 +133,8 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
     """Return the cost of the laws relative to the first one, in two independent sets of stops.
 
     Args:
-        trials: of an even number of whole seeds, in the order of `LawTrials`.
-        laws: their names.
+        trials: trials of an even number of whole seeds, in the order of `LawTrials`.
+        laws: names of the laws.
     """
     middle = len(trials) // 2
     metrics: dict[str, Metric] = {}
@@ -162,11 +162,11 @@ def unpaid(metrics: Mapping[str, Metric]) -> list[str]:
 
 
 def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return how the laws compare with the first one and with all brakes on.
+    """Return metrics that compare the laws with the first one and with all brakes on.
 
     Args:
         trials: trials of whole seeds, in the order of `LawTrials`.
-        laws: their names.
+        laws: names of the laws.
     """
     shape = -1, len(_KINDS), 1 + len(laws)
     distance, rotation, stopped = (

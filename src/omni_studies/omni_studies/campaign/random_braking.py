@@ -1,9 +1,9 @@
 """Random braking maneuvers, determined by the seed of a run.
 
-Drawn are the vehicle (`VEHICLES`), its load with position and height, the friction of the ground
-with up to three patches along the path, the motion and the pedal, and the velocity sensor with its
-noise, offset and sampling, which fails in some runs. Every value is rounded to a few digits, so
-that the experiment file of a run reproduces it exactly.
+The seed draws the vehicle (`VEHICLES`), its load with position and height, the friction of the
+ground with up to three patches along the path, the motion and the pedal. It also draws noise,
+offset and sampling of the velocity sensor, which fails in some runs. Every value is rounded to a
+few digits, so that the experiment file of a run reproduces it exactly.
 """
 
 import copy
@@ -23,8 +23,8 @@ from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
 from omni_tools.campaign.runner import digest
 
-# By file of config/vehicles: largest load [kg] and speed [m/s], and how far the load may be from
-# the center, forward and to the side [m].
+# By file of config/vehicles: largest load [kg] and speed [m/s], and largest offset of the load from
+# the center, forward and sideways [m].
 VEHICLES = {
     "mecanum_forklift": (500.0, 10.0, 0.6, 0.45),
     "three_wheel_robot": (500.0, 4.0, 0.25, 0.25),
@@ -38,7 +38,7 @@ _SWITCHES: dict[str, dict[str, Any]] = {
 }
 # Section 3.5 and straight_line: the enhanced weighting with k = 7.
 _LAW = {"weighting": "enhanced", "k": 7}
-# What a change may not be of.
+# Keys that a change must not contain, because their values are drawn.
 _DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
           "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
 # Limits of the assistant for a noisy sensor, as in config/experiments/ice_patch_noisy.yaml.
@@ -51,11 +51,11 @@ class RandomBraking:
     """Draws and runs the stops of a campaign from their seeds.
 
     Args:
-        library: where the vehicles are.
+        library: library with the vehicles.
         changes: ``dotted.key=value`` overrides of values that are not drawn.
 
     Raises:
-        ConfigurationError: a change is invalid, or of a drawn value.
+        ConfigurationError: a change is invalid, or changes a drawn value.
     """
 
     def __init__(self, library: experiment.ExperimentLibrary, changes: Sequence[str] = ()) -> None:
@@ -125,7 +125,7 @@ class RandomBraking:
             "maneuver": drawn["maneuver"],
             "velocity_sensor": drawn["velocity_sensor"],
             "variants": {
-                # Copies: the writer would make references of one and the same load.
+                # Copied, because the YAML writer would replace a shared load by references.
                 variant: copy.deepcopy(
                     experiment.merge(common, {"brake_assist": drawn["brake_assist"] | switch})
                 )
@@ -136,10 +136,10 @@ class RandomBraking:
 
 
 def draw(seed: int) -> Tree:
-    """Draw a run; return how its configuration differs from ``straight_line``, as a tree.
+    """Draw a run; return the differences of its configuration from ``straight_line`` as a tree.
 
     Args:
-        seed: seed of the run; one seed is always the same run.
+        seed: seed of the run; the same seed gives the same run.
     """
     random = np.random.default_rng([seed])
     vehicle = str(random.choice(list(VEHICLES)))

@@ -1,7 +1,7 @@
 """One run of the robustness campaign: a stop without and with the assistant, and its limits.
 
-A run that violates a limit is repeated with one adversity after the other removed; the one without
-which the limit holds is its cause.
+A run that violates a limit is repeated with one disturbance after the other removed. The
+disturbance without which the limit holds is the cause.
 """
 
 from typing import Any, NamedTuple
@@ -16,10 +16,10 @@ class Allowed(NamedTuple):
     """Limits of an assisted stop.
 
     Attributes:
-        orientation: excess of the orientation change over the unassisted one [deg].
-        distance: how many times longer the stop may be than unassisted [1]: the assistant may have
-            to give up the friction of half of the wheels.
-        energy: rise of the energy while braking, relative to the start of braking [1].
+        orientation: largest excess of the orientation change over the unassisted one [deg].
+        distance: largest ratio of the stopping distance to the unassisted one [1]; the assistant
+            may have to release half of the wheels.
+        energy: largest rise of the energy while braking, relative to the start of braking [1].
         shortest: lower limit of stopping distances in comparisons [m].
     """
 
@@ -46,7 +46,7 @@ class Outcome(NamedTuple):
 
     Attributes:
         seed: seed of the run.
-        vehicle: name of its file.
+        vehicle: name of the vehicle's file.
         orientation_unassisted: change of orientation without the assistant [deg].
         orientation_assisted: change of orientation with the assistant [deg].
         distance_unassisted: stopping distance without the assistant [m].
@@ -148,7 +148,7 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
 
 
 def violations(result: Outcome) -> tuple[str, ...]:
-    """Return the limits that a run violates, some of `LIMITS`."""
+    """Return the limits from `LIMITS` that a run violates."""
     longest = ALLOWED.distance * max(result.distance_unassisted, ALLOWED.shortest)
     rise = max(result.energy_rise_unassisted, result.energy_rise_assisted)
     turned = result.orientation_assisted - result.orientation_unassisted

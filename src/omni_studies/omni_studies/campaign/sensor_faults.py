@@ -1,10 +1,10 @@
 """Stops with a fault of a sensor, of two sensors or of a brake, determined by a seed.
 
 The seed draws the law, whether there is an IMU, the vehicle with its braking (`CASES`) and the
-fault. A `single` fault takes one channel; a `pair` takes two with the same kind and onset, as a
-shared supply, clock or calibration does; a `brake` fault takes the brake of one wheel, before or
-during the stop. Every eighth seed searches for the worst fault nearby by changing one
-entry after the other.
+fault. A `single` fault affects one channel. A `pair` affects two channels with the same kind and
+onset, like the failure of a shared supply, clock or calibration. A `brake` fault affects the brake
+of one wheel, before or during the stop. Every eighth seed searches for the worst similar fault by
+changing one entry after the other.
 
 Sensor faults are compared with the longer stop and the larger rotation of unassisted braking and of
 assisted braking without a fault; brake faults with unassisted braking with the same fault.
@@ -42,7 +42,8 @@ LAWS: dict[str, tuple[str, ...]] = {
 EXTENTS = ("single", "single", "pair", "brake")
 """Kinds of failures; repeated entries are drawn more often."""
 
-# Size of a fault in the unit of the channel, from and to; the last axis of the twist is a rate.
+# Smallest and largest size of a fault in the unit of the channel; "rate" is for the yaw rate of the
+# twist.
 _SIZES = {
     "twist": (0.1, 5.0),
     "rate": (0.03, 3.0),
@@ -50,10 +51,10 @@ _SIZES = {
     "accelerometer": (0.3, 15.0),
     "encoder": (0.5, 40.0),
 }
-_SHARES = ("scale", "echo")  # their size is a share
+_SHARES = ("scale", "echo")  # kinds whose size is a share
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # entries of `WheelCondition`
-# Encoders of 4096 counts; no picture is needed; a stop that takes longer has failed.
+# Encoders have 4096 counts. No lines are rendered. A stop longer than the limit has failed.
 _SETTING = (
     "feedback=velocity_sensor",
     "simulation.render_lines=false",
@@ -64,15 +65,15 @@ _SETTING = (
 
 
 class Fault(NamedTuple):
-    """A fault.
+    """A fault of sensors or a brake.
 
     Attributes:
         channel: channel of the sensors, two of them joined by ``+``, or ``brake``.
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
-        axis: axis of the channel, or the wheel; -1 for all.
-        onset: time from the pedal on [s].
-        amplitude: amplitude in the unit of the first channel; a second one has the same share of
-            its range.
+        axis: index of the axis of the channel or of the wheel; -1 for all.
+        onset: time of the fault after the pedal goes down [s].
+        amplitude: amplitude in the unit of the first channel; that of a second channel has the same
+            share of its range.
         period: period of a ramp, sine or delay [s].
     """
 
@@ -105,22 +106,22 @@ class Stop(NamedTuple):
 
     Attributes:
         seed: seed of the run.
-        law: entries of `Setting`; `imu` is 0 or 1.
-        imu: as above.
-        case: as above.
-        extent: one of `EXTENTS`.
-        channel: entries of `Fault`.
-        kind: as above.
-        axis: as above.
-        onset: as above [s].
-        amplitude: as above.
-        period: as above [s].
+        law: law of the setting.
+        imu: whether there is an IMU, 0 or 1.
+        case: vehicle with its braking, one of `CASES`.
+        extent: extent of the fault, one of `EXTENTS`.
+        channel: faulty channels, as in `Fault`.
+        kind: kind of the fault, as in `Fault`.
+        axis: index of the faulty axis or wheel, -1 for all.
+        onset: time of the fault after the pedal goes down [s].
+        amplitude: amplitude of the fault, in the unit of the first channel.
+        period: period of a ramp, sine or delay [s].
         counted: whether the reference comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
-        distance: ratio to the reference [1].
-        rotation: excess over the reference [deg].
-        assisting: whether brakes were still released 0.5 s after the onset, or the stop was over by
-            then, 0 or 1.
+        distance: stopping distance over that of the reference [1].
+        rotation: rotation minus that of the reference [deg].
+        assisting: whether brakes were still released 0.5 s after the onset or the stop had already
+            ended, 0 or 1.
     """
 
     seed: int
@@ -151,9 +152,9 @@ class FaultyStops:
 
     Args:
         library: library of experiments and vehicles.
-        changes: changes of every assistant and vehicle, as ``dotted.key=value``; a law among them
-            is the only one then.
-        searched: how many seeds there are for each one that searches for the worst fault nearby.
+        changes: changes of every assistant and vehicle, as ``dotted.key=value``; if they name a
+            law, only this law is run.
+        searched: number n; every n-th seed searches for the worst similar fault.
         steps: number of faults that a search tries.
     """
 
@@ -183,7 +184,7 @@ class FaultyStops:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything that the stops depend on besides their seeds."""
+        """Digest of everything except the seeds on which the stops depend."""
         drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
@@ -246,7 +247,7 @@ class FaultyStops:
         wheels = len(self._bases[setting, True].vehicle.wheels)
         onset = round(float(random.uniform(-0.2, 1.2)), 2)
         if random.random() < 0.2:
-            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # while driving
+            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # before the pedal goes down
         if extent == "brake":
             kind = str(random.choice(_BRAKES))
             before = random.random() < 0.5
@@ -259,7 +260,8 @@ class FaultyStops:
             channel, axis = "+".join(sorted(map(str, pair))), int(random.integers(-1, 3))
         else:
             channel = str(random.choice(_CHANNELS[setting.imu]))
-            # A single fault is one wheel, one gyro, but any axes of the others.
+            # A single fault affects one wheel or the gyro, but one or all axes of the other
+            # channels.
             axes = {"twist": 3, "accelerometer": 2, "gyro": 1, "encoder": wheels}[channel]
             axis = int(random.integers(0 if channel in ("encoder", "gyro") else -1, axes))
         low, high = _range(channel.split("+")[0], kind, axis)
@@ -333,7 +335,7 @@ def _reference(runs: Sequence[FastRun]) -> Reference:
 
 
 def _severity(stop: Stop) -> float:
-    """Return the severity of a stop, 1 at the limits of distance or rotation [1]."""
+    """Return the severity of a stop, which is 1 at the limit of distance or rotation [1]."""
     limit = limits(stop.extent, imu=bool(stop.imu))
     far = (stop.distance - 1.0) / ((limit.distance or 2.0) - 1.0)
     turned = stop.rotation / limit.rotation if limit.rotation else 0.0
@@ -352,9 +354,9 @@ class Limits(NamedTuple):
     """Limits of a kind of fault; None without a limit.
 
     Attributes:
-        distance: ratio to the reference [1].
-        rotation: excess over the reference [deg].
-        assisting: share of stops with continued assistance [%].
+        distance: largest ratio of the distance to that of the reference [1].
+        rotation: largest excess of the rotation over that of the reference [deg].
+        assisting: largest share of stops with continued assistance [%].
     """
 
     distance: float | None
@@ -372,11 +374,11 @@ def limits(extent: str, *, imu: bool) -> Limits:
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
-    """Return the change of orientation [deg] on ``straight_line`` if the twist is lost for good.
+    """Return the change of orientation on ``straight_line`` if the twist drops out for good [deg].
 
     Args:
-        stops: runs the stop.
-        onset: time from the pedal on [s].
+        stops: campaign that runs the stop.
+        onset: time of the drop-out after the pedal goes down [s].
     """
     setting = Setting(stops._laws[0], True, "straight_line")
     stop = stops.run(setting, Fault("twist", "drop_out", -1, onset, 0.0, 0.1))

@@ -1,8 +1,8 @@
 """Error models of the sources of a body twist.
 
-A model adds white noise and a constant scale error, delays and samples the true twist, and has no
-measurement above its largest speed or for a lost sample. The basis of the numbers is given with
-them. Wheel odometry and dead reckoning are no error models: they use the simulated encoders and
+A model samples and delays the true twist and adds white noise and a constant scale error. It has no
+measurement above its largest speed and for lost samples. Each model states the basis of its
+numbers. Wheel odometry and dead reckoning are no error models: they use the simulated encoders and
 IMU.
 """
 
@@ -28,7 +28,7 @@ class Source:
     Attributes:
         label: label for tables.
         basis: source of the numbers.
-        kind: error model, wheel odometry, or wheel odometry before braking and none after.
+        kind: error model, wheel odometry, or wheel odometry that ends with the start of braking.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
         relative: standard deviation per speed [1].
@@ -60,7 +60,7 @@ _LINES = "studies integrity (1024 px), accuracy and covariance (fewer): RMSE and
 def _pair(
     label: str, basis: str, sensors: int, linear: float, lever: float = 0.4, **changes: float
 ) -> Source:
-    """Return flow sensors at a lever [m], combined to mean velocity and yaw rate."""
+    """Return a source of several flow sensors, whose lever about the center is `lever` [m]."""
     shared = linear / math.sqrt(sensors)
     return Source(label, basis, linear=shared, turning=shared / lever, **changes)  # type: ignore[arg-type]
 
@@ -156,7 +156,7 @@ class SourceEstimator:
         self._sampled_ns = -(10**18)
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest received measurement; an unmeasured one at first."""
+        """Return the latest received measurement, an unmeasured one before the first."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
             self._sampled_ns = now_ns

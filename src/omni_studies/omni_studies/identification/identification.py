@@ -2,11 +2,11 @@
 
 A candidate is a vector of the `QUANTITIES`: masses and their positions, distances of the wheels,
 brake torque, motion at the start of braking, and friction. Other values, such as the tire of Table
-1, are assumed. `evaluate` runs the five cases of Table 2 with it in the fast loop; the cost is the
-sum of the squared deviations in tolerances, so that a cost below 1 means that all ten numbers are
+1, are assumed. `measure` runs the five cases of Table 2 with a candidate in the fast loop. The cost
+is the sum of the squared deviations in tolerances, so a cost below 1 means that all ten numbers are
 within their tolerance.
 
-The vehicle moves along the world's y axis, up the page as in Figure 43, and braking starts with
+The vehicle moves along the world's y axis, which points up in Figure 43, and braking starts with
 `base_link` at the origin.
 """
 
@@ -38,7 +38,7 @@ class Quantity:
         high: largest value.
         step: step of the sensitivities.
         decimals: decimals of the rounded value in a configuration file.
-        description: one line.
+        description: description in one line.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Quantity:
     description: str
 
     def near(self, center: float, share: float = 0.1) -> tuple[float, float]:
-        """Return the range of the refinement: `share` of the whole to either side of a value."""
+        """Return the range of the refinement: `share` of the whole range around `center`."""
         reach = share * (self.high - self.low)
         return max(center - reach, self.low), min(center + reach, self.high)
 
@@ -114,7 +114,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     vehicle = dataclasses.replace(
         base.vehicle,
         wheels=wheels,
-        chassis_length=round(p["wheelbase"] + 0.4, 2),  # the wheels' diameter
+        chassis_length=round(p["wheelbase"] + 0.4, 2),  # plus the wheels' diameter
         chassis_width=round(p["track"] + 0.2, 2),
         body=MassConfiguration(
             mass=p["body_mass"], height=p["height"], yaw_inertia=p["body_inertia"]
@@ -195,7 +195,7 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
     return {name: measured[name] for name in table_2.REFERENCES}
 
 
-_SKIPPED = 100.0  # cost of a case that is not worth running
+_SKIPPED = 100.0  # cost of a case that is not run
 
 
 def unsound(vehicle: VehicleConfiguration) -> float:
@@ -227,9 +227,9 @@ def cost(
     Args:
         bases: the variants of ``turn_while_translate`` by case.
         parameters: parameters by the names of `QUANTITIES`.
-        exponent: even; a larger one gives more weight to the largest deviation.
+        exponent: even exponent; a larger one gives more weight to the largest deviation.
         sound: whether vehicles that are `unsound` get a higher cost than all others.
-        hopeless: mean cost of some cases beyond which the next ones are not run [1].
+        hopeless: mean cost per case above which the remaining cases are not run [1].
     """
     total = 0.0
     if sound:
@@ -274,11 +274,11 @@ def search(
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
-        start: a candidate near which the second search begins, in place of the first one.
+        start: candidate near which the second search begins; the first search is then omitted.
         seed: seed of every random draw.
-        generations: largest number for each search; the first ends when its cost is below 1, the
-            second when no deviation is above 0.7 tolerances.
-        refinement: largest number for the second search.
+        generations: largest number of generations of each search. The first search ends when its
+            cost is below 1, the second when no deviation is above 0.7 tolerances.
+        refinement: largest number of generations of the second search.
         sound: whether to exclude vehicles that are `unsound`.
         on_generation: called after each generation with its number in the current search and the
             lowest cost so far.
@@ -286,7 +286,7 @@ def search(
     Returns:
         The best candidate found, by the names of `QUANTITIES`.
     """
-    from scipy.optimize import OptimizeResult, differential_evolution  # heavy
+    from scipy.optimize import OptimizeResult, differential_evolution  # slow import
 
     def evolve(
         box: Sequence[tuple[float, float]], exponent: int, good_enough: float, longest: int

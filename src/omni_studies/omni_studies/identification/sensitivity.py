@@ -46,12 +46,12 @@ class Sensitivity:
 
     @property
     def in_tolerances(self) -> quantities.FloatArray:
-        """Slope over the tolerance of each number [1 per step], shape (10, P)."""
+        """Slope divided by the tolerance of each number [1 per step], shape (10, P)."""
         tolerance = np.array([table_2.tolerance(name) for name in self.numbers])
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return one row per parameter: its step, and slope and scatter of each number."""
+        """Return columns, one row per parameter: its step, and slope and scatter of each number."""
         return {
             "parameter": list(self.parameters),
             "step": [quantity.step for quantity in QUANTITIES],
@@ -84,7 +84,7 @@ def sensitivities(
             if np.all(np.isfinite(row)):
                 offsets.append(float(offset))
                 values.append(row)
-        if len(offsets) > 2:  # otherwise there is no line
+        if len(offsets) > 2:  # a line needs more than two points
             fit, residues, *_ = np.polyfit(offsets, values, 1, full=True)
             slope[:, column] = fit[0]
             scatter[:, column] = np.sqrt(residues / (len(offsets) - 2))
@@ -109,8 +109,8 @@ class Assumption(NamedTuple):
     Attributes:
         name: name of the change.
         overrides: overrides of the experiment.
-        sought: parameters of the search that are set to the value of another.
-        patch_width: patch width of the slippery patch, over its own [1].
+        sought: pairs of parameters of the search; the first is set to the value of the second.
+        patch_width: factor on the width of the slippery patch [1].
     """
 
     name: str
@@ -159,7 +159,7 @@ def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[s
     """Yield the ten numbers of a candidate for each of `ASSUMPTIONS`.
 
     Args:
-        library: where the experiment is.
+        library: library with the experiment.
         parameters: the candidate, by the names of `identification.QUANTITIES`.
     """
     for _, overrides, sought, patch_width in ASSUMPTIONS:

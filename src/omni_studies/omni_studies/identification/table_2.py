@@ -26,7 +26,8 @@ REFERENCES: dict[str, float] = {
 def tolerance(name: str) -> float:
     """Return the tolerance of a number in its unit.
 
-    An orientation change by 5 % or 2 deg, whichever is larger; a stopping distance by 3 %.
+    The tolerance is 5 % or 2 deg of an orientation change, whichever is larger, and 3 % of a
+    stopping distance.
 
     Args:
         name: one of `REFERENCES`.
@@ -61,8 +62,8 @@ def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
         measured: all of `REFERENCES` in their units.
 
     Returns:
-        Every number with its reference and the upper end of its tolerance as its limit, and as
-        ``<quantity>_deviation.<case>`` the magnitude of its deviation, limited by the tolerance.
+        Every number with its reference and, as its limit, the upper end of its tolerance. The
+        magnitude of its deviation is ``<quantity>_deviation.<case>``, limited by the tolerance.
     """
     result: dict[str, Metric] = {}
     for name, reference in REFERENCES.items():

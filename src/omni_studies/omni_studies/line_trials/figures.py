@@ -21,14 +21,14 @@ _NORM, _COLORS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
 
 
 class Scale(NamedTuple):
-    """A parameter along an edge of a map: its label, and evenly spaced values."""
+    """An axis of a map: label and evenly spaced values of a parameter."""
 
     label: str
     values: Sequence[float]
 
 
 def view_lengths(lengths: Sequence[float]) -> Scale:
-    """Return the scale of lengths of a field of view [m]."""
+    """Return the axis for lengths of a field of view [m]."""
     return Scale("length of field of view [mm]", [1e3 * length for length in lengths])
 
 
@@ -44,9 +44,9 @@ def draw_error_maps(
 
     Args:
         title: title of the figure.
-        rows: maps of the mean magnitude of (84) [px] by their titles, shape (y, x).
-        overlap: overlap of consecutive lines, same shape, 0..1.
-        scales: along x and y; by default those of `view_grid`.
+        rows: rows of maps by title; a map is the mean magnitude of Eq. (84) [px], shape (y, x).
+        overlap: overlap of consecutive lines, 0..1, shape (y, x).
+        scales: axes along x and y; by default those of `view_grid`.
         levels: levels of the lines of equal overlap.
         grounds: picture at the beginning of each row, by title.
     """
@@ -84,7 +84,7 @@ def _draw_map(
     axes.grid(False)
     axes.pcolormesh(x, y, error, cmap=_COLORS, norm=_NORM, shading="nearest")
     lines = axes.contour(x, y, overlap, levels=list(levels), colors=BLACK, linewidths=1.0)
-    # Readable on the darkest shade too.
+    # Readable also on the darkest shade.
     lines.set_path_effects([withStroke(linewidth=2.4, foreground="white")])
     for text in axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %"):
         text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])

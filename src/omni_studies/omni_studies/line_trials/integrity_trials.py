@@ -1,7 +1,7 @@
 """Drives over grounds with faulty line cameras, and the errors of every camera and batch.
 
-A drive is rendered once, converted to lines by every faulty camera, and processed by a new
-odometry, so that the odometry estimates properties of a camera only within the drive.
+A drive is rendered once and converted to lines by every faulty camera. A new odometry processes
+each drive, so that it estimates properties of a camera only within this drive.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time for the path until a time [s] at the initial twist [s]."""
+        """Return the times [s] in which the initial twist covers the path up to given times [s]."""
         return time + 0.5 * self.growth * time**2
 
 
@@ -72,7 +72,7 @@ class Fault:
         camera: optics and pixels of the cameras.
         rate: configured line rate over the true one [1].
         lost: period of missing lines [lines]; 0 for none.
-        swapped: period of batches delivered in the wrong order [batches]; 0 for none.
+        swapped: period of batches that arrive in the wrong order [batches]; 0 for none.
         repeated: period of batches that replace the next one [batches]; 0 for none.
         repeats: whether the ground is periodic within the field of view.
     """
@@ -117,7 +117,7 @@ class Ground:
         angle: angle of the driving direction from the texture's x (the grain) [rad]; NaN for any.
         dpi: dots per inch on the ground of a picture.
         seed: seed of a kind's pattern.
-        texels: texels of a kind, per period of 0.2 m: two a pixel of 1024 px on 50 mm.
+        texels: texels per period of 0.2 m for a kind; 8192 are two per pixel of 1024 px on 50 mm.
     """
 
     kind: str
@@ -127,7 +127,7 @@ class Ground:
     texels: int = 8192
 
     def texture(self) -> GroundTexture:
-        """Return its texture configuration."""
+        """Return the configuration of the ground's texture."""
         if self.dpi > 0.0:
             return read_picture(self.kind, self.dpi)
         return rig.ground(self.kind, self.texels, self.seed)
@@ -140,7 +140,7 @@ class Tally:
     Attributes:
         ratio: error of the velocity along the axis over its stated deviation, NaN where it was
             not measured, shape (m,).
-        error: error of that velocity [m/s], shape (m,).
+        error: error of the velocity along the axis [m/s], shape (m,).
         reasons: reasons of unmeasured batches, and remarks on measured ones.
     """
 
@@ -185,7 +185,7 @@ def drive_over(
     view = _Views(ground, tuple(sensors.items()), seed)
     texture = _texture(ground)
     clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
-    # They only develop what the others have seen: a coarse ground is laid out sooner.
+    # These cameras only convert exposures of the others, so a coarse ground is sufficient.
     gray = np.ascontiguousarray(texture.gray[::16, ::16])
     coarse = GroundTexture(gray, texture.size)
     key = np.random.SeedSequence(seed)
@@ -238,7 +238,7 @@ def _texture(ground: Ground) -> GroundTexture:
 
 @functools.lru_cache(2)
 def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
-    """Return cameras without faults, over the ground or over one that repeats itself."""
+    """Return fault-free cameras over the ground, or over its beginning repeated periodically."""
     texture = _texture(view.ground)
     return LineCameraArray(
         dict(view.sensors),
@@ -249,7 +249,7 @@ def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
 
 
 def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:
-    """Return a ground that repeats the beginning of another with a period [m]."""
+    """Return a ground that repeats the beginning of `texture` with a period [m]."""
     texels, times = round(period / texture.texel), math.ceil(0.06 / period)
     return GroundTexture(np.tile(texture.gray[:texels, :texels], (times, times)), times * period)
 

@@ -11,7 +11,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture
 
-_EXPERIMENT = "straight_line"  # lends everything but its ground
+_EXPERIMENT = "straight_line"  # base of the experiment; only its ground is changed
 _DPI = 1200.0
 
 
@@ -33,7 +33,7 @@ def noise_option(noise: float = 1.0) -> Any:
 
 
 class LineOptions(Configuration):
-    """Grounds, distance, number of pairs, noise and seed."""
+    """Grounds, similarity metric, number of pairs of lines, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("cork")
     metric: str = parameter("pearson", choices=tuple(METRICS))
@@ -47,7 +47,7 @@ class LineOptions(Configuration):
 
     @property
     def kinds(self) -> list[str]:
-        """The grounds, each once."""
+        """Names of the grounds without repetition."""
         return list(dict.fromkeys(self.ground))
 
 
@@ -58,7 +58,7 @@ def grounds_option(*grounds: str) -> Any:
 
 
 def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
-    """Declare the number of random positions; `run` describes the measurement at each."""
+    """Declare the number of random positions; `run` describes the measurement at a position."""
     return parameter(runs, description=f"random places {run}", minimum=1, maximum=1000)
 
 
@@ -76,10 +76,10 @@ class TextureOptions(Configuration):
 
 
 def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str, GroundTexture]:
-    """Return the grounds to look at, by name.
+    """Return the grounds of a study by name.
 
     Raises:
-        ConfigurationError: names the ground and what is wrong.
+        ConfigurationError: a ground is invalid; the message names the ground and the reason.
     """
     cache = TextureCache.of_user()
     grounds: dict[str, GroundTexture] = {}

@@ -29,7 +29,7 @@ MOTION = trials.Motion(rig.View(), 12.0, math.radians(89.0))
 
 
 def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
-    """Return 12 m/s at 89 deg to an axis [rad], 2500 lines/s, for every shape and length."""
+    """Return `MOTION` for all shapes and lengths of the view, with an `axis` [rad]."""
     return [
         dataclasses.replace(MOTION, view=rig.View(length=length, width=shape * length), axis=axis)
         for shape in SHAPES
@@ -38,11 +38,11 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the smallest overlap above which every view has at least a share of right pairs.
+    """Return the smallest overlap above which all views have the required share of right pairs.
 
     Args:
         overlap: overlap of each view.
-        right: share of its pairs that are right.
+        right: share of right pairs of each view.
         share: required share.
 
     Returns:
@@ -63,9 +63,9 @@ def write_matches(
 
     Args:
         path: path of the file.
-        names: column names of the parts of a case.
+        names: column names for the parts of a case.
         motions: the motions.
-        cases: the matches of each motion, by case: a tuple of its parts.
+        cases: matches of each motion by case; a case is the tuple of its parts.
     """
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",

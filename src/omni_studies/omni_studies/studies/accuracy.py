@@ -28,11 +28,11 @@ _VIEWS = {
     335: View(335, 0.05, 0.0025),
     128: View(128, 0.05, 0.0195),
 }
-_NOISES = (1, 2, 5)  # gray levels
-_JUDGED_NOISE = 2  # up to which the ratio has a limit
+_NOISES = (1, 2, 5)  # noises [gray levels]
+_JUDGED_NOISE = 2  # largest noise at which the ratio has a limit
 _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
-_FARTHEST = 0.25  # displacement over length
+_FARTHEST = 0.25  # largest displacement over length of the line
 _LARGEST_LOCKING = 0.02  # px
 
 
@@ -42,14 +42,14 @@ class Case:
 
     Attributes:
         pixels: pixels of a line.
-        noise: [gray levels].
-        ground: its kind.
-        metric: name of the distance.
+        noise: standard deviation of the noise [gray levels].
+        ground: kind of the ground.
+        metric: similarity metric of the search.
         fraction: fraction of the true displacements [px], shape (m,).
-        error: unrounded [px], shape (m,).
-        wrong: share of pairs that are off by a pixel or more, Eq. (84).
+        error: unrounded error [px], shape (m,).
+        wrong: share of pairs with an error of a pixel or more, Eq. (84).
         bound: smallest possible variance [px^2], shape (m,).
-        variance: as stated by the refinement [px^2], shape (m,).
+        variance: variance stated by the refinement [px^2], shape (m,).
     """
 
     pixels: int
@@ -64,7 +64,7 @@ class Case:
 
     @property
     def over_bound(self) -> float:
-        """RMS of the errors, each over its own bound [1]."""
+        """RMS of the errors, each divided by the square root of its bound [1]."""
         return math.sqrt(float(np.mean(self.error**2 / self.bound)))
 
     @property
@@ -84,7 +84,7 @@ class Case:
 
 
 class Options(Configuration):
-    """Cases and the number of pairs."""
+    """Cases and number of pairs of lines."""
 
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """distance between lines"""
@@ -118,13 +118,13 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
-    """Render and match pairs of lines at random displacements with evenly spread fractions.
+    """Return a case: rendered pairs of lines at random displacements, and their matches.
 
     Args:
-        pixels: pixels of a line; gives the field of view, too.
+        pixels: pixels of a line, which also determine the field of view.
         noise: standard deviation [gray levels].
         kind: kind of ground.
-        options: distance, number of pairs, and seed of positions, displacements and noise.
+        options: similarity metric, number of pairs, and seed of positions, displacements and noise.
     """
     view, pairs, seed = _VIEWS[pixels], options.pairs, options.seed
     generator = np.random.default_rng([seed, pixels, noise])
@@ -158,7 +158,7 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
     Args:
         fraction: fraction of the true displacements [px], evenly spread, shape (m,).
-        error: error of the measured ones [px], shape (m,).
+        error: error of the measured displacements [px], shape (m,).
 
     Returns:
         The largest magnitude of ``a sin 2 pi f + b sin 4 pi f``, fitted to the errors.
@@ -167,8 +167,8 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
 
 def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return fractions and the fitted bias at each [px]."""
-    # By symmetry the pull vanishes at whole and half pixels and is odd in the fraction.
+    """Return fractions of a pixel and the fitted bias at each [px]."""
+    # By symmetry the bias vanishes at whole and half pixels and is odd in the fraction.
     place = np.linspace(0.0, 1.0, 201)
     curve = np.zeros_like(place)
     for harmonic in (1, 2):

@@ -33,25 +33,28 @@ LAWS: dict[str, tuple[str, ...]] = {
 
 
 class BoundTrial(NamedTuple):
-    """A stop under each of the `LAWS`, and its bounds.
+    """Results of a stop under each of the `LAWS`, with the bounds.
 
     Attributes:
         seed: seed of the braking.
-        vehicle: name of its file.
+        vehicle: name of the vehicle's file.
         any_heading: bound of the path of the center of gravity, or its upper estimate [m].
         any_heading_slack: tolerance of the bound, NaN if the estimate was sufficient [m].
         straight: bound of the distance of a stop that keeps heading and line, or its upper
             estimate; NaN if there is none or no run has kept them [m].
-        straight_slack: tolerance of `straight`, NaN if the estimate was sufficient [m].
+        straight_slack: tolerance of the bound `straight`, NaN if the estimate was sufficient [m].
         path_unassisted: path of the center of gravity with all brakes on [m].
-        path_sliding_mode: path with `sliding_mode` [m].
-        path_allocation_on_off: path with `allocation` on on-off brakes [m].
-        path_allocation: path with `allocation` on proportional brakes [m].
-        kept_unassisted: stopping distance with all brakes on; NaN if heading or line deviated by
-            half a degree [m].
-        kept_sliding_mode: such a distance with `sliding_mode` [m].
-        kept_allocation_on_off: such a distance with `allocation` on on-off brakes [m].
-        kept_allocation: such a distance with `allocation` on proportional brakes [m].
+        path_sliding_mode: path of the center of gravity with `sliding_mode` [m].
+        path_allocation_on_off: path of the center of gravity with `allocation` on on-off brakes
+            [m].
+        path_allocation: path of the center of gravity with `allocation` on proportional brakes [m].
+        kept_unassisted: stopping distance with all brakes on [m]; NaN if heading or line deviated
+            by half a degree.
+        kept_sliding_mode: stopping distance with `sliding_mode` [m], NaN as for `kept_unassisted`.
+        kept_allocation_on_off: stopping distance with `allocation` on on-off brakes [m], NaN as for
+            `kept_unassisted`.
+        kept_allocation: stopping distance with `allocation` on proportional brakes [m], NaN as for
+            `kept_unassisted`.
     """
 
     seed: int
@@ -74,7 +77,7 @@ class BoundTrials:
     """Runs a seed under every law; sent to the workers.
 
     Args:
-        library: where the vehicles are.
+        library: library with the vehicles.
     """
 
     def __init__(self, library: ExperimentLibrary) -> None:
@@ -129,12 +132,12 @@ def _straight(
 
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
     """Return the poses from the start of braking on, shape (T, 3)."""
-    ramp = experiment.maneuver.pedal_ramp_time > 0.0  # at whose start the pedal is still up
+    ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
     return run.pose[run.brake_start - int(ramp) :]
 
 
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
-    """Return the motion at the start of braking; a residual yaw rate of the drive is set to 0."""
+    """Return the motion at the start of braking, without a residual yaw rate of the drive."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
@@ -153,9 +156,9 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
 
 
 def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Maneuver) -> float:
-    """Return the stopping distance of a run that keeps heading and line throughout, else NaN [m].
+    """Return the stopping distance [m] if a run keeps heading and line throughout, else NaN.
 
-    A vehicle may leave its line to avoid low friction and return.
+    All stamps are checked, because a vehicle may leave its line to avoid low friction and return.
     """
     pose = _braking(run, experiment)
     path = pose[:, :2] - pose[0, :2]
@@ -183,7 +186,7 @@ class Options(CampaignOptions):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Run the stops, and count those below a bound by more than its tolerance."""
+    """Run the stops, and count those that are shorter than a bound by more than its tolerance."""
     work = BoundTrials(study.experiments)
     seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
     stops = study.campaign(work, seeds, BoundTrial, options, work.fingerprint)
@@ -211,7 +214,7 @@ def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
 
 
 def below(stops: Sequence[BoundTrial], bound: str) -> int:
-    """Return the number of runs below a bound by more than its tolerance.
+    """Return the number of runs that are shorter than a bound by more than its tolerance.
 
     Args:
         stops: the runs.

@@ -1,9 +1,9 @@
 """The experiments of section 3.6, every variant run in one process: Figures 30 to 48.
 
 A figure of the dissertation is written as ``figure_<number>.png`` with its data in
-``figure_<number>.csv``. The dissertation's assistant uses the twist alone; ours also compares it
-with IMU and wheel speeds. If an experiment uses these, the assisted variant is repeated without
-them, as ``<variant>_twist_alone``.
+``figure_<number>.csv``. The dissertation's assistant uses only the twist, while this one also
+compares it with IMU and wheel speeds. If an experiment uses these, the assisted variant is repeated
+without them, as ``<variant>_twist_alone``.
 """
 
 import dataclasses
@@ -70,7 +70,7 @@ class ExperimentRuns:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of every variant with its largest error, by ``<quantity>.<variant>``."""
+        """Metrics of every variant, and its largest error, by ``<quantity>.<variant>``."""
         by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
         metrics = {
             f"{quantity}.{name}": by_variant[name][quantity]
@@ -94,12 +94,12 @@ def run_experiment(
 ) -> ExperimentRuns:
     """Run every variant of an experiment in one process.
 
-    On the velocity sensor that is the fast loop; on optical feedback the loop with its cameras.
+    With the velocity sensor the fast loop runs, with optical feedback the loop with cameras.
 
     Args:
-        library: where the experiment is.
-        experiment: its name.
-        overrides: ``dotted.key=value`` texts, laid over every variant.
+        library: library with the experiment.
+        experiment: name of the experiment.
+        overrides: ``dotted.key=value`` texts, applied to every variant.
 
     Raises:
         ConfigurationError: a name, key or value does not fit.
@@ -127,11 +127,11 @@ def run_experiment(
 def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
     """Return the overrides that turn ``straight_line`` into the dissertation's experiment.
 
-    They set the identified vehicle and ground, and a velocity sensor.
+    The overrides set the identified vehicle and ground, and a velocity sensor.
 
     Args:
-        library: where the experiments are.
-        vehicle: name of another vehicle.
+        library: library with the experiments.
+        vehicle: name of a vehicle to use instead of the identified one.
     """
     ground = library.load("turn_while_translate", "unassisted").ground
     return [f"vehicle={vehicle}", f"ground.friction={ground.friction}", "feedback=velocity_sensor"]
@@ -141,7 +141,7 @@ Options = LoopOptions
 
 
 class _StraightLine(LoopOptions):
-    """The vehicle, and overrides of the experiment."""
+    """Options of ``straight_line``: vehicle and overrides of the experiment."""
 
     vehicle: str = parameter(VEHICLE)
     """a file of config/vehicles/"""
@@ -234,9 +234,9 @@ def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
 def _over_one_another(
     runs: Mapping[str, tuple[RunHistory, FloatArray]], title: str, labels: Sequence[str]
 ) -> Figure:
-    """Draw values of two runs, shape (T, K), with one row of axes for each of the K labels."""
+    """Draw values (T, K) of two runs over time, with one row of axes for each of the K labels."""
     figure, panels = _rows(title, labels)
-    # The second is thin, so that the first stays visible.
+    # The second line is thin, so that the first one stays visible.
     looks: tuple[dict[str, Any], ...] = (
         {"color": style.BLUE, "linewidth": 2.2, "zorder": 3},
         {"color": style.VERMILLION, "linewidth": 0.9, "zorder": 4},
@@ -260,7 +260,7 @@ def _rows(title: str, labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
 def _finish(
     panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int = 2, before: float = 0.2
 ) -> None:
-    """Set a time axis from `before` braking [s], mark its start and explain the first panels."""
+    """Set a time axis that begins `before` braking [s], mark the start, and add the legends."""
     low = max(-before, min(float(run.braking_time[0]) for run in runs))
     high = max(float(run.braking_time[-1]) for run in runs)
     for place, axes in enumerate(panels):
@@ -274,7 +274,7 @@ def _finish(
 def _stacked(
     histories: Mapping[str, RunHistory], columns: Callable[[RunHistory], Mapping[str, Any]]
 ) -> dict[str, Any]:
-    """Return the columns of several runs, concatenated."""
+    """Return the columns of several runs below each other."""
     tables = [{data_table.TIME: run.braking_time, **columns(run)} for run in histories.values()]
     names = [name for name, run in histories.items() for _ in run.stamp_ns]
     return {"variant": names} | {

@@ -1,7 +1,7 @@
 """Contrast and correlation over the width of the field of view (Figure 69).
 
-20 m/s at 45 deg, 2500 lines/s, 50 mm long: a wider view averages the texture and has a larger
-overlap from line to line.
+The camera moves at 20 m/s and 45 deg to its axis, with 2500 lines/s of 50 mm length. A wider field
+of view averages the texture and has a larger overlap from line to line.
 """
 
 import dataclasses
@@ -21,9 +21,9 @@ from omni_tools.line_trials.rig import View, camera, cameras, ground
 from omni_tools.line_trials.trials import Motion, every_second, match, path
 
 _LENGTH = 0.05  # m
-# The widest is half of the ground's period: a view of all of it would see the same again.
+# The widest view is half of the ground's period; a view of the whole period would repeat itself.
 _SHAPES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0)
-_NARROW, _WIDE = 0.2, 1.0  # of the two pairs of lines that are drawn
+_NARROW, _WIDE = 0.2, 1.0  # shapes of the two drawn pairs of lines
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
 
 
@@ -32,12 +32,12 @@ class Trial:
     """Results of one width.
 
     Attributes:
-        shape: width over length.
+        shape: width over length of the field of view.
         overlap: overlap of two lines, 0..1.
         contrast: standard deviation along the line without noise [gray levels].
         correlation: correlation at the true displacement, rounded, without noise.
-        right_share: share of pairs that are right within a pixel.
-        rmse: root mean square error of refined displacements of these pairs [px].
+        right_share: share of pairs with an error of at most a pixel.
+        rmse: root mean square error of the refined displacements of these right pairs [px].
         errors: errors of all pairs, under `ERROR_COLUMNS`.
     """
 
@@ -51,7 +51,7 @@ class Trial:
 
 
 class Options(LineOptions):
-    """Grounds, distance, pairs, noise and seed."""
+    """Grounds, similarity metric, pairs of lines, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("stone", "cork", "asphalt")
     pairs: int = pairs_option(100)
@@ -135,7 +135,7 @@ def _pairs(grays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
-    """Return Pearson's correlation (81) at a positive shift."""
+    """Return Pearson's correlation, Eq. (81), of two lines at a positive shift."""
     return float(np.corrcoef(new[: len(new) - shift], old[shift:])[0, 1])
 
 

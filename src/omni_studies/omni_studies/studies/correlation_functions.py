@@ -1,7 +1,8 @@
 """Distance over shift on three grounds (Figure 68).
 
-20 m/s at 45 deg, 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5 gray levels. The distances are
-evaluated with `scipy.spatial.distance` at every shift, independent of the search of the odometry.
+The camera moves at 20 m/s and 45 deg to its axis: 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5
+gray levels. The distance metrics are evaluated with `scipy.spatial.distance` at every shift,
+independent of the search of the odometry.
 """
 
 import dataclasses
@@ -24,7 +25,7 @@ from omni_tools.line_trials.trials import path
 
 _VIEW = View()
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
-_PROMINENCE = 0.1  # of a local minimum, over the range of the curve
+_PROMINENCE = 0.1  # least depth of a minimum over the range of the curve
 
 _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
     "pearson": distance.correlation,  # Eq. (81)
@@ -38,12 +39,12 @@ _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """Distances of a pair of lines.
+    """Distance of two lines as a function of the shift.
 
     Attributes:
-        shift: [px], shape (m,).
-        distance: distance at each, shape (m,).
-        truth: displacement [px].
+        shift: shifts [px], shape (m,).
+        distance: distance at each shift, shape (m,).
+        truth: true displacement [px].
     """
 
     shift: FloatArray
@@ -54,7 +55,7 @@ class Curve:
     def minima(self) -> int:
         """Number of minima with a depth of at least a tenth of the curve's range."""
         prominence = _PROMINENCE * float(np.ptp(self.distance))
-        padded = np.pad(-self.distance, 1, mode="minimum")  # the ends may be minima, too
+        padded = np.pad(-self.distance, 1, mode="minimum")  # the ends may be minima as well
         return len(find_peaks(padded, prominence=prominence)[0])
 
     @property
@@ -71,12 +72,12 @@ class Curve:
 
     @property
     def error(self) -> float:
-        """Deepest minimum less the true displacement [px]."""
+        """Shift of the deepest minimum minus the true displacement [px]."""
         return float(self.shift[np.argmin(self.distance)]) - self.truth
 
 
 class Options(LineOptions):
-    """Grounds, distance, pairs, noise and seed."""
+    """Grounds, similarity metric, pairs of lines, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("stone", "asphalt", "cork")
     pairs: int = pairs_option(20)
@@ -124,10 +125,10 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
     """Return the distance of two lines per overlapping pixel at all shifts.
 
     Args:
-        old: a line, shape (n,).
-        new: the line after it, shape (n,).
+        old: first line, shape (n,).
+        new: next line, shape (n,).
         truth: displacement between them [px].
-        metric: name of the distance.
+        metric: similarity metric, one of the distances.
         limit: largest shift [px].
     """
     n = len(new)

@@ -1,11 +1,11 @@
 """Consistency of the twist's error with its covariance, over grounds, line cameras and motions.
 
-Three line cameras on a circle, along its tangents. The error squared of the twist, divided by its
-expectation from the covariance, has the mean 1 for a correct covariance. Speeds are shares of the
-largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are comparable.
+Three line cameras look along the tangents of a circle. For a correct covariance, the squared error
+of the twist, divided by its expectation from the covariance, has the mean 1. Speeds are shares of
+the largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are comparable.
 
-Cross-validation over grounds: a factor on the variances is fitted on all grounds but one, and
-evaluated on that one. The odometry itself has no factor.
+In a cross-validation over grounds, a factor on the variances is fitted on all grounds but one and
+evaluated on the remaining one. The odometry itself has no such factor.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from omni_tools.line_trials.twist_trials import TwistTrial, drive
 from omni_tools.placement.common_placements import tangential
 
 _GROUNDS = ("cork", "asphalt", "stone")
-# Two texels a pixel.
+# Grounds with two texels per pixel.
 _HARDER = dict.fromkeys((
     "worn_asphalt", "concrete", "wet_concrete", "gravel", "grass", "sand", "bark", "brick",
     "cobble",
@@ -42,8 +42,8 @@ _CAMERAS = {
     ),
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
 }
-# (v_x, v_y) as shares of the largest sideways speed, and the lateral share of a point on the circle
-# that turning adds.
+# v_x, v_y and the speed of a point on the cameras' circle by turning, as shares of the largest
+# sideways speed.
 _MOTIONS = {
     "at rest": (0.0, 0.0, 0.0),
     "creeping": (0.001, 0.0, 0.0005),
@@ -54,19 +54,19 @@ _MOTIONS = {
     "in a curve": (0.25, 0.0, 0.05),
     "spinning": (0.0, 0.0, 0.1),
 }
-_BAND = (0.8, 1.25)  # within which a covariance counts as right
-_JUDGED = "generic"  # the camera that is driven over all grounds
+_BAND = (0.8, 1.25)  # limits of the mean for a correct covariance
+_JUDGED = "generic"  # camera that is tried over all grounds
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """One camera, ground and motion, from several places in several directions.
+    """Trials of one camera, ground and motion from several starts.
 
     Attributes:
-        camera: its name.
-        ground: its kind.
-        motion: its name.
-        trials: one for each start.
+        camera: name of the camera.
+        ground: kind of the ground.
+        motion: name of the motion.
+        trials: one trial for each start (position and direction).
     """
 
     camera: str
@@ -76,12 +76,12 @@ class Case:
 
     @property
     def squares(self) -> NDArray[np.float64]:
-        """Errors squared over their expectation, of all batches."""
+        """Squared errors of the twist over their expectation [1], of all batches."""
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     @property
     def squares_of_cameras(self) -> NDArray[np.float64]:
-        """Errors squared of single cameras over their variances."""
+        """Squared errors of single cameras over their variances [1]."""
         return np.concatenate([trial.ratio**2 for trial in self.trials])
 
     @property
@@ -91,7 +91,7 @@ class Case:
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the mean by starts, as batches from one start are not independent."""
+        """Standard error of the mean over starts, as batches from one start are not independent."""
         squares = [trial.normalized_error_squared for trial in self.trials]
         means = [s.mean() for s in squares if len(s)]
         return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
@@ -141,8 +141,8 @@ class LeftOut(NamedTuple):
     """Evaluation of the variance factor of all other grounds on one ground.
 
     Attributes:
-        factor: on the variances, from the other grounds [1].
-        squared: mean error squared of single cameras over these variances on this ground [1].
+        factor: factor on the variances, fitted on the other grounds [1].
+        squared: mean squared error of single cameras over the scaled variances on this ground [1].
         coverage: share of errors within 1.96 standard deviations [%].
     """
 
@@ -152,7 +152,7 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Fit the variance factor on all grounds but one, and evaluate it on that one, for each."""
+    """Return for each ground the evaluation of the variance factor of all other grounds."""
     found: dict[str, NDArray[np.float64]] = {}
     for kind in dict.fromkeys(case.ground for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]
@@ -169,7 +169,7 @@ def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
 
 
 def _fitted(squares: list[NDArray[np.float64]]) -> float:
-    """Return the variance factor with which the mean over the grounds is 1."""
+    """Return the variance factor for which the mean over the grounds is 1."""
     means = [float(own.mean()) for own in squares if len(own)]
     return float(np.mean(means)) if means else 1.0
 
@@ -177,7 +177,7 @@ def _fitted(squares: list[NDArray[np.float64]]) -> float:
 def _drive(
     name: str, kind: str, options: Options, radius: float = 0.6, batches: int = 8
 ) -> list[Case]:
-    """Drive all motions over one ground, with three cameras of a kind on a radius [m]."""
+    """Drive all motions over one ground with three equal cameras on a circle of `radius` [m]."""
     camera = _CAMERAS[name]
     sensors = tangential(radius, camera)
     configuration = OdometryConfiguration(sensors=sensors)

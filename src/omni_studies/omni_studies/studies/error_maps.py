@@ -54,14 +54,14 @@ Found = list[tuple[Motion, Matches]]
 
 
 class Options(LineOptions):
-    """Grounds, distance, pairs, noise and seed."""
+    """Grounds, similarity metric, pairs of lines, noise and seed."""
 
     ground: tuple[str, ...] = line_options.kinds_option("stone", "cork")
     pairs: int = line_options.pairs_option(20)
 
 
 class _Views(LineOptions):
-    """Grounds, distance, pairs, noise and seed."""
+    """Options of ``field_of_view``."""
 
     ground: tuple[str, ...] = line_options.kinds_option(
         "stone", "cork", "asphalt", "walking_tile", "dry_earth", "wood"
@@ -70,21 +70,21 @@ class _Views(LineOptions):
 
 
 class _Medians(LineOptions):
-    """Grounds, distance, pairs, noise and seed."""
+    """Options of ``median``."""
 
     ground: tuple[str, ...] = line_options.kinds_option("walking_tile", "stone")
     pairs: int = line_options.pairs_option(60, fewest=GROUP)
 
 
 class _Directions(TextureOptions):
-    """Grounds, their resolution, random positions and seed."""
+    """Options of ``texture_direction``."""
 
     ground: tuple[str, ...] = line_options.grounds_option("wood")
     noise: float = line_options.noise_option()
 
 
 class _Difficult(TextureOptions):
-    """Grounds, their resolution, random positions and seed."""
+    """Options of ``difficult_textures``."""
 
     ground: tuple[str, ...] = line_options.grounds_option("metal", "plastic")
 
@@ -99,7 +99,7 @@ OPTIONS = {
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """Condition besides the ground: title of its maps, axis [rad] and noise."""
+    """Condition in addition to the ground: title of its maps, axis [rad] and noise."""
 
     title: str = ""
     axis: float = 0.0
@@ -111,11 +111,11 @@ class _Case:
     """Measurement and figure of a case.
 
     Attributes:
-        figure: number in the dissertation.
+        figure: number of the figure in the dissertation.
         title: title of the figure.
         metrics: function of a case's name and its motions with their matches.
         conditions: conditions on every ground, by name.
-        columns: number of maps in a row, that of the grounds if None.
+        columns: number of maps in a row; None for the number of grounds.
     """
 
     figure: int
@@ -201,7 +201,7 @@ def _motions(case: str, axis: float = 0.0) -> list[Motion]:
 
 
 def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
-    # At the limit itself the rounding decides whether a shift can be found.
+    # Motions exactly at the limit are omitted: rounding decides whether their shift is found.
     within = [matches for motion, matches in found if motion.overlap > _SHIFT_LIMIT]
     beyond = [matches for motion, matches in found if motion.overlap < _SHIFT_LIMIT]
     wrong, wrong_beyond = (
@@ -223,7 +223,7 @@ def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
 
 
 def _line_rates() -> tuple[Figure, dict[str, Metric]]:
-    """Draw the displacement of a vehicle between two lines; return some of its values."""
+    """Draw the displacement of a vehicle between two lines; return some values as metrics."""
     rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
     figure, grid = style.panels(
         "From one line to the next, over the line rate (Figure 54)",
@@ -255,7 +255,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
     enough = overlap >= OVERLAP
     needed = {
         "overlap_needed": (right, "95 % of pairs right"),
-        # The text's own measure is a mean over pairs, not a share of them.
+        # The dissertation uses a mean over pairs instead of a share of pairs.
         "overlap_needed_mean": ([m.mean_error <= 1.0 for _, m in found], "mean error of a pixel"),
     }
     if len(found[0][1].shift) >= GROUP:
@@ -316,7 +316,7 @@ def _odometry(
     library: ExperimentLibrary,
     key: tuple[str, ...],
 ) -> dict[str, Metric]:
-    """Return the shares of measured and of wrong batches of the odometry."""
+    """Return the share of batches that the odometry measures, and that of undetected errors."""
     variant = library.variants("straight_line")[0]
     configuration = library.load("straight_line", variant).odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
@@ -359,7 +359,7 @@ _STUDIES = {
         65,
         "12 m/s at 89 deg to the axis, 2500 lines/s, over the grain",
         _texture_metrics,
-        # For a grain along x.
+        # The grain is along x.
         {
             "parallel": _Condition("moving parallel to x (the grain)", axis=0.5 * math.pi),
             "across": _Condition("moving along y, across it"),

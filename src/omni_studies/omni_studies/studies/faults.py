@@ -1,9 +1,9 @@
 """Stops with faults of sensors and brakes: rest, stopping distance and rotation.
 
-Both laws, with and without an IMU, on several vehicles: single sensor faults, faults that two
-sensors share, and brakes that fail before or during the stop; every eighth stop is the worst of a
-local search. Sensor faults are compared with the longer stop and the larger rotation of unassisted
-and fault-free assisted braking, brake faults with all other brakes on.
+Both laws brake several vehicles, with and without an IMU. The faults are single sensor faults,
+faults that two sensors share, and brakes that fail before or during the stop. Every eighth stop is
+the worst of a local search. Sensor faults are compared with the longer stop and the larger rotation
+of unassisted and fault-free assisted braking, brake faults with all other brakes on.
 """
 
 from collections.abc import Sequence

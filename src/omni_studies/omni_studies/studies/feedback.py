@@ -1,11 +1,11 @@
 """Cost in distance and rotation of a stop with each source of the body twist.
 
-The same random stops are braked without the assistant, and with both laws and each source: ideal,
-line cameras, optical-flow chips, wheel odometry, dead reckoning, delayed and slow ones; with an IMU
-or without one. The table shows where assistance does more harm than good.
+The same random stops are braked without the assistant and with both laws and each source, with or
+without an IMU. The sources are ideal ones, line cameras, optical-flow chips, wheel odometry, dead
+reckoning, and delayed and slow ones. The table shows where assistance does more harm than good.
 
-The lines of cameras are rendered in the named stops and in the first random ones; in the others an
-error model stands for the cameras.
+The lines of the cameras are rendered in the stops of the named experiments and in the first random
+stops. In all other stops an error model replaces the cameras.
 """
 
 import dataclasses
@@ -61,13 +61,13 @@ class Options(CampaignOptions):
 
 
 class Stop(NamedTuple):
-    """A stop.
+    """Result of a stop.
 
     Attributes:
         seed: number of the case.
-        vehicle: its file, or ``named``.
+        vehicle: name of the vehicle's file, or ``named`` for a named experiment.
         stop: number of the stop, the same for all sources.
-        law: law of control, or ``unassisted``.
+        law: name of the control law, or ``unassisted``.
         source: source of the twist.
         distance: stopping distance [m].
         rotation: change of orientation [deg].
@@ -93,13 +93,13 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Law and source of the cases of a stop."""
+        """Pairs of law and source with which each stop is run."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 
     @property
     def groups(self) -> list[str]:
-        """The vehicles, and the group of the named experiments."""
+        """Names of the vehicles, and ``named`` for the named experiments."""
         return [*self.bases, *([_NAMED] if self.named else ())]
 
     def __len__(self) -> int:
@@ -169,8 +169,8 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 def _rendered(
     configuration: ExperimentConfiguration, cameras: Mapping[str, LineSensor]
 ) -> ExperimentConfiguration:
-    """Return an experiment with cameras at corresponding places under its own chassis."""
-    # The places in the files are those under a chassis of the default size.
+    """Return an experiment with rendered cameras, placed in proportion to its chassis."""
+    # The positions in the files are for a chassis of the default size.
     along = configuration.vehicle.chassis_length / VehicleConfiguration.chassis_length
     across = configuration.vehicle.chassis_width / VehicleConfiguration.chassis_width
     placed = {
@@ -217,7 +217,7 @@ def _bases(
     tuple[ExperimentConfiguration, ...],
     dict[str, Mapping[str, LineSensor]],
 ]:
-    """Return a stop of each vehicle, by its name, the named experiments, and the cameras."""
+    """Return a stop of each vehicle by name, the named experiments, and the cameras."""
     if len(set(options.vehicle)) != len(options.vehicle):
         raise ConfigurationError("--vehicle", "names a vehicle twice")
     changes = [
@@ -247,14 +247,14 @@ def _bases(
 def _results(
     rows: Sequence[Stop], vehicle: str, law: str, source: str
 ) -> dict[str, tuple[float, str]]:
-    """Return distance and rotation, with those of the same stops without assistant."""
+    """Return statistics of distance and rotation, relative to the same stops without assistant."""
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
         (row, own[row.stop])
         for row in rows
         if (row.vehicle, row.law, row.source) == (vehicle, law, source)
     ]
-    # One that never comes to rest is infinitely long.
+    # A stop that never comes to rest counts as infinitely long.
     ratios = [
         math.inf if math.isnan(row.distance) else row.distance / max(free.distance, 0.05)
         for row, free in stops
@@ -273,13 +273,13 @@ def _results(
 def _harms(
     found: dict[str, tuple[float, str]], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
 ) -> bool:
-    """Return whether stops are longer without less rotation, or far longer in the worst cases.
+    """Return whether stops rotate more, are longer without less rotation, or far longer at worst.
 
     Args:
         found: `_results` of a source.
-        longer: allowed median of the distance over that without assistant [1].
-        worst: allowed 95th percentile of the same ratio [1].
-        turn: by how much the 95th percentile of the rotation may be larger [deg].
+        longer: largest median of the distance over that without assistant [1].
+        worst: largest 95th percentile of this ratio [1].
+        turn: largest increase of the rotation's 95th percentile over that without assistant [deg].
     """
     ratio, high = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
     turned, free = found["rotation_p95"][0], found["rotation_unassisted_p95"][0]
@@ -308,7 +308,7 @@ def warning(summary: Path, law: str, source: str) -> str:
 
     Args:
         summary: ``summary.json`` of this study with the vehicle and its IMU, or without one.
-        law: law of control.
+        law: name of the control law.
         source: source of the twist.
 
     Raises:

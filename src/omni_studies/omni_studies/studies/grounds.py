@@ -1,7 +1,8 @@
 """All grounds with their spectra and the contrast of a wide view (Figures 59, 67).
 
-Shown are 100 x 100 mm of each ground, and for the generic camera (50 x 20 mm, 1024 px) the contrast
-of its lines, which average 20 mm across, and the frequency below which half of the power is.
+The plate shows 100 x 100 mm of each ground. For the generic camera (50 x 20 mm, 1024 px) the study
+computes the contrast of the lines, which average 20 mm across the axis, and the frequency below
+which half of the power is.
 """
 
 import math
@@ -20,7 +21,7 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option
 from omni_studies.study import StudyResult, StudyRun
 
-_DECADES = (0.02, 10.0)  # cycles per millimeter that are drawn
+_DECADES = (0.02, 10.0)  # drawn frequencies [cycles per mm]
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
 """Contrast of photographs of asphalt after averaging over 20 mm [gray levels]."""
 
@@ -39,7 +40,7 @@ class Options(TextureOptions):
 
 @dataclass(frozen=True)
 class Appearance:
-    """Appearance of a ground.
+    """Picture, contrast and spectrum of a ground.
 
     Attributes:
         patch: gray levels of the shown section, shape (k, k).
@@ -59,7 +60,7 @@ class Appearance:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Render the grounds; write plate, spectra and table."""
+    """Render the grounds; write the plate of pictures, the spectra and a table."""
     appearances = {
         name: _appearance(ground, options.seed)
         for name, ground in grounds_of(options, study.experiments).items()
@@ -98,7 +99,7 @@ def _appearance(
 
     Args:
         texture: the ground.
-        seed: seed of the places of the lines.
+        seed: seed of the positions of the lines.
         lines: number of lines.
         shown: edge of the picture [m].
         dots: edge of the picture [px].

@@ -76,9 +76,9 @@ class Drive(NamedTuple):
     """One drive over one ground.
 
     Attributes:
-        seed: number of the drive.
-        ground: ground by name.
-        counts: counts for each fault its name and the fields of `Counts`, such as ``mud 144 2
+        seed: number of the drive in the campaign.
+        ground: name of the ground.
+        counts: for each fault, its name and the fields of `Counts` as text, such as ``mud 144 2
             ...``.
     """
 
@@ -88,7 +88,7 @@ class Drive(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Statistics of some batches.
+    """Statistics over batches.
 
     Attributes:
         batches: number of batches of all cameras.
@@ -137,7 +137,7 @@ class Counts(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Runs the drives of a campaign by number, one ground after the other."""
+    """Runs the drives of a campaign by their numbers; consecutive numbers share a ground."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -159,7 +159,7 @@ class _Drives:
         return Drive(number, name, counts)
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
-        """Return the faults to inject on a ground: those of the options, else its default ones."""
+        """Return the faults to inject on a ground: the chosen ones, or else its default faults."""
         if self.chosen:
             return self.faults
         if ground in _ORIENTED:
@@ -168,7 +168,7 @@ class _Drives:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything that the drives depend on."""
+        """Digest of everything on which the drives depend."""
         return digest(repr(self), inspect.getsource(trials), repr(GROUNDS))
 
 
@@ -214,7 +214,7 @@ def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _numbers(counts: Counts) -> tuple[float, ...]:
-    """Return the columns of integrity.csv after ground and fault."""
+    """Return the values of a row of integrity.csv, without ground and fault."""
     measured = counts.measured or math.nan
     return (
         counts.batches,

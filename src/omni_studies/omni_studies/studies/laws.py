@@ -27,7 +27,7 @@ _ALLOCATION = ("brake_assist.law=allocation",)
 _PROPORTIONAL = "vehicle.brake.kind=proportional"
 _LAG = (_PROPORTIONAL, "vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
 
-# Limits of distance [m] and of the change of orientation [deg].
+# Largest distance [m] and change of orientation [deg] by case.
 _TARGETS = {
     "straight_line_allocation_proportional": (9.0, 0.7),
     "straight_line_allocation_optical": (9.2, 1.0),
@@ -41,9 +41,9 @@ _VARIANTS = {
     "turn_while_translate": ("zero", "cosine", "k1", "k7"),
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
-_NEVER = (1.05, 5.0)  # of unknown conditions: distance over unassisted [1], rotation [deg]
-# Changes of the vehicle and ground; the assistant is configured only with kind and lag of the
-# brakes.
+_NEVER = (1.05, 5.0)  # limits in unknown conditions: distance over unassisted [1], rotation [deg]
+# Changes of the vehicle and ground. Only kind and lag of the brakes are also configured in the
+# assistant.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -86,7 +86,7 @@ _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 
 class Options(CampaignOptions):
-    """Runs, and workers."""
+    """Runs to make, and workers."""
 
     without_optical: bool = parameter(False)
     """leave out the stop on the line cameras, which takes longest"""
@@ -102,7 +102,7 @@ class Options(CampaignOptions):
     of --random stops"""
 
     def check_consistency(self) -> None:
-        """Refuse an ablation without random stops or with laws.
+        """Raise an error for an ablation without random stops or with named laws.
 
         Raises:
             ConfigurationError: there are no random stops, or laws are named.
@@ -136,10 +136,10 @@ class LawStop(NamedTuple):
 
     Attributes:
         seed: number of the case.
-        case: its name.
+        case: name of the case.
         distance: stopping distance, or its bound [m].
         rotation: change of orientation [deg], NaN for a bound.
-        note: why a number is missing, or the tolerance of a bound.
+        note: reason why a number is missing, or the tolerance of a bound.
     """
 
     seed: int
@@ -152,7 +152,7 @@ class LawStop(NamedTuple):
 def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
     """Yield all cases."""
     straight = "straight_line"
-    if not options.without_optical:  # first, as it takes longest
+    if not options.without_optical:  # first, because these runs take longest
         optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
         yield _Case(straight, "allocation_optical", straight, "assisted", optical)
     for name, variants in _VARIANTS.items():
@@ -175,7 +175,7 @@ def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
     yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
     yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
     turn = "turn_while_translate"
-    for rotation in _ROTATIONS:  # allowed in the turn of Table 2
+    for rotation in _ROTATIONS:  # rotations allowed in the turn of Table 2
         spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
         yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
     for word, changes in _UNKNOWN.items():
@@ -205,15 +205,15 @@ class LawStops:
         """Store the cases.
 
         Args:
-            library: where the experiments are.
-            cases: the number of a case is its index.
+            library: library with the experiments.
+            cases: cases, numbered by their index.
         """
         self._library = library
         self.cases = tuple(cases)
 
     @property
     def fingerprint(self) -> str:
-        """Digest of the cases and of their experiments."""
+        """Digest of the cases and their experiments."""
         used = sorted({(case.experiment, case.variant) for case in self.cases})
         return digest(self.cases, [self._library.load(*names) for names in used])
 
@@ -237,7 +237,7 @@ class LawStops:
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every case, compare the numbers with targets and bounds, and draw them."""
-    for law in options.law:  # refused before anything runs
+    for law in options.law:  # raises before anything runs
         changes = (f"brake_assist.law={law.partition('@')[0]}",)
         study.experiments.load("straight_line", "assisted", changes).check_drivable()
     if options.random:
@@ -296,7 +296,7 @@ def _metrics(results: Results) -> dict[str, Metric]:
 
 
 def _bounded(results: Results) -> list[tuple[_Case, LawStop, float]]:
-    """Return the results with the bound of a stop that keeps its heading [m], NaN without one."""
+    """Return case, result and bound of a stop that keeps its heading [m] (NaN if none)."""
     bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
     return [
         (case, stop, math.nan if known else bounds.get(case.maneuver, math.nan))

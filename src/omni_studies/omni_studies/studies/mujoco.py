@@ -91,7 +91,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the differences of the simulator's wheels to MuJoCo, and the largest ones."""
+    """Return the differences between the simulator's wheel models and MuJoCo, and the largest."""
     found: dict[str, Metric] = {}
     pairs = [(case, engine) for case in _CASES for engine in ("single", "rollers")]
     for variant, quantity in itertools.product(_VARIANTS, _QUANTITIES):
@@ -108,7 +108,7 @@ def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[str, Metric]:
-    """Return the load change for a height [m] of the first wheel, in both engines."""
+    """Return the load change when the first wheel is mounted `higher` [m], in both engines."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = higher
     metrics = {}
@@ -133,7 +133,7 @@ def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[st
 
 
 def _draw(stops: Stops) -> Figure:
-    """Draw path and rotation of the vehicle in every engine."""
+    """Draw path and rotation of the vehicle in each engine."""
     heading = "Full braking in three engines: solid unassisted, dashed with the assistant"
     x = "distance along the first velocity [m]"
     y = [f"{title}\nlateral [m]" for title, _ in _CASES.values()]

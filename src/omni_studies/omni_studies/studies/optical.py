@@ -31,7 +31,7 @@ _DIFFERENCES = {
 }
 _ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
 _FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
-_REPEATED = {("ice_patch_noisy", "assisted")}  # is the run of ice_patch
+_REPEATED = {("ice_patch_noisy", "assisted")}  # optical run equals that of ice_patch
 
 
 class Options(Configuration):
@@ -44,7 +44,7 @@ class Options(Configuration):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
-    """One variant of an experiment with either feedback.
+    """One variant of an experiment, run with both kinds of feedback.
 
     Attributes:
         experiment: name of the experiment.
@@ -69,7 +69,7 @@ class Comparison:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Run every assisted variant with either feedback and report the difference."""
+    """Run every assisted variant with both kinds of feedback and report the differences."""
     comparisons = _compare(options, study)
     metrics = {key: m for one in comparisons for key, m in _metrics(one).items()}
     study.columns("stops.csv", _columns(comparisons, metrics))
@@ -117,9 +117,9 @@ def _metrics(comparison: Comparison) -> dict[str, Metric]:
 def odometry_lag(history: RunHistory) -> float:
     """Return the lag of the odometry's velocity while braking [s].
 
-    A lag ``tau`` causes an error of ``-tau`` times the acceleration, to which ``tau`` is fitted;
-    noise that is independent of the acceleration does not affect it. NaN if the odometry never
-    measured.
+    A lag ``tau`` causes an error of ``-tau`` times the acceleration, from which ``tau`` is fitted.
+    Noise that is independent of the acceleration does not affect the fit. The result is NaN if the
+    odometry never measured.
     """
     start = history.brake_start or 0
     acceleration = np.gradient(history.twist[:, :2], history.time, axis=0)[start:]
@@ -166,7 +166,7 @@ def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 
 def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]) -> Figure:
-    """Draw the stop of every case with either feedback, and the difference."""
+    """Draw the stop of every case with both kinds of feedback, and their difference."""
     title = "Assisted braking on either feedback"
     inches = (10.0, 1.6 + 0.45 * len(comparisons))
     x = ("orientation change [deg]", "stopping distance [m]")
@@ -191,7 +191,7 @@ def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]
 
 
 def _draw_orientations(comparisons: Sequence[Comparison], most: int = 4) -> Figure:
-    """Draw the orientation of every case over time with either feedback."""
+    """Draw the orientation of every case over time with both kinds of feedback."""
     columns = min(most, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))

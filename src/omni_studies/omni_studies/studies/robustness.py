@@ -134,7 +134,7 @@ _QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping 
 
 
 def draw_runs(results: Sequence[Outcome]) -> Figure:
-    """Draw every run, assisted over unassisted, with the limits.
+    """Draw every run as assisted over unassisted value, with the limits.
 
     Args:
         results: results of the campaign.
@@ -155,7 +155,7 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
             dots = min(max(3000.0 / max(len(chosen), 1), 3.0), 14.0)
             for part, look in (
                 (kept, {"s": dots, "color": style.BLUE, "alpha": 0.5}),
-                # Whole, on the axis too.
+                # Not clipped at the axes.
                 (broken, {"s": 24.0, "color": style.VERMILLION, "clip_on": False, "zorder": 5}),
             ):
                 axes.scatter(*_pairs(part, quantity), linewidths=0, **look)

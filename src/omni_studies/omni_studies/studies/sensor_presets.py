@@ -37,7 +37,7 @@ from omni_tools.placement.common_placements import tangential
 
 
 class _Preset(NamedTuple):
-    """A sensor: its file and title, and its speed [m/s] and pixel pitch [mm] in Table 4."""
+    """A sensor: file, title, and speed [m/s] and pixel pitch [mm] in Table 4."""
 
     file: str
     title: str
@@ -49,7 +49,7 @@ _PRESETS = {
     "lis770i": _Preset("lis_770i", "LIS-770i", 3.0, 0.15),
     "s3901": _Preset("s3901", "S3901", 120.0, 0.39),
 }
-_SHARES = np.arange(0.2, 2.301, 0.05)  # speeds tried, over the computed one
+_SHARES = np.arange(0.2, 2.301, 0.05)  # tried speeds over the computed speed
 _SECOND = "lis_770i_full"  # mode of Table 3
 _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
 
@@ -178,8 +178,8 @@ def _driven(
         sensor: type of the cameras.
         texture: the ground.
         options: noise, number of starts and seed.
-        radius: of the circle along whose tangents the cameras look [m].
-        batches: of 10 ms from each random place.
+        radius: radius of the circle along whose tangents the cameras look [m].
+        batches: number of batches of 10 ms from each random position.
     """
     speed, sensors = sensor.sideways_speed, tangential(radius, sensor)
     configuration = OdometryConfiguration(sensors=sensors, method=options.method)
@@ -209,7 +209,7 @@ def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
-    """Return the highest speed up to which every share is sufficient [m/s], else 0."""
+    """Return the highest speed up to which every share is sufficient [m/s]; 0 if there is none."""
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0
@@ -221,7 +221,7 @@ class Tried(NamedTuple):
     Attributes:
         computed: speed at 60 % overlap [m/s].
         speeds: speeds that were tried [m/s], shape (n,).
-        right: share of right measurements at each of them, by ground.
+        right: share of right measurements at each speed, by ground.
     """
 
     computed: float
@@ -233,7 +233,7 @@ def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
     """Draw the share of right measurements over speed, a panel for each sensor.
 
     Args:
-        sensors: by title.
+        sensors: tried speeds by title of the sensor.
         needed: required share.
     """
     figure, grid = panels(

@@ -32,7 +32,7 @@ _WHEEL, _CAMERA = "wheel", "camera"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Angles:
-    """Measurements of some angles at one speed.
+    """Measurements of several sideslip angles at one speed.
 
     Attributes:
         speed: speed of the wheel over ground [m/s].
@@ -52,7 +52,7 @@ class Angles:
 
     @property
     def error(self) -> FloatArray:
-        """Measured less true angle, NaN where not measured [rad], shape (A, batches)."""
+        """Measured minus true angle [rad], NaN if unmeasured, shape (A, batches)."""
         return self.angle - self.truth[:, None]
 
     @property
@@ -83,7 +83,7 @@ def root_mean_square(values: FloatArray) -> float:
 
 
 def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
-    """Move a camera to the contact of a wheel, along its axis of rotation.
+    """Return a camera at the contact of a wheel, along the wheel's axis of rotation.
 
     Args:
         name: name of the camera.
@@ -123,14 +123,14 @@ class RollingWheel:
         batches: int,
         generator: np.random.Generator,
     ) -> Angles:
-        """Roll at every angle from random positions, with the true forward velocity.
+        """Return measurements at every angle from random positions, with the true forward velocity.
 
         Args:
             speed: speed of the wheel over ground [m/s].
             angles: angles of sideslip [rad], shape (A,).
             places: number of random positions for each angle.
-            batches: batches of 10 ms from each.
-            generator: draws the positions.
+            batches: number of batches of 10 ms from each position.
+            generator: random generator for the positions.
         """
         found = np.full((3, len(angles), places * batches), math.nan)
         for i, angle in enumerate(angles):
@@ -210,7 +210,7 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     if not cameras:
         raise ConfigurationError("sensors", f"{name} names no camera")
     place, camera = next(iter(cameras.items()))
-    camera_at_a_wheel(place, camera)  # refuses what cannot measure before anything is rendered
+    camera_at_a_wheel(place, camera)  # raises before anything is rendered
     return camera
 
 
@@ -233,7 +233,7 @@ def _metrics(trials: Mapping[Case, Sequence[Angles]], slipping: float) -> dict[s
 
 
 def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float, ...]:
-    """Return an angle, mean and RMS of its errors, their stated deviation [deg], and the share."""
+    """Return angle, mean and RMS error, stated deviation [deg], and the measured share [1]."""
     seen = np.isfinite(error)
     return (
         math.degrees(truth),
@@ -259,7 +259,7 @@ def draw_sideslip(
         trials: trials of ground and sensor, by increasing speed.
         fastest: speed at 60 % overlap by sensor [m/s].
         slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
-        speed: the one whose errors are drawn over the angle [m/s].
+        speed: speed at which errors are drawn over the angle [m/s].
     """
     figure, ((left, right),) = style.panels(
         "Sideslip angle of a wheel from one line camera along its axis of rotation",

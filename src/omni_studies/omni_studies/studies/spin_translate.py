@@ -1,9 +1,10 @@
 """Spin while translating on both platforms by inverse kinematics, Figures 19 to 22.
 
-The validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal velocity
-along y and a constant yaw rate, turned into wheel speeds by Eqs. (34) and (35). The commands come
-from the reference alone, without any feedback of position or heading, so the tracking error is the
-accumulated slip of the tires. The vehicle starts in motion without slip, with its configured load.
+This is the validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal
+velocity along y and a constant yaw rate are converted to wheel speeds by Eqs. (34) and (35). The
+commands come from the reference alone, without any feedback of position or heading. Therefore the
+tracking error is the accumulated slip of the tires. The vehicle starts in motion without slip, with
+its configured load.
 """
 
 import dataclasses
@@ -46,7 +47,7 @@ class SpinTranslate:
         speed: constant velocity along x of the world [m/s].
         amplitude: amplitude of the velocity along y of the world [m/s].
         period: period of the velocity along y [s].
-        yaw_rate: constant [rad/s].
+        yaw_rate: constant yaw rate [rad/s].
     """
 
     speed: float
@@ -61,7 +62,7 @@ class SpinTranslate:
         return np.column_stack((self.speed * time, y, self.yaw_rate * time))
 
     def twist(self, time: FloatArray, yaw: FloatArray) -> FloatArray:
-        """Return the twist in the frame of a body with a yaw [rad] (T,), shape (T, 3)."""
+        """Return the twist at times [s] in the frame of a body with `yaw` [rad], shape (T, 3)."""
         v_x = np.full(time.shape, self.speed)
         v_y = self.amplitude * np.sin(2.0 * math.pi / self.period * time)
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -75,7 +76,7 @@ class Tracking:
 
     Attributes:
         wheel_names: wheel names in the order of the columns.
-        time: [s], shape (T,).
+        time: time of each stamp [s], shape (T,).
         reference: desired x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
         pose: driven x, y [m], yaw [rad] in the world frame, shape (T, 3).
         twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
@@ -99,12 +100,12 @@ class Tracking:
 
     @property
     def heading_error(self) -> FloatArray:
-        """Yaw less that of the reference [rad], shape (T,)."""
+        """Yaw minus yaw of the reference [rad], shape (T,)."""
         return np.asarray(self.pose[:, 2] - self.reference[:, 2], dtype=np.float64)
 
     @property
     def wheel_error(self) -> FloatArray:
-        """Wheel speeds less their commands [rad/s], shape (T, N)."""
+        """Wheel speeds minus their commands [rad/s], shape (T, N)."""
         return np.asarray(self.wheel_speed - self.wheel_command, dtype=np.float64)
 
     def history(self) -> RunHistory:
@@ -135,7 +136,7 @@ def track(
     Args:
         configuration: the vehicle.
         maneuver: the reference.
-        duration: [s].
+        duration: duration of the maneuver [s].
     """
     periods = round(duration / _PERIOD)
     time = np.arange(periods + 1, dtype=np.float64) * np.float64(_PERIOD)
@@ -143,7 +144,7 @@ def track(
     start = maneuver.twist(time[:1], reference[:1, 2])[0]
     vehicle = Vehicle(configuration, pose=reference[0], twist=start)
     steps = round(_PERIOD / vehicle.physics_step)
-    # Over a period the drive holds the velocity of its middle, in the direction of the world.
+    # During a period the drive holds the reference velocity of the middle of the period.
     command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])
     released = np.zeros(len(configuration.wheels))
     pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheels["speed"]]
@@ -234,10 +235,10 @@ def _draw_snapshots(
 
     Args:
         scene: the vehicle.
-        tracking: its drive.
-        title: printed above.
+        tracking: drive of the vehicle.
+        title: title of the figure.
         most: largest number of snapshots.
-        arrow: length of the arrow of the fastest one, in lengths of the chassis.
+        arrow: length of the arrow of the fastest snapshot, in lengths of the chassis.
     """
     history = tracking.history()
     traveled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
@@ -288,7 +289,7 @@ def _draw_commands(tracking: Tracking, title: str) -> Figure:
 
     Args:
         tracking: the drive.
-        title: printed above.
+        title: title of the figure.
     """
     y = ("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]")
     figure, ((commands,), (position,), (heading,)) = style.panels(

@@ -64,7 +64,7 @@ class LockedWheels:
 
     @property
     def geometry(self) -> PlatformGeometry:
-        """Places and active directions of the wheels."""
+        """Positions and active directions of the wheels."""
         return PlatformGeometry.from_wheels(self.vehicle.wheels)
 
     @property
@@ -122,8 +122,9 @@ def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.1
 
     Args:
         configuration: the vehicle, on dry level ground.
-        speed: before the brakes act on all wheels [m/s].
-        after: time after the pedal, when the wheels are locked and the load has moved forward [s].
+        speed: speed before the brakes act on all wheels [m/s].
+        after: time after the pedal goes down at which the forces are taken [s]; the wheels are then
+            locked and the loads have settled.
     """
     vehicle = Vehicle(configuration, twist=np.array([speed, 0.0, 0.0]))
     everywhere = np.ones(len(configuration.wheels))
@@ -174,7 +175,7 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
         place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
         axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
     center = ahead_up(one.center[None])[0]
-    # Half as long as those of the wheels, as it is of all of them.
+    # The arrow of the sum has half the scale of the wheels' arrows.
     total = 0.5 * scale * ahead_up(one.total[None])[0]
     axes.quiver(
         *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
@@ -191,7 +192,7 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
     """Draw the zero lines of each wheel's error, and the number of wheels that may brake.
 
     Args:
-        manifolds: manifolds of the same vehicle by weighting; the line to keep is straight ahead.
+        manifolds: manifolds of one vehicle by weighting; the line of motion is straight ahead.
         speed: speed of the vehicle along it [m/s].
     """
     title = f"Which wheels may brake at {speed:g} m/s along the line"
@@ -229,7 +230,7 @@ def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
         drift, turn, braking, cmap="Grays", vmin=0, vmax=2 * len(names), shading="nearest"
     )
     for row, name in enumerate(names):
-        # Errors of two wheels may vanish on one line.
+        # The zero lines of two wheels may coincide.
         color, dashes = style.wheel_color(row), "-" if row % 2 else "--"
         look: dict[str, Any] = {"linewidths": 2.2, "linestyles": dashes, "zorder": 3 - row % 2}
         axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=color, **look)

@@ -73,7 +73,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics = table_2.metrics(measured)
     if options.assumptions:
         metrics |= _change_assumptions(study, parameters)
-    # Infinite for a vehicle that does not stop.
+    # A vehicle that does not stop has an infinite deviation.
     worst = max(
         abs(d) if math.isfinite(d) else math.inf for d in table_2.deviations(measured).values()
     )
@@ -82,7 +82,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the ten numbers of all vehicles for every assumption; return the ranges of ours."""
+    """Write the ten numbers for all vehicles and assumptions; return the first one's ranges."""
     vehicles = {"identified": parameters, **OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

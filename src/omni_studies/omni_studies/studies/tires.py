@@ -23,7 +23,7 @@ from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
 
-_EXPERIMENT = "straight_line"  # lends its vehicle
+_EXPERIMENT = "straight_line"  # experiment whose vehicle is used
 _TABLE_1 = "rill_table_1"
 _TIRES = (_TABLE_1, "linear", "magic_formula")
 
@@ -50,7 +50,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         vehicles[case] = _vehicle(study.experiments, options.vehicle, name)
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
     loads = np.linspace(0.25, 1.0, 4) * table.nominal_load_2
-    model = Tire(TireConfiguration(tmeasy=table))  # of the longitudinal direction
+    model = Tire(TireConfiguration(tmeasy=table))  # model of the longitudinal direction
     study.figure("figure_4.png", _slip_figure(model, table))
     study.figure("figure_5.png", _load_figure(model, loads))
     study.figure("figure_6.png", _interpolation_figure(table))
@@ -165,7 +165,7 @@ def _slip_figure(model: Tire, tire: tmeasy.TMeasyConfiguration) -> Figure:
 
 
 def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
-    """Draw force over slip at several loads (Figure 5)."""
+    """Draw force over slip at several loads [N] (Figure 5)."""
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
     slip = np.linspace(0.0, 0.6, 700)
     for load, color in zip(loads, _shades(len(loads)), strict=True):
@@ -180,7 +180,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
 
 
 def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the parabola (3) of the longitudinal slope [N] at loads [N], beyond the model too."""
+    """Return the parabola (3) of the longitudinal slope [N], also at loads [N] beyond the model."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
@@ -261,13 +261,13 @@ def _shades(count: int) -> list[tuple[float, float, float]]:
 
 
 _DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
-_PERIOD = SimulationConfiguration.control_period  # of the drive's commands [s]
+_PERIOD = SimulationConfiguration.control_period  # period of the drive's commands [s]
 
 
 def stopping_distance(
     vehicle: VehicleConfiguration, direction: float, step: float, speed: float = 4.0
 ) -> float:
-    """Return the distance to rest with all brakes on, after 4 s [m].
+    """Return the stopping distance with all brakes on [m], measured after 4 s.
 
     Args:
         vehicle: the vehicle.
@@ -281,7 +281,7 @@ def stopping_distance(
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
-    """Return the relative change of a stopping distance by halving the physics step [1]."""
+    """Return the largest relative change of a stopping distance by halving the physics step [1]."""
     changes = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         whole, half = (
@@ -295,15 +295,15 @@ def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
 def slope_creep(
     vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
 ) -> tuple[float, float]:
-    """Park a vehicle with its brakes on across and along a slope.
+    """Return the largest movements of a vehicle parked with its brakes on a slope.
 
     Args:
         vehicle: the vehicle.
-        slope: rise over run [1].
-        settling: time in which its tires deflect [s].
+        slope: rise over run of the slope [1].
+        settling: time in which the tires deflect [s].
 
     Returns:
-        Initial deflection of its tires [m], and its displacement in the following minute [m].
+        Initial deflection of the tires [m], and displacement in the following minute [m].
     """
     give, creep = [], []
     for direction in map(math.radians, _DIRECTIONS_DEG):
@@ -318,7 +318,7 @@ def slope_creep(
 
 
 def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the displacement in the minute after a stop of 6 s from a speed [m/s], in [m]."""
+    """Return the largest displacement [m] in the minute after a stop of 6 s from `speed` [m/s]."""
     creep = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         twist = (speed * math.cos(direction), speed * math.sin(direction), 0.3)
@@ -331,12 +331,12 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
 def zero_crossing(
     vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
 ) -> FloatArray:
-    """Command a speed that decreases linearly to its negative in 2 s.
+    """Return the speed of a vehicle whose commanded speed decreases linearly to its negative.
 
     Args:
         vehicle: the vehicle.
         direction: unit body twist, shape (3,).
-        speed: the first one [m/s or rad/s].
+        speed: first commanded speed [m/s or rad/s]; its negative is reached after 2 s.
 
     Returns:
         Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
@@ -356,8 +356,8 @@ def zero_crossing(
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
     """Return the largest change of acceleration from one period to the next near zero [1].
 
-    Relative to the commanded acceleration, in the second around the change of sign, in any
-    direction: a speed that sticks at zero would change it by about 1.
+    The change is relative to the commanded acceleration, in the second around the change of sign,
+    in any direction. If the speed stuck at zero, it would be about 1.
     """
     worst = []
     for angle in map(math.radians, _DIRECTIONS_DEG):

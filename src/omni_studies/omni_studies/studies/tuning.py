@@ -118,7 +118,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _settings(ks: Sequence[int], dwells: Sequence[float]) -> tuple[Setting, ...]:
-    """Return all settings, for each dwell time from the shortest stop to the smallest rotation."""
+    """Return all settings by dwell time, from the shortest stop to the smallest rotation."""
     return tuple(
         Setting(weighting, k, dwell)
         for dwell in sorted(set(dwells))
@@ -191,9 +191,9 @@ def trade_off(
 
     Args:
         trials: trials of all settings and lags.
-        unassisted: without the assistant, one per lag, in the order of the panels.
+        unassisted: trials without the assistant, one per lag, in the order of the panels.
         choice: the recommended trial, if any.
-        limits: of the rotation [deg] and of the distance [m], if any.
+        limits: limits of the rotation [deg] and of the distance [m], if any.
         title: title of the figure.
         label: width and height of the label of a point, as shares of the axes [1].
     """
@@ -253,7 +253,7 @@ def _panel(
 ) -> None:
     """Draw the settings with one lag: a line over the weightings for each dwell time.
 
-    `near` collects labels that would overlap.
+    `near` returns whether the labels of two trials would overlap.
     """
     best = front(trials)
     axes.plot(*_places(best), solid_capstyle="round", zorder=1, **_FRONT)
@@ -261,13 +261,13 @@ def _panel(
     for dwell in dwells:
         line = [trial for trial in trials if trial.setting.dwell_time == dwell]
         axes.plot(*_places(line), **_look(dwells, dwell), **thin)
-    axes.margins(x=0.15)  # the labels stand beside their points
+    axes.margins(x=0.15)  # room for labels next to their points
     labeled: list[Trial] = []
     for trial in reversed([t for t in trials if t.setting.dwell_time == dwells[0]]):
         if not math.isfinite(trial.worst_distance) or (labeled and near(labeled[-1], trial)):
             continue
         labeled.append(trial)
-        last = trial is labeled[0]  # at the right end of the line
+        last = trial is labeled[0]  # right end of the line
         offset, side = ((8, -7), "left") if last else ((-7, -4), "right")
         place = trial.worst_distance, trial.worst_rotation
         style.note(axes, _weighting(trial), place, offset, ha=side, va="center")
@@ -278,7 +278,7 @@ class Cost(NamedTuple):
 
     Attributes:
         lag: lag of the brakes.
-        dwell_time: [s].
+        dwell_time: minimum dwell time of the valves [s].
         rotation: smallest rotation of all settings [deg].
         distance: distance at half the unassisted rotation [m], NaN if no setting halves it.
     """
@@ -290,7 +290,7 @@ class Cost(NamedTuple):
 
     @classmethod
     def of(cls, lag: BrakeLag, dwell_time: float, trials: Sequence[Trial], half: float) -> Cost:
-        """Return the cost from all trials; `half` is half the unassisted rotation [deg]."""
+        """Return the effect from all trials; `half` is half the unassisted rotation [deg]."""
         tried = [t for t in trials if (t.lag, t.setting.dwell_time) == (lag, dwell_time)]
         rotation = min(trial.worst_rotation for trial in tried)
         return cls(lag, dwell_time, rotation, distance_at(tried, half))

@@ -31,9 +31,9 @@ _MODELS = {
     ROLLERS: "individual rollers",
 }
 _COUNTS = (6, 8, 12, 16, 24)
-_COMPARED = 12  # rollers of the wheels in figures and metrics
-_COSTED = 6  # rollers of the wheels whose cost is measured, as in section 2.4.1
-# The first wheel of a figure is the reference, dashed over the others that may cover it.
+_COMPARED = 12  # number of rollers of the wheels in figures and metrics
+_COSTED = 6  # number of rollers for the measured cost, as in section 2.4.1
+# The first wheel of a figure is the reference. Its dashed line is drawn over the others.
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": style.BLACK, "linestyle": "--", "zorder": 3.0},
     {"color": style.SKY},
@@ -54,7 +54,7 @@ class Options(Configuration):
 
 
 class Difference(NamedTuple):
-    """Relative differences between individual rollers and the single roller."""
+    """Relative differences between the wheels with individual rollers and a single roller."""
 
     vehicle: str
     trial: str
@@ -115,7 +115,7 @@ def _agreement(rows: Sequence[Difference]) -> dict[str, Metric]:
         if row.rollers == _COMPARED:
             metrics[f"force_difference.{case}"] = Metric(row.force, "1")
             metrics[f"motion_difference.{case}"] = Metric(row.motion, "1")
-        # The largest of all wheels with at least as many rollers.
+        # The largest difference of all wheels with at least as many rollers.
         if row.rollers >= _COMPARED:
             name = f"worst_difference.{case}"
             before = metrics[name].value if name in metrics else 0.0
@@ -131,7 +131,8 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
             wheeled = with_wheels(vehicle, model, _COMPARED)
             coarse = trials.stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
             fine = trials.stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
-            # On one roller, and where two share the load.
+            # At wheel angles at which one roller carries the load, and at which two rollers share
+            # it.
             crept = max(trials.creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
             moved = trials.movement_after_stop(wheeled)
             case = f"{name}_{model}"
@@ -180,7 +181,7 @@ def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
         rolling = np.array([np.sin(geometry.alpha), -np.cos(geometry.alpha)])
         across = geometry.wheel_axis[:2]
         tilt = np.degrees(np.arctan2(np.abs(axis @ across), np.abs(axis @ rolling)))
-        along[changes] = np.nan  # no line over a jump
+        along[changes] = np.nan  # interrupts the line at a jump
         label = f"{geometry.rollers} rollers, jump {1000.0 * geometry.jump:.0f} mm"
         place.plot(np.degrees(angle), 1000.0 * along, color=color, label=label)
         direction.plot(np.degrees(angle), tilt, color=color)
@@ -250,7 +251,7 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 
 
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
-    """Draw the differences over the number of rollers, with those that count as agreement."""
+    """Draw the differences over the number of rollers, with the limit that counts as agreement."""
     heading = "Individual rollers against the single roller, in the mean over the wheel angles"
     x = "rollers of a wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")

@@ -1,10 +1,10 @@
 """Trials of settings of the brake assistant for a vehicle: trade-off of rotation and distance.
 
 A *setting* is the weighting with its k, Eqs. (58), (59), and the minimum dwell time of the valves.
-It is run with the brakes of the vehicle and with slower ones. Because of switching, a single run is
-sensitive to small deviations, the more so for long dwell times. So each setting is evaluated by the
-worst of several *situations*: the maneuver and slight deviations from it, the same for all
-settings.
+It is run with the brakes of the vehicle and with slower brakes. Because of switching, a single run
+is sensitive to small deviations, especially with long dwell times. Each setting is therefore
+evaluated by the worst of several *situations*: the maneuver and slight deviations from it. The
+situations are the same for all settings.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ class Setting:
 
     Attributes:
         weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
-        k: constant k of the enhanced weighting, odd; not used by others.
+        k: odd constant k of the enhanced weighting; not used by other weightings.
         dwell_time: shortest time between two switchings of a valve [s].
     """
 
@@ -57,7 +57,7 @@ class BrakeLag:
     """Lag of the brake pressure.
 
     Attributes:
-        dead_time: [s].
+        dead_time: dead time of the brakes [s].
         time_constant: time constant of the first-order lag [s].
     """
 
@@ -66,7 +66,7 @@ class BrakeLag:
 
     @property
     def label(self) -> str:
-        """Both times in milliseconds, ``ideal`` without any."""
+        """Text with both times in milliseconds, ``ideal`` if both are zero."""
         return (
             "ideal"
             if self == BrakeLag()
@@ -79,10 +79,10 @@ class Trial:
     """Results of one setting in S situations.
 
     Attributes:
-        setting: as tried.
+        setting: setting of the trial.
         lag: lag of the brakes.
         rotation: change of orientation [deg], infinite without a stop, shape (S,).
-        distance: stopping distance [m], of the same shape.
+        distance: stopping distance [m], infinite without a stop, shape (S,).
         switchings: switchings of all valves together [1], shape (S,).
     """
 
@@ -94,12 +94,12 @@ class Trial:
 
     @property
     def worst_rotation(self) -> float:
-        """The largest change of orientation of any situation [deg]."""
+        """Largest change of orientation of all situations [deg]."""
         return float(np.max(self.rotation))
 
     @property
     def worst_distance(self) -> float:
-        """The longest stopping distance of any situation [m]."""
+        """Longest stopping distance of all situations [m]."""
         return float(np.max(self.distance))
 
 
@@ -115,7 +115,7 @@ def situations(
         base: the maneuver itself, the first situation.
         count: number of situations.
         seed: seed of the deviations.
-        largest: deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
+        largest: largest deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
     """
     random = np.random.default_rng(seed)
     result = [base]
@@ -167,9 +167,9 @@ class Numbers(NamedTuple):
     """Result of one setting in one situation.
 
     Attributes:
-        seed: number of the run: situation by situation, setting by setting, lag by lag.
+        seed: number of the run; it counts situations first, then settings, then lags.
         rotation: change of orientation [deg], infinite without a stop.
-        distance: stopping distance [m], of the same shape.
+        distance: stopping distance [m].
         switchings: switchings of all valves together [1].
     """
 
@@ -184,7 +184,7 @@ class Trials:
     """Every setting with every lag in every situation.
 
     Attributes:
-        bases: the situations, on the velocity sensor.
+        bases: configurations of the situations, with the velocity sensor.
         settings: the settings.
         lags: lags of the brakes.
     """
@@ -195,7 +195,7 @@ class Trials:
 
     @property
     def pairs(self) -> list[tuple[Setting, BrakeLag]]:
-        """Pairs of setting and lag: all settings for the first lag, then for the next."""
+        """Pairs of setting and lag: all settings for the first lag, then for the next lag."""
         return [(setting, lag) for lag in self.lags for setting in self.settings]
 
     @property
@@ -210,7 +210,7 @@ class Trials:
         return digest(self.bases, pairs)
 
     def run(self, number: int) -> Numbers:
-        """Do one of the runs."""
+        """Run the experiment of a number."""
         pair, situation = divmod(number, len(self.bases))
         run = run_fast_loop(configured(self.bases[situation], *self.pairs[pair]))
         enable = run.record.enable[max(run.brake_start - 1, 0) :]
@@ -231,7 +231,7 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     """Return the Pareto front of worst rotation and worst distance.
 
     Returns:
-        Sorted by distance, so that rotation decreases; without trials that do not stop.
+        Trials sorted by distance, with decreasing rotation; trials that do not stop are omitted.
     """
     best: list[Trial] = []
     for trial in sorted(trials, key=lambda t: (t.worst_distance, t.worst_rotation)):
@@ -245,11 +245,11 @@ def distance_at(trials: Iterable[Trial], rotation: float) -> float:
     """Return the stopping distance for an allowed change of orientation.
 
     Args:
-        trials: whose front is interpolated linearly between its settings.
-        rotation: [deg].
+        trials: trials whose Pareto front is interpolated linearly between settings.
+        rotation: allowed change of orientation [deg].
 
     Returns:
-        [m], NaN if every setting rotates more.
+        Stopping distance [m], NaN if every setting rotates more.
     """
     best = front(trials)[::-1]
     if not best or best[0].worst_rotation > rotation:
@@ -266,8 +266,9 @@ def recommended(
 ) -> tuple[Trial | None, str]:
     """Choose a setting that keeps within limits in every situation.
 
-    With a limit of the rotation this is the setting with the shortest stop, otherwise the one with
-    the smallest rotation; of those about equal to it the one with the fewest switchings.
+    With a limit of the rotation, this is the setting with the shortest stop, otherwise the setting
+    with the smallest rotation. Among about equally good settings, the one with the fewest
+    switchings is chosen.
 
     Args:
         trials: trials to choose from, at least one.
@@ -276,7 +277,7 @@ def recommended(
         equal: relative difference up to which settings count as equally good [1].
 
     Returns:
-        The choice, None if no setting meets the limits, and a sentence about it.
+        The chosen trial (None if no setting meets the limits), and a sentence about it.
     """
     allowed = [
         trial
@@ -312,13 +313,13 @@ def recommended(
 def _refusal(
     trials: Sequence[Trial], limits: str, max_rotation: float | None, max_distance: float | None
 ) -> str:
-    """Return the sentence that no setting meets the limits, with the nearest one."""
+    """Return the sentence that no setting meets the limits and which is the nearest one."""
     stopping = front(trials)
     if not stopping:
         return f"No setting gives {limits}: the vehicle never stops."
-    nearest = stopping[-1]  # turns least
+    nearest = stopping[-1]  # smallest rotation
     if max_rotation is None:
-        nearest = stopping[0]  # stops shortest
+        nearest = stopping[0]  # shortest stop
     elif max_distance is not None:
         rotation, distance = max_rotation, max_distance
         nearest = min(

@@ -1,7 +1,7 @@
 """Trials that compare two wheel models.
 
-The forces of individual rollers depend on the wheel angle, so every trial runs from several random
-start angles; forces and motions are compared in the mean over them.
+The forces of individual rollers depend on the wheel angle. Every trial therefore runs from several
+random start angles, and the means of forces and motions are compared.
 """
 
 import dataclasses
@@ -26,11 +26,12 @@ class Trial:
     Attributes:
         title: title for figures.
         twist: initial body twist, without slip [m/s, m/s, rad/s].
-        command: that the drive follows while the pedal is up [m/s, m/s, rad/s].
-        pedal: 0..1.
+        command: body twist that the drive follows while the pedal is up [m/s, m/s, rad/s].
+        pedal: position of the brake pedal, 0..1.
         released: whether the brakes are released.
-        push: force at the center of gravity, in weights of the vehicle, body frame at the start.
-        duration: [s].
+        push: force at the center of gravity over the weight of the vehicle [1], in the body frame
+            at the start.
+        duration: duration of the trial [s].
     """
 
     title: str
@@ -66,7 +67,7 @@ class Outcome:
         time: time of the samples [s], shape (T,).
         motion: pose and velocity of base_link in the world, as `Log.trajectory`, (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N], (S, 2).
-        force_scale: mean magnitude of the wheels' force or of the push, if larger [N].
+        force_scale: mean magnitude of the wheels' force, or that of the push if larger [N].
     """
 
     time: FloatArray
@@ -83,7 +84,7 @@ def with_wheels(
     Args:
         configuration: the vehicle.
         model: `SINGLE`, `CONTACT` or `ROLLERS`.
-        rollers: rollers of each wheel.
+        rollers: number of rollers of each wheel.
     """
     return dataclasses.replace(
         configuration,
@@ -104,8 +105,8 @@ def start(
     Args:
         configuration: the vehicle.
         trial: the trial.
-        wheel_angle: [rad], a number or shape (N,).
-        physics_step: [s].
+        wheel_angle: start angle of the wheels [rad], a number or shape (N,).
+        physics_step: step of the physics [s].
     """
     vehicle = Vehicle(
         configuration, physics_step=physics_step, twist=trial.twist, wheel_angle=wheel_angle
@@ -134,13 +135,14 @@ def outcome(
         configuration: the vehicle.
         trial: the trial.
         angles: start angles of the wheels [rad], shape (S, N).
-        thinning: steps between two samples of the motion.
+        thinning: number of steps between two samples of the motion.
     """
     motion, force, scale = [], [], []
     for start_angle in angles:
         vehicle = start(configuration, trial, start_angle)
         path = advance(vehicle, trial, trial.duration)
-        # Of the center of gravity: what the push does not explain, the wheels have done.
+        # The wheels' impulse is the change of momentum of the center of gravity minus that of the
+        # push.
         center = vehicle.masses.center
         gained = _center_velocity(path[-1], center) - _center_velocity(path[0], center)
         push = np.array(trial.push) * vehicle.masses.mass * GRAVITY
@@ -192,13 +194,13 @@ def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
     """Return the displacement of a braked vehicle on a slope of 5 % in a minute [m]."""
     trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
     vehicle = start(configuration, trial, wheel_angle)
-    advance(vehicle, trial, 3.0)  # the tires give way a little
+    advance(vehicle, trial, 3.0)  # initial deflection of the tires
     path = advance(vehicle, trial, 60.0)
     return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
 
 
 def movement_after_stop(configuration: VehicleConfiguration) -> float:
-    """Return the displacement of a stopped vehicle in a minute [m]."""
+    """Return the largest displacement of a stopped vehicle in a minute [m]."""
     trial = TRIALS["brake"]
     vehicle = start(configuration, trial, 0.1)
     advance(vehicle, trial, 4.0)
@@ -224,8 +226,8 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
 
     Args:
         configuration: the vehicle.
-        wheel: its index.
-        turns: angle to record [rad].
+        wheel: index of the wheel.
+        turns: angle over which the force is recorded [rad].
     """
     trial = Trial(
         "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
@@ -255,8 +257,8 @@ def processor_times(
 ) -> dict[str, FloatArray]:
     """Return the CPU time of each vehicle, driving a curve and braking.
 
-    Elapsed time would depend on the load of the machine. The vehicles are run in turns, so that a
-    slow processor affects all of them.
+    CPU time is used because elapsed time depends on the load of the machine. The vehicles are run
+    in turns, so that a slow processor affects all of them.
 
     Args:
         configurations: the vehicles by name.
@@ -271,7 +273,7 @@ def processor_times(
             spent = 0.0
             for trial in _TRIALS:
                 vehicle = start(configuration, trial, 0.1)
-                advance(vehicle, trial, 0.0)  # loads the kernel
+                advance(vehicle, trial, 0.0)  # loads the kernels
                 begin = time.process_time()
                 advance(vehicle, trial, trial.duration)
                 spent += time.process_time() - begin
