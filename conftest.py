@@ -1,4 +1,4 @@
-"""Marks the fast tests, for while one works (``./omni test -m fast``), and orders all by duration.
+"""Mark the fast tests for work on the code (``./omni test -m fast``); order tests by duration.
 
 Tests of the safety case carry ``safety(hazard, fault, caught_by, within=...)``, from which
 ``tests/safety_table.py`` makes the table of docs/safety.md.
@@ -26,7 +26,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Measure the files where that is asked; with xdist in the process that gets all results."""
+    """Measure the files if asked to; with xdist only in the process that gets all results."""
     if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(_Stopwatch())
 
@@ -35,7 +35,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of short files below `src` as fast; put the longest files first."""
     durations = json.loads(DURATIONS.read_text())
     took = {item: durations.get(item.location[0], 0) for item in items}
-    # The longest first: were one begun last, all cores but one would wait for it.
+    # The longest file first: if it began last, all cores but one would wait for it.
     items.sort(key=lambda item: -took[item])
     for item in items:
         if SOURCES in item.path.parents and not took[item]:
@@ -58,6 +58,6 @@ class _Stopwatch:
 
 @pytest.fixture
 def within(request: pytest.FixtureRequest) -> float:
-    """The time within which the safety case says that what a test shows happens [s]."""
+    """Time within which the effect that a test shows must occur by the safety case [s]."""
     mark = request.node.get_closest_marker("safety")
     return float(mark.kwargs["within"]) if mark else math.inf

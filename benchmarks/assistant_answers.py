@@ -1,9 +1,9 @@
-"""Measure how late the brake assistant's node answers in real time: from a twist to its enables.
+"""Measure the real-time latency of the brake assistant's node from a twist to its enables.
 
-Stops from 10 m/s are published to a node of its own, 100 times a second, with pedal, wheel speeds
-and IMU. Measured is the time from the twist's publication until the enables of its stamp are
-received, over two hops of DDS, in wall-clock time under the load of this machine. Started by
-``chrt -f 50``, the node has real-time priority too.
+The benchmark publishes stops from 10 m/s to a separate node, 100 times a second, with pedal, wheel
+speeds and IMU. It measures the wall-clock time from the publication of a twist until the enables
+with its stamp are received, over two hops of DDS and under the load of this machine. If the
+benchmark is started by ``chrt -f 50``, the node has real-time priority too.
 """
 
 import itertools
@@ -30,14 +30,14 @@ from omni_ros.environment import node_environment
 from omni_ros.qos import RECENT
 
 PERIOD = 0.01  # [s]
-SPEED_UP = 3.0  # [s] from one stop to the next
+SPEED_UP = 3.0  # [s] acceleration from one stop to the next
 
 
 class Vehicle(Node):
     """Publishes stops to the assistant and records when it answers.
 
     Args:
-        wheels: their names.
+        wheels: names of the wheels.
         frames: pedal, twist (3), wheel speeds (N), specific force (2) of each step, shape (K, 6+N).
     """
 
@@ -55,7 +55,7 @@ class Vehicle(Node):
         self._stamp_ns = 0
 
     def steps(self) -> Iterator[None]:
-        """Publish a step at each turn, one stop after the other."""
+        """Publish one step per iteration, one stop after the other."""
         covariance = 1e-6 * np.eye(3)
         for frame in itertools.cycle(self._frames):
             self._stamp_ns += round(PERIOD * 1e9)
@@ -73,7 +73,7 @@ class Vehicle(Node):
 
     def _on_enable(self, message: JointState) -> None:
         asked = self._due.pop(messages.to_nanoseconds(message.header.stamp), None)
-        if asked is not None:  # else that of a watchdog
+        if asked is not None:  # other enables come from a watchdog
             self.answers.append(time.perf_counter() - asked)
             self.released += min(message.effort) < 1.0
 
@@ -98,7 +98,7 @@ def main() -> None:
         drive(vehicle, 60.0 * options.minutes)
         rclpy.try_shutdown()
     times = np.array(vehicle.answers)
-    late = 0.05  # [s], enable_timeout: the valves open by themselves
+    late = 0.05  # [s], enable_timeout, after which the valves open by themselves
     metrics: output.Metrics = {
         "answers.all": (len(times), "1"),
         "answers.missing": (vehicle.missing(), "1"),
@@ -127,7 +127,7 @@ def drive(vehicle: Vehicle, duration: float) -> None:
     while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:
         executor.spin_once(timeout_sec=0.05)
     end = time.monotonic() + duration
-    due = time.monotonic() + 1.0  # all topics have been matched by then
+    due = time.monotonic() + 1.0  # time for matching all topics
     steps = vehicle.steps()
     while time.monotonic() < end:
         wait = due - time.monotonic()

@@ -1,8 +1,8 @@
-"""Measure how long the brake assistant takes to answer: median, p99, p99.9 and the longest.
+"""Measure the duration of a step of the brake assistant: median, p99, p99.9 and maximum.
 
 The demands are those of stops from 10 m/s, one after the other, with twist, wheel speeds and IMU.
-CPU time is what the answer costs, wall-clock time what a vehicle waits for on a machine as busy as
-this one.
+CPU time is the cost of a step; wall-clock time is the wait of a vehicle on a machine with the same
+load.
 """
 
 import gc
@@ -46,7 +46,7 @@ def main() -> None:
                 costs.append(time.thread_time_ns() - spent)
                 times.append(time.perf_counter_ns() - before)
                 stamp_ns += run.period_ns
-            stamp_ns += SECOND_NS  # the next stop has nothing to do with this one
+            stamp_ns += SECOND_NS  # separates the next stop from this one
         for kind, values in (("cpu_time", costs), ("wall_time", times)):
             for name, share in (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("longest", 100.0)):
                 metrics[f"{kind}_{name}.{law}"] = 1e-3 * float(np.percentile(values, share)), "us"

@@ -1,7 +1,8 @@
 """CPU time of compiling every kernel from a cold cache, by module.
 
-A kernel's time excludes the kernels that it calls, which are compiled before it, but includes what
-LLVM inlines of them. Run with ``./omni exec python benchmarks/compile_kernels.py --json``.
+The time of a kernel excludes the kernels that it calls, which are compiled before it, but includes
+the code of them that LLVM inlines. Run with ``./omni exec python benchmarks/compile_kernels.py
+--json``.
 """
 
 import argparse
@@ -14,7 +15,7 @@ import time
 from collections import Counter
 from typing import Any
 
-_COLD = "OMNI_COLD_CACHE"  # set in the process whose cache is empty
+_COLD = "OMNI_COLD_CACHE"  # set in the process with an empty cache
 
 
 def compile_all() -> Counter[tuple[str, str]]:
@@ -24,10 +25,10 @@ def compile_all() -> Counter[tuple[str, str]]:
     from omni_bringup import warm_up
 
     seconds: Counter[tuple[str, str]] = Counter()
-    callees = [0.0]  # of each compilation under way: CPU time of the compilations within it
+    callees = [0.0]  # CPU time of nested compilations, for each running compilation
 
     class Stopwatch(event.Listener):
-        """Adds up the time of each compilation without those within it."""
+        """Adds up the time of each compilation without the compilations nested in it."""
 
         def on_start(self, event: Any) -> None:
             callees.append(0.0)
@@ -48,7 +49,7 @@ def compile_all() -> Counter[tuple[str, str]]:
 
 
 def main() -> None:
-    """Compile in a process with an empty cache and print the times."""
+    """Compile all kernels in a process with an empty cache and print the times."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--kernels", action="store_true", help="list kernels, not modules")

@@ -1,4 +1,4 @@
-"""CPU time of one run of the fast loop, from its configuration to its histories.
+"""Measure the CPU time of one run of the fast loop, from its configuration to its histories.
 
 Run with ``./omni exec python benchmarks/fast_loop.py``; the fastest of several runs counts.
 """

@@ -1,10 +1,10 @@
 """Compare a patch of 64 x 64 pixels with a line of 1024 at the same number of pixels per second.
 
-Both see 50 mm of the ground along the axis. The line camera takes 2500 lines/s, 20 mm wide; the
-patch, square, 625 frames/s. Both have 10 ms: the line camera a batch through the whole odometry of
-one camera, the patch seven frames through OpenCV's phase correlation and Lucas-Kanade, consecutive
-ones where it moves far, else the first and the last. Reported is the error of the velocity along
-the axis.
+Both see 50 mm of the ground along the axis. The line camera takes 2500 lines/s of 20 mm width, and
+the square patch 625 frames/s. Each measures for 10 ms. The whole odometry of one camera processes a
+batch of lines. OpenCV's phase correlation and Lucas-Kanade process seven frames of the patch:
+consecutive frames in fast motion, else the first and the last frame. The benchmark reports the
+error of the velocity along the axis.
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
     ./omni exec python benchmarks/flow_patch.py [--json] [--runs N]
@@ -29,30 +29,30 @@ from omni_tools.line_trials.rig import Rig, ground, poses_at
 
 GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
 SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # [m/s]
-ANGLES = (0.0, 45.0)  # of the motion from the axis [deg]
+ANGLES = (0.0, 45.0)  # from the axis to the motion [deg]
 EYE = LineSensor(x=0.0, y=0.0, heading_deg=0.0)
 OTHERS = {"a": replace(EYE, y=0.5), "b": replace(EYE, x=0.6, heading_deg=90.0)}
 PIXELS, FRAMES = 64, 7
 FRAME_RATE = EYE.pixels * EYE.line_rate / PIXELS**2
-NOISE = 1.0  # gray levels
+NOISE = 1.0  # standard deviation [gray levels]
 
 Frame = NDArray[np.float32]
 
 
 def line_error(texture: GroundTexture, velocity: Any, seed: int) -> float:
-    """Return the error of one batch [m/s]; NaN where the camera does not call it measured."""
+    """Return the velocity error of one batch [m/s], NaN if the batch is not measured."""
     generator = np.random.default_rng(seed)
     start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
     rig = Rig({"eye": EYE}, texture, NOISE, seed)
     odometry = SensorOdometry(EYE, OdometryConfiguration(sensors={"eye": EYE, **OTHERS}))
     twist = np.append(velocity, 0.0)
-    for batch in rig.drive(start, twist, 3):  # of which the last one counts
+    for batch in rig.drive(start, twist, 3):  # the last batch counts
         reading = odometry.update(batch["eye"])
     return reading.velocity - float(velocity[0]) if reading.measured else math.nan
 
 
 def patch_error(cv2: Any, texture: GroundTexture, velocity: Any, seed: int) -> float:
-    """Return the error of seven frames [m/s]."""
+    """Return the velocity error of seven frames [m/s]."""
     generator = np.random.default_rng(seed)
     start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
     elapsed = np.arange(FRAMES) / FRAME_RATE
@@ -68,9 +68,9 @@ def patch_error(cv2: Any, texture: GroundTexture, velocity: Any, seed: int) -> f
 
 
 def displacement(cv2: Any, old: Frame, new: Frame) -> float:
-    """Return how far the camera went along its axis [px]: phase correlation, then Lucas-Kanade."""
+    """Return the displacement along the axis [px] by phase correlation, then Lucas-Kanade."""
     window = cv2.createHanningWindow((PIXELS, PIXELS), cv2.CV_32F)
-    # It multiplies what it is given by the window.
+    # Copies, because OpenCV multiplies its arguments by the window.
     d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
     first, second = (cv2.GaussianBlur(frame, (0, 0), 0.8) for frame in (old, new))
     for _ in range(5):
@@ -87,8 +87,8 @@ def displacement(cv2: Any, old: Frame, new: Frame) -> float:
 
 
 def patch(cv2: Any, texture: GroundTexture, pose: Any, generator: np.random.Generator) -> Frame:
-    """Return what the area camera sees from a pose, with noise; columns run along its axis."""
-    fine = 8  # samples of the ground to a pixel, each way
+    """Return the noisy picture of the area camera at a pose, with columns along its axis."""
+    fine = 8  # samples of the ground per pixel and direction
     count = PIXELS * fine
     place = ((np.arange(count) + 0.5) / count - 0.5) * EYE.length
     along, across = np.meshgrid(place, place)

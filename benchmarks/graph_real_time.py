@@ -1,8 +1,9 @@
-"""Measure how fast the whole graph runs, compared with the same loop in one process.
+"""Measure the speed of the whole graph compared with the same loop in one process.
 
-The graph: four processes, three cameras of 1024 px at 2500 lines/s, everything recorded. Prints
-simulated over elapsed time (the loop alone, without start and stop) for each variant of the
-standard experiment, the two ways of running in turn, and the ratio of their times.
+The graph has four processes and three cameras of 1024 px at 2500 lines/s, and everything is
+recorded. For each variant of the standard experiment, graph and process run in turn. The benchmark
+prints the simulated over the elapsed time of each (without start and stop) and the ratio of the
+times.
 """
 
 import json

@@ -1,8 +1,8 @@
-"""Nodes that are killed, halted, or halted and resumed in the middle of a run.
+"""Disturb runs by nodes that are killed, halted, or halted and resumed.
 
-``./omni exec python benchmarks/killed_nodes.py`` does it at 20 random moments to every node in
-both modes: no such run may end with exit code 0, and no vehicle may stop worse than both the
-undisturbed run and that without the assistant. Prints what did; the exit code is 1 then.
+``./omni exec python benchmarks/killed_nodes.py`` disturbs every node at 20 random moments in both
+modes. No such run may end with exit code 0, and no vehicle may stop worse than both the undisturbed
+run and the run without the assistant. The program prints the runs that do; its exit code is then 1.
 """
 
 import argparse
@@ -31,20 +31,21 @@ NODES = {
     "recorder": "omni_recording",
 }
 ACTIONS = ("kill", "halt", "resume", "terminate")
-PAUSE = 0.3  # [s] between halt and resume
-LONGEST = 240.0  # [s] of a run
-MARGIN = 1.05  # over the unassisted stop
+PAUSE = 0.3  # [s] from halt to resume
+LONGEST = 240.0  # [s] longest duration of a run
+MARGIN = 1.05  # allowed ratio to the unassisted stop
 
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How a run ended.
+    """Result of a disturbed run.
 
     Attributes:
-        returncode: of the command.
-        complaint: what it said.
-        distance: from the pedal to rest [m]; not a number where nothing was recorded to the end.
-        rotation: of the vehicle from the pedal to rest [deg]; NaN where the recording ends early.
+        returncode: exit code of the command.
+        complaint: error output of the command.
+        distance: distance from the pedal to rest [m]; NaN if the recording ends before rest.
+        rotation: rotation of the vehicle from the pedal to rest [deg]; NaN if the recording ends
+            before rest.
     """
 
     returncode: int
@@ -56,18 +57,18 @@ class Outcome:
 def trial(
     folder: Path, node: str, action: str, share: float, *, real_time: bool, size: float = 15e6
 ) -> Outcome | None:
-    """Run an experiment, disturb a node during the run, and return how it ended.
+    """Run an experiment, disturb a node during the run, and return the outcome.
 
     Args:
-        folder: of the recording; must not exist.
+        folder: folder of the recording; must not exist.
         node: one of `NODES`.
         action: one of `ACTIONS`.
-        share: of the recording, 0..1, at which it happens.
-        real_time: the mode.
-        size: of a whole recording [B].
+        share: share of the recording at which the node is disturbed, 0..1.
+        real_time: whether the run is in real time instead of lockstep.
+        size: size of a whole recording [B].
 
     Returns:
-        What came of it, None where the run had ended before.
+        Outcome of the run, None if the run had ended before the disturbance.
     """
     words = ["run", EXPERIMENT, "--variant", "assisted", "--json", "--out", str(folder)]
     words += ["--real-time"] if real_time else []
@@ -95,12 +96,12 @@ def trial(
 
 
 def recorded(folder: Path) -> int:
-    """Return how much a run has recorded [B]."""
+    """Return the size of a run's recording [B]."""
     return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
 
 
 def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> bool:
-    """Wait until a run has recorded this much [B], or ended; return whether it continues."""
+    """Wait until a run has recorded `size` [B] or has ended; return whether it continues."""
     deadline = time.monotonic() + LONGEST
     while process.poll() is None and time.monotonic() < deadline:
         if recorded(folder) >= size:
@@ -110,7 +111,7 @@ def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> bool
 
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
-    """Run the experiment to its end and return how it stopped, see `stop_of`."""
+    """Run the experiment to its end and return distance and rotation, see `stop_of`."""
     subprocess.run(
         [
             *(sys.executable, "-m", "omni_bringup.cli", "run", EXPERIMENT, "--json"),
@@ -136,7 +137,7 @@ def processes_of(package: str, parent: int) -> list[int]:
             if f"OMNI_PARENT_PID={parent}".encode() in (entry / "environ").read_bytes():
                 found.append(int(entry.name))
         except OSError:
-            continue  # it has just ended, or is not ours
+            continue  # the process has ended, or belongs to another user
     return found
 
 
@@ -152,7 +153,7 @@ def disturb(pid: int, action: str) -> None:
 
 
 def stop_of(bag: Path) -> tuple[float, float]:
-    """Return distance [m] and rotation [deg] of a recorded stop, not numbers if there is none."""
+    """Return distance [m] and rotation [deg] of a recorded stop, NaN if there is none."""
     try:
         history = read_run(bag)
     except BagError:
@@ -180,12 +181,12 @@ def main() -> None:
         ]
         folder = Path(scratch) / "run"
         for _ in range(options.moments):
-            # In real time no two runs are alike, least of all on a machine that gets busy.
+            # Real-time runs differ from each other, especially under changing load.
             shutil.rmtree(folder, ignore_errors=True)
             stops.append(undisturbed(folder, "--real-time"))
             for real_time, node, action in itertools.product((False, True), NODES, options.actions):
                 found = None
-                while found is None:  # the end of a run is not the same size each time
+                while found is None:  # the size of a recording varies
                     share = generator.random()
                     shutil.rmtree(folder, ignore_errors=True)
                     found = trial(

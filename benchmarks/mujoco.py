@@ -1,8 +1,8 @@
-"""Real-time factors of the forklift's wheel models compared with MuJoCo's, by processor time.
+"""Compare the real-time factors of the forklift's wheel models and MuJoCo, by CPU time.
 
-All brake from 10 m/s straight ahead for a second, while the vehicle still moves, with a physics
-step of 0.5 ms, in turns; the fastest of several runs counts. MuJoCo is optional, see
-CONTRIBUTING.md.
+Each model brakes from 10 m/s straight ahead for a second, in which the vehicle does not stop, with
+a physics step of 0.5 ms. The models run in turns, and the fastest of several runs counts. MuJoCo is
+optional, see CONTRIBUTING.md.
 """
 
 import dataclasses
@@ -15,12 +15,12 @@ import output
 
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle, load_mujoco
 
-LIMITS = {"single": 300.0, "rollers": 10.0}  # times as fast as MuJoCo
+LIMITS = {"single": 300.0, "rollers": 10.0}  # least ratio to MuJoCo's real-time factor
 
 
 def main() -> None:
     options = output.options(__doc__, repeats=5)
-    # This file has the name of the package that it measures.
+    # This file has the same name as the package that it imports.
     sys.path[:] = [entry for entry in sys.path if Path(entry) != Path(__file__).resolve().parent]
     load_mujoco()
     vehicle = output.load("straight_line", "unassisted").vehicle
@@ -30,7 +30,7 @@ def main() -> None:
             configuration = dataclasses.replace(vehicle, wheel_model=name)
             machine = build_vehicle(configuration, twist=(10.0, 0.0, 0.0))
             run = partial(machine.advance, pedal=1.0, enable=np.ones(4), command_twist=np.zeros(3))
-            run(1, traced=False)  # loads the kernel
+            run(1, traced=False)  # loads the kernels
             steps = round(1.0 / machine.physics_step)
             best[name] = min(best[name], output.fastest(partial(run, steps, traced=False), 1))
     metrics: output.Metrics = {

@@ -17,7 +17,7 @@ Metrics = dict[str, tuple[Any, ...]]
 
 
 def options(words: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the command line: ``--json``, and one option for each default value."""
+    """Return the parsed command line: ``--json`` and an option for each default value."""
     parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for name, default in defaults.items():
@@ -31,7 +31,7 @@ def load(experiment: str, variant: str, *changes: str) -> ExperimentConfiguratio
 
 
 def fastest(action: Callable[[], object], repeats: int) -> float:
-    """Return the least CPU time that an action takes [s]."""
+    """Return the shortest CPU time of an action over several repeats [s]."""
 
     def spent() -> float:
         begun = time.process_time()

@@ -1,12 +1,12 @@
-"""Measures the line-camera renderer: throughput, accuracy, memory and its share of a core.
+"""Measure the line-camera renderer: throughput, accuracy, memory and share of a core.
 
 Run it on an otherwise idle machine, with the workspace's packages on the path:
 
     python benchmarks/render_lines.py [--json] [--ground cork] [--texels 4096 | --dpi 2400]
 
-Errors are against the exact integral over the ground at its full resolution. The peak of memory is
-that of a process of its own, which takes a ground of 2400 dpi from the cache (the first time it is
-generated there), sets up cameras and turns them once around.
+Errors are relative to the exact integral over the ground at its full resolution. The peak memory is
+that of a separate process, which loads a ground of 2400 dpi from the cache, sets up cameras and
+turns them once around. The first time the ground is generated in the cache.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
 def throughput(
     sensor: LineSensor, texture: GroundTexture, heading: float, lines: int = 200
 ) -> tuple[float, float]:
-    """Return lines per second of CPU time, best of several runs, and rms error [gray levels]."""
+    """Return lines per second of CPU time (best of several runs) and RMS error [gray levels]."""
     seed = np.random.SeedSequence(1)
     array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed)
     poses = path(lines, heading, 0.0)
@@ -71,7 +71,7 @@ def throughput(
 
 
 def share_of_core(texture: GroundTexture, turn: float) -> float:
-    """Return CPU time [s] per simulated second, three sensors in batches of 25 lines."""
+    """Return CPU time [s] per simulated second for three sensors in batches of 25 lines."""
     seed = np.random.SeedSequence(1)
     array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed)
     batches = np.split(path(5000, 0.3, turn), 200)  # of 10 ms
@@ -94,9 +94,9 @@ def turn_around(kind: str, names: list[str]) -> float:
 
 
 def peak_memory(kind: str, names: list[str]) -> float:
-    """Return what `turn_around` does in a new process."""
+    """Return the result of `turn_around` in a new process."""
     command = [sys.executable, __file__, "--ground", kind, "--turn-around", *names]
-    for _ in range(2):  # the first one generates the ground and compiles, if need be
+    for _ in range(2):  # the first process generates the ground and compiles, if necessary
         output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return float(output)
 
@@ -104,7 +104,7 @@ def peak_memory(kind: str, names: list[str]) -> float:
 def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
     """Return all metrics by name."""
     metrics: output.Metrics = {}
-    for name in KINDS:  # the first one small, to compile
+    for name in KINDS:  # a small first measurement compiles the kernels
         generate_texture(TextureConfiguration(kind=name, texels=256))
         start = time.perf_counter()
         generate_texture(TextureConfiguration(kind=name, texels=texels))

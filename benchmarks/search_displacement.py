@@ -1,15 +1,15 @@
-"""How fast displacements are found: line pairs per second and the time of a whole update.
+"""Measure the search for displacements: line pairs per second and time of a whole update.
 
     python benchmarks/search_displacement.py [--json]
 
-Prints medians over repeated batches of 25 lines, on one core. The first row of each size is the
-full search over +/- n/2 by Pearson's correlation, the second the search with sub-pixel refinement.
-Then follow the other metrics, the search in a window of +/- 32 px that follows the motion, and how
-many times faster the full search is than `scipy.spatial.distance.pdist` at every shift and than
-OpenCV's `matchTemplate` over the same shifts with the same normalization, on one thread. These two
-take turns with the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985
-(LIS-770i) and 128 px at 15600 (S3901). OpenCV is needed for nothing else; without it that
-comparison is left out:
+The benchmark prints medians over repeated batches of 25 lines, on one core. The first row of each
+size is the full search over +/- n/2 by Pearson's correlation, and the second row the search with
+sub-pixel refinement. The next rows are the other metrics and the search in a window of +/- 32 px
+that follows the motion. The last rows are the speed of the full search relative to
+`scipy.spatial.distance.pdist` at every shift, and relative to OpenCV's `matchTemplate` over the
+same shifts with the same normalization, on one thread. The search and `matchTemplate` take turns
+with the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 (LIS-770i) and
+128 px at 15600 (S3901). Without OpenCV this comparison is omitted. Install it by
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """
@@ -45,7 +45,7 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def record(pixels: int, lines: int, dtype: type) -> Lines:
-    """Return noisy lines of a fine random ground, moving by 4 mm a line under 50 mm of view."""
+    """Return noisy lines of a fine random ground, which moves 4 mm per line below a 50 mm view."""
     generator = np.random.default_rng(1)
     step = 4e-3 / (0.05 / pixels)
     grains = 4 * int(step * lines + pixels + 4)
@@ -59,7 +59,7 @@ def record(pixels: int, lines: int, dtype: type) -> Lines:
 
 
 def median_times(repetitions: int, *actions: Callable[[], object]) -> list[float]:
-    """Return the median durations of actions that take turns [s]; the first turn does not count."""
+    """Return the median durations [s] of actions that take turns, without the first turn."""
     durations = []
     for _ in range(repetitions + 1):
         times = [time.perf_counter()]
@@ -98,7 +98,7 @@ def measure(repetitions: int) -> output.Metrics:
 
 
 def other_searches(repetitions: int) -> output.Metrics:
-    """Return the rates of the other metrics and of windows, and the ratios to `pdist`."""
+    """Return the rates of the other metrics and of windows, and the speeds relative to `pdist`."""
     metrics: output.Metrics = {}
     shift, similarity = np.empty(LINES, np.int64), np.empty(LINES)
     for pixels in (1024, 335, 128):
@@ -108,7 +108,7 @@ def other_searches(repetitions: int) -> output.Metrics:
                 if case == "pearson":
                     continue
                 search = make_search(name, pixels, pixels // 2, window)
-                # Ranks take long: fewer repetitions do.
+                # Rank correlation is slow, so it has fewer repetitions.
                 count = max(3, repetitions // (20 if name == "spearman" else 2))
                 (spent,) = median_times(count, lambda: search.match(lines, shift, similarity))  # noqa: B023
                 metrics[f"search_rate.{pixels}px_{case}"] = LINES / spent, "1/s"
@@ -122,19 +122,20 @@ def other_searches(repetitions: int) -> output.Metrics:
 class MatchTemplateSearch:
     """The full search by Pearson's correlation with OpenCV, over shifts within +/- n/2.
 
-    The older line is between n/2 black pixels on either side, so that all shifts are covered;
-    `matchTemplate` gives the sum of products at each, and sums over the true overlaps normalize it.
+    The older line gets n/2 black pixels at each end, so that all shifts are covered.
+    `matchTemplate` returns the sum of products at each shift, which sums over the true overlaps
+    normalize.
     """
 
     def __init__(self, pixels: int, lines: int) -> None:
         self._half = pixels // 2
         self._pixels = pixels
-        # Whole numbers as floating-point ones, which OpenCV is faster with.
+        # Integers as floating-point numbers, with which OpenCV is faster.
         self._padded = np.zeros((lines, pixels + 2 * self._half), np.float32)
         self._products = np.empty((lines - 1, 2 * self._half + 1), np.float32)
 
     def match(self, lines: Lines, shift: NDArray[np.int64]) -> None:
-        """Set the best shift of each line against the one before it."""
+        """Set the best shift of each line against the previous line."""
         inner = self._padded[:, self._half : self._half + self._pixels]
         inner[:] = lines
         for i in range(len(shift)):
@@ -145,7 +146,7 @@ class MatchTemplateSearch:
 
 @njit(cache=True, fastmath=True)
 def best_correlation(lines: Lines, products: NDArray[np.float32], shift: NDArray[np.int64]) -> None:
-    """Set the shifts of the largest correlation (81) over the true overlaps."""
+    """Set the shifts of the largest correlation, Eq. (81), over the true overlaps."""
     rows, pixels = lines.shape
     half = products.shape[1] // 2
     sums = np.empty((rows, 2, half + 1), np.float32)  # of the first and of the last n - s pixels
@@ -192,10 +193,10 @@ def best_correlation(lines: Lines, products: NDArray[np.float32], shift: NDArray
 
 
 def compared_with_opencv(repetitions: int) -> output.Metrics:
-    """Return how many times faster the full search is than with OpenCV.
+    """Return the speed of the full search relative to OpenCV.
 
     Raises:
-        RuntimeError: they find different shifts.
+        RuntimeError: both searches find different shifts.
     """
     if cv2 is None:
         print("no OpenCV: ratio_to_match_template is left out", file=sys.stderr)
@@ -219,7 +220,7 @@ def compared_with_opencv(repetitions: int) -> output.Metrics:
 
 
 def pdist_search(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> int:
-    """Return the shift of the largest correlation, found as the dissertation does."""
+    """Return the shift of the largest correlation, found by the method of the dissertation."""
     n = len(new)
     distances = [
         pdist(

@@ -1,7 +1,7 @@
-"""How large the project is: lines of code and named numbers, by package, apart from tests.
+"""Measure the size of the project by package: lines of code and named numbers, without tests.
 
-A line of code is one that holds neither a blank, nor a comment, nor a docstring alone. A named
-number is a number that a module gives a name beginning with a capital, as in ``_LIMIT = 0.3``.
+A line of code is a line that is not blank and not only a comment or docstring. A named number is a
+number with a capitalized name at the top of a module, as in ``_LIMIT = 0.3``.
 """
 
 import argparse
@@ -22,7 +22,7 @@ NO_CODE = {
 
 
 def sources() -> Iterator[tuple[str, Path]]:
-    """Yield the files of code, each with the name of its package, or of its folder."""
+    """Yield the files of code, each with the name of its package or folder."""
     for part in PARTS:
         place = WORKSPACE / part
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
@@ -32,7 +32,7 @@ def sources() -> Iterator[tuple[str, Path]]:
 
 
 def code_lines(text: str) -> int:
-    """Return the number of lines of a module that hold code."""
+    """Return the number of lines of code of a module."""
     strings: set[int] = set()
     for node in ast.walk(ast.parse(text)):
         value = node.value if isinstance(node, ast.Expr) else None
@@ -46,7 +46,7 @@ def code_lines(text: str) -> int:
 
 
 def constants(text: str) -> int:
-    """Return how many numbers a module names at its top."""
+    """Return the number of named numbers of a module."""
     found = 0
     for node in ast.parse(text).body:
         if isinstance(node, ast.Assign):
@@ -76,7 +76,7 @@ def is_number(node: ast.expr) -> bool:
 
 
 def main() -> None:
-    """Count, and print a table or one JSON document."""
+    """Count lines and named numbers, and print a table or a JSON document."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     as_json = parser.parse_args().json

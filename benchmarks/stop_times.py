@@ -1,6 +1,6 @@
-"""Time of each node from SIGINT to its end, with and without subscribers.
+"""Measure the time of each node from SIGINT to its end, with and without subscribers.
 
-``./omni exec python benchmarks/stop_times.py`` prints median and worst of 20, in seconds.
+``./omni exec python benchmarks/stop_times.py`` prints median and maximum of 20 trials in seconds.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, find_executable
 from omni_ros.environment import node_environment
 
-SETTLING = 6.0  # [s] after which a node that has appeared is at work
+SETTLING = 6.0  # [s] from the appearance of a node until it works
 
 
 def main() -> None:
@@ -54,15 +54,15 @@ def node_of(name: str, scratch: Path) -> NodeProcess:
     if name == "recorder":
         return graph.recorder(optical, scratch / "bag", scratch)
     process = graph.odometry(optical, scratch, lockstep=False, listeners=1)
-    # Without a listener it would wait for one.
+    # Without a subscriber the node would wait for one.
     return dataclasses.replace(process, arguments=[*process.arguments, "-p", "subscribers:=0"])
 
 
 def stop_time(name: str, scratch: Path, *, subscribed: bool) -> float:
-    """Return how long a running node takes to end after one SIGINT [s].
+    """Return the time in which a running node ends after one SIGINT [s].
 
     Raises:
-        RuntimeError: it ends with an error.
+        RuntimeError: the node ends with an error.
     """
     scratch.mkdir()
     node = node_of(name, scratch)

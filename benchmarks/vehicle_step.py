@@ -1,7 +1,7 @@
 """Measure the cost of a physics step of the Mecanum forklift: driving, braking, releasing.
 
-Prints the fastest of several runs, in microseconds per step and as real-time factor, of calls of 20
-steps and of one call.
+The benchmark prints the fastest of several runs in microseconds per step and as real-time factor,
+for calls of 20 steps and for one call.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The build: packages by colcon, and compiled kernels."""
+"""Build of the packages by colcon, and compilation of the kernels."""
 
 import contextlib
 import re
@@ -14,10 +14,10 @@ from setup.steps import Steps
 
 
 def build(workspace: places.Workspace, steps: Steps) -> None:
-    """Build the packages from scratch; compile kernels where none have been compiled yet."""
+    """Build the packages from scratch, and compile the kernels if there are none."""
     state = places.files_state(
         places.build_inputs(workspace.root)
-    )  # taken first: an edit meanwhile builds again
+    )  # taken first, so that an edit during the build causes another build
     environment_stamp = places.read_stamp(workspace.venv)
     libraries = environment_stamp["libraries"]
     environment = places.venv_environment(workspace, libraries)
@@ -25,7 +25,7 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
         compile_in_background(workspace, places.final_environment(workspace, libraries))
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
     say(f"building {len(packages)} packages with colcon")
-    # From nothing, so that no file of a deleted package stays; the stamp goes first.
+    # Built from scratch, so that no file of a deleted package stays. The stamp is removed first.
     (workspace.install / "omni.json").unlink(missing_ok=True)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
         remove(folder)
@@ -83,16 +83,16 @@ def remove(folder: Path) -> None:
 
 
 def mend_first_lines(library: Path) -> None:
-    """Give executables a first line that works when the path is long or contains spaces."""
+    """Give executables a first line that works if the path is long or contains spaces."""
     for script in library.glob("*/*"):
         if script.parent.name.startswith("python3") or not script.is_file():
             continue
         text = script.read_bytes()
         first, _, rest = text.partition(b"\n")
-        # setuptools quotes a path with spaces, which no kernel understands.
+        # setuptools quotes a path with spaces, but the kernel does not accept quotes.
         if first.startswith(b'#!"') or (first.startswith(b"#!/") and len(first) > 127):
             interpreter = first[2:].strip(b'"')
-            # A string to Python, a command to the shell.
+            # Python reads these lines as a string, and the shell reads them as a command.
             script.write_bytes(
                 b"#!/bin/sh\n'''exec' \"" + interpreter + b'" "$0" "$@"\n' + b"' '''\n" + rest
             )

@@ -1,4 +1,4 @@
-"""The environment of the workspace: exactly the packages of a lock file."""
+"""Environment of the workspace, with exactly the packages of a lock file."""
 
 import os
 import re
@@ -33,7 +33,7 @@ def make_environment(workspace: places.Workspace, steps: Steps) -> None:
                 f"start again."
             )
         shutil.rmtree(workspace.venv)
-    shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled by other packages
+    shutil.rmtree(workspace.kernels, ignore_errors=True)  # compiled with other packages
     failures.check_space(workspace.root, DISK_SPACE)
     say(f"setting up in {workspace.venv} (about 1 GB, once, one minute; log: {workspace.log})")
     workspace.venv.mkdir()
@@ -68,7 +68,7 @@ def make_environment(workspace: places.Workspace, steps: Steps) -> None:
 def choose_python(workspace: places.Workspace) -> str:
     """Return the Python for the environment: that of the sourced ROS, if there is one."""
     if not workspace.ros or workspace.ros.python == sys.version_info[:2]:
-        # Not the Python of an active environment: that may be the one about to be replaced.
+        # The base Python, as an active environment may be the one that is about to be replaced.
         return str(getattr(sys, "_base_executable", sys.executable))
     python = find_python((workspace.ros.python,))
     if not python:
@@ -82,14 +82,14 @@ def choose_python(workspace: places.Workspace) -> str:
 def install_packages(
     workspace: places.Workspace, steps: Steps, environment: Mapping[str, str]
 ) -> None:
-    """Install exactly what the lock file says, every file checked against its hash."""
+    """Install exactly the packages of the lock file, and check every file against its hash."""
     lock = workspace.lock_file.read_text()
     pip = [workspace.python, "-m", "pip", "--disable-pip-version-check", "--no-input"]
     install = [*pip, "install", "--no-deps", "--require-hashes", "--no-compile"]
     install += ["--progress-bar", "off", "--no-warn-script-location"]
     if "PIP_RETRIES" not in environment:
         install += ["--retries", "3"]
-    # empy comes as source only; it is built with the locked setuptools, not a fetched one.
+    # empy is published as source only. It is built with the setuptools of the lock file.
     tools = workspace.venv / "setuptools.lock"
     block = re.search(r"(?m)^setuptools==(?:.*\\\n)*.*\n", lock)
     tools.write_text(block.group() if block else "")

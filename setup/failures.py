@@ -13,16 +13,16 @@ class SetupError(Exception):
 
 
 def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
-    """Refuse a machine for which there are no ROS wheels.
+    """Raise an error for a machine without ROS wheels.
 
     Args:
-        system: Operating system, as platform.system() says it.
-        machine: Processor architecture, as platform.machine() says it.
+        system: Operating system, as returned by platform.system().
+        machine: Processor architecture, as returned by platform.machine().
         libc: C library and version, such as 'glibc 2.36'.
         bits: Pointer size of this Python [bit].
 
     Raises:
-        SetupError: With the sentence for the user.
+        SetupError: The message says why the machine is not supported.
     """
     remedy = "install and source ROS 2 Jazzy itself, or use a Debian or Ubuntu x86-64 machine"
     if system != "Linux":
@@ -43,7 +43,7 @@ def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
 
 
 def check_venv_module(python: str) -> None:
-    """Refuse a Python that cannot make environments (Debian has a separate package for venv)."""
+    """Raise an error for a Python without venv (a separate package in Debian)."""
     probe = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
     if subprocess.call(
         [python, "-I", "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -57,7 +57,7 @@ def check_venv_module(python: str) -> None:
 
 
 def check_space(folder: Path, needed: float) -> None:
-    """Refuse a disk that set-up would fill; `needed` in bytes."""
+    """Raise an error if the disk has less than `needed` [B] free."""
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise SetupError(
@@ -71,14 +71,14 @@ def explain_install(output: str, log: Path, step: str = "installing the packages
 
     Args:
         output: What pip has printed.
-        log: The file with the details, which the sentence names.
-        step: What has failed, for output that does not contain the reason.
+        log: Log file, which the sentence names.
+        step: Name of the failed step, used if the output does not contain the reason.
     """
     network = (
         r"name resolution|new connection|Connection (?:refused|reset)|connection broken|"
         r"Max retries exceeded|timed out|Network is unreachable|ProxyError|RemoteDisconnected|"
         r"SSLError|CERTIFICATE_VERIFY|HTTP error|IncompleteRead|"
-        r"setuptools==\S+ \(from versions: none\)"  # it is in every index that answers
+        r"setuptools==\S+ \(from versions: none\)"  # every reachable index has setuptools
     )
     if re.search(r"No space left on device", output):
         return f"the disk is full: make room and start again (details in {log})."

@@ -1,4 +1,4 @@
-"""The lock that set-up holds exclusively and commands share."""
+"""Lock that set-up holds exclusively and commands share."""
 
 import errno
 import fcntl
@@ -15,7 +15,7 @@ def open_lock(workspace: Workspace) -> int | None:
         workspace.cache.mkdir(exist_ok=True)
         return os.open(str(path), os.O_RDWR | os.O_CREAT, 0o666)
     except OSError:
-        if path.exists():  # a finished set-up in a folder that has since become read-only
+        if path.exists():  # the folder may have become read-only after a set-up
             return os.open(str(path), os.O_RDONLY)
         raise
 
@@ -31,4 +31,4 @@ def take_lock(lock: int | None, mode: int) -> None:
         fcntl.flock(lock, mode)
     except OSError as error:
         if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.EBADF):
-            raise  # file systems without locks go without
+            raise  # on a file system without locks there is no lock

@@ -1,7 +1,7 @@
 """Finds a usable Python.
 
-This file and `omni` must parse on any Python 3, for "too old" to be a sentence: no f-strings, no
-annotated variables, nothing imported that an old one lacks.
+Any Python 3 must parse this file and `omni`, so that an old Python prints a message instead of a
+syntax error. Therefore they use no f-strings, no annotated variables and no new modules.
 """
 
 # ruff: noqa: UP032
@@ -18,7 +18,7 @@ INSTALL_PYTHON = (
 
 
 def say(text: str) -> None:
-    """Print a line about the set-up to stderr: stdout belongs to the command."""
+    """Print a line about the set-up to stderr, because stdout is for the command's output."""
     sys.stderr.write("omni: " + text + "\n")
     sys.stderr.flush()
 
@@ -30,7 +30,8 @@ def find_python(versions: "tuple[tuple[int, int], ...]") -> "str | None":
         path = shutil.which(name)
         probe = "import sys; sys.exit(sys.version_info[:2] != {!r})".format(tuple(version))
         try:
-            # A name on the PATH may be a version manager's shim for a version that is not there.
+            # A name on the PATH may be a version manager's shim for a version that is not
+            # installed.
             if path and not subprocess.call(
                 [path, "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
             ):

@@ -1,4 +1,4 @@
-"""Sets the version of the newest entry of CHANGELOG.md in every file that must name it.
+"""Set the version of the newest entry of CHANGELOG.md in every file that must name it.
 
 Run ``python3 setup/release.py`` after adding an entry. A test compares the files.
 """

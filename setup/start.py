@@ -1,4 +1,4 @@
-"""Makes the workspace ready and hands over to the command."""
+"""Make the workspace ready and run the command in it."""
 
 import fcntl
 import os
@@ -18,12 +18,12 @@ from setup.steps import Steps
 
 
 def main(words: Sequence[str], door: str, usage: str) -> int:
-    """Run a command; every failure of the set-up is one sentence and exit code 1.
+    """Run a command; if the set-up fails, print one sentence and return exit code 1.
 
     Args:
         words: the command and its arguments.
         door: path of the started program, in the folder of the workspace.
-        usage: its help text.
+        usage: help text of the program.
     """
     root = Path(door).parent
 
@@ -32,7 +32,7 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
 
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) != signal.SIG_IGN:  # as nohup has it
+        if signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores signals
             signal.signal(number, end)
     try:
         if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:
@@ -59,7 +59,7 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
         print(flush=True)
         words = ["--help"]
     lock = None
-    # A start from within a running command uses what that one runs, whatever is edited meanwhile.
+    # A start within a running command uses the same build, even if files were edited meanwhile.
     within = os.environ.get("OMNI_RUNNING") == str(root)
     if not within:
         lock = open_lock(workspace)
@@ -110,12 +110,12 @@ def hand_over(
         if lock is not None:
             os.set_inheritable(lock, True)
         if words[0] == "test":
-            # Plugins of a sourced ROS do not fit every pytest; none is needed but these.
+            # Only the needed plugins are loaded, as those of a sourced ROS do not fit every pytest.
             environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
-            # All of them on all cores, file by file: a file's tests share its recorded runs. One
-            # more at a time than there are cores, as a third of the time is waiting for processes.
-            # Not where the arguments name files, which are a few.
+            # Without named files, all tests run on all cores, file by file, because the tests of a
+            # file share its recorded runs. There is one worker more than cores, as workers often
+            # wait for other processes.
             named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
             if not named and not {"-n", "-k", "--pdb"} & set(words):
                 workers = str(len(os.sched_getaffinity(0)) + 1)
@@ -124,13 +124,13 @@ def hand_over(
         else:
             cli = workspace.install / "omni_bringup" / "lib" / "omni_bringup" / "omni"
             command = [python, str(cli), *list(words)]
-            # Held back, not lost, until the command line is ready to answer them.
+            # Signals are blocked until the command line can handle them; they are not lost.
             signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
     os.execve(program, command, environment)
 
 
 def pytest_arguments(words: Sequence[str], root: Path) -> list[str]:
-    """Return pytest arguments for the workspace's folder, paths of the caller's made absolute."""
+    """Return pytest arguments for the workspace's folder, with the caller's paths made absolute."""
     here = os.getcwd()
     os.chdir(str(root))
     return [

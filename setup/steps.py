@@ -1,4 +1,4 @@
-"""The steps of the set-up: programs whose output goes to the log."""
+"""Steps of the set-up: programs whose output goes to the log."""
 
 import ctypes
 import shutil
@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from setup.workspace import Workspace
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
-_LIBC = ctypes.CDLL(None)  # loaded here: a child between fork and exec should not
+_LIBC = ctypes.CDLL(None)  # loaded here, not between fork and exec
 
 
 def _end_with_parent() -> None:
@@ -19,14 +19,14 @@ def _end_with_parent() -> None:
 
 
 class Steps:
-    """Runs one program after the other, under the exclusive lock."""
+    """Runs one program after the other while the exclusive lock is held."""
 
     def __init__(self, workspace: Workspace, lock: int | None) -> None:
-        """Begin.
+        """Store workspace and lock, and open the log.
 
         Args:
-            workspace: to make ready.
-            lock: that is held.
+            workspace: workspace to make ready.
+            lock: descriptor of the lock that is held.
         """
         self.workspace = workspace
         self.lock = lock
@@ -43,16 +43,16 @@ class Steps:
 
         Args:
             command: Program and arguments.
-            environment: All its variables.
-            note: Turns a line of output into the progress to show after the step, if any.
+            environment: All environment variables of the program.
+            note: Function from a line of output to the progress that is shown, if any.
         """
         words = [str(word) for word in command]
         output = []
         with open(self.workspace.log, "a", errors="replace") as log:
             log.write("$ {}\n".format(" ".join(words)))
             log.flush()
-            # The child inherits the lock: should this process be killed, it is asked to end, and
-            # the next start waits until it has before it touches the same folders.
+            # The child inherits the lock. If this process is killed, the child is asked to end, and
+            # the next start waits for its end before it changes the same folders.
             with subprocess.Popen(
                 words,
                 env=environment,
@@ -79,7 +79,7 @@ class Steps:
         return program.returncode, "".join(output)
 
     def show(self, progress: str | None) -> None:
-        """Overwrite the live line on a terminal; an empty one wipes it."""
+        """Overwrite the progress line on a terminal; an empty text clears it."""
         if self.live and progress is not None:
             width = shutil.get_terminal_size().columns - 1
             sys.stderr.write("\r\x1b[K" + (progress and "omni:   " + progress)[:width])

@@ -1,4 +1,4 @@
-"""The folders of the workspace, their stamps, and their environment variables."""
+"""Folders of the workspace, their stamps, and environment variables."""
 
 import contextlib
 import glob
@@ -16,12 +16,12 @@ from setup.pythons import SUPPORTED
 STAMP_FORMAT = 1
 OWN_FOLDERS = ("src", "build", "install")
 SOURCED_DISTRO = "jazzy"
-# What another environment's Python, ROS or pip configuration would bring into this one.
+# Variables with which another Python, ROS or pip configuration would affect this environment.
 FOREIGN_VARIABLES = (
     *("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
     *("ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"),
     *("OMNI_RUNNING", "PIP_TARGET", "PIP_PREFIX", "PIP_ROOT", "PIP_USER"),
-    # Without stored bytecode every process would compile its libraries anew, for about a second.
+    # Without stored bytecode every process would compile its libraries again.
     "PYTHONDONTWRITEBYTECODE",
 )
 
@@ -39,7 +39,7 @@ class Workspace:
     def __init__(self, root: Path, ros: SourcedRos | None) -> None:
         self.root = root
         self.ros = ros
-        # One environment per kind of ROS, so that both can stay.
+        # One environment for each kind of ROS, so that both can exist.
         self.venv = root / (".venv-sourced" if ros else ".venv")
         self.python = self.venv / "bin" / "python"
         self.lock_file = root / "requirements" / ("sourced-ros.lock" if ros else "wheels.lock")
@@ -53,11 +53,11 @@ def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | Non
     """Return the sourced Jazzy with rclpy, or None if ROS from PyPI is to be used.
 
     Args:
-        environ: The user's environment; OMNI_ROS in it forces the choice.
+        environ: The user's environment; OMNI_ROS forces the choice.
         root: Folder of the workspace, whose own prefixes do not count.
 
     Raises:
-        SetupError: A sourced Jazzy is demanded and there is none, or OMNI_ROS is neither word.
+        SetupError: OMNI_ROS demands a sourced Jazzy that is missing, or has an unknown value.
     """
     wanted = environ.get("OMNI_ROS", "")
     if wanted not in ("", "wheels", "sourced"):
@@ -118,7 +118,7 @@ def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[s
 
 
 def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
-    """Return the entries of PYTHONPATH that hold modules of the user's own.
+    """Return the entries of PYTHONPATH that contain the user's own modules.
 
     Packages of another Python or ROS are incompatible: entries below its prefix and any folder of
     site-packages are removed.
@@ -135,13 +135,13 @@ def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
 
 
 def prepend(environment: dict[str, str], name: str, *parts: object) -> None:
-    """Put path entries before what a variable holds."""
+    """Put path entries before the value of a variable."""
     held = environment.get(name, "")
     environment[name] = os.pathsep.join([str(part) for part in parts] + ([held] if held else []))
 
 
 def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str, str]:
-    """Return the variables with which programs of the environment run.
+    """Return the environment variables for programs of the environment.
 
     Args:
         workspace: The workspace.
@@ -151,8 +151,8 @@ def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str
     environment["VIRTUAL_ENV"] = str(workspace.venv)
     prepend(environment, "PATH", workspace.venv / "bin")
     if not workspace.ros:
-        # The environment is an ament prefix of its own. The two variables after it spare every
-        # Python a restart: without them the wheels set them at import and execute Python anew.
+        # The environment is an ament prefix of its own. Without the last two variables, the ROS
+        # wheels would set them at import and restart every Python.
         prepend(environment, "AMENT_PREFIX_PATH", workspace.venv)
         prepend(environment, "LD_LIBRARY_PATH", *libraries)
         environment["_ROS_WHEELS_BOOTSTRAP_COMPLETE"] = "1"
@@ -161,11 +161,11 @@ def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str
 
 
 def final_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str, str]:
-    """Return the variables for the command, with the built packages on the paths."""
+    """Return the environment variables for the command, with the built packages on the paths."""
     environment = venv_environment(workspace, libraries)
     installed = sorted(workspace.install.glob("*/lib/python3.*/site-packages"))
     prepend(environment, "AMENT_PREFIX_PATH", *(library.parents[2] for library in installed))
-    if not workspace.ros:  # whose base has it already
+    if not workspace.ros:  # a sourced base has PYTHONPATH already
         prepend(environment, "PYTHONPATH", *own_modules(os.environ, workspace))
     # Modules from src, so that an edit needs no build; entry points are listed in install.
     modules = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
@@ -191,7 +191,7 @@ def build_inputs(root: Path) -> Iterator[Path]:
     yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
         place = Path(folder).relative_to(root / "src").parts
-        if len(place) == 1:  # a package: neither modules nor tests nor what pip has built
+        if len(place) == 1:  # a package: without modules, tests and files that pip has built
             folders[:] = [name for name in folders if name not in (place[0], "test", "build")]
         folders[:] = sorted(name for name in folders if not name.endswith((".egg-info", "cache__")))
         for name in sorted(names):
@@ -200,12 +200,12 @@ def build_inputs(root: Path) -> Iterator[Path]:
 
 
 def files_state(files: Iterable[Path]) -> str:
-    """Return a digest of path, size and times of files: it changes with every edit."""
+    """Return a digest of path, size and times of files, which changes with every edit."""
     digest = hashlib.sha256()
     for path in files:
         with contextlib.suppress(FileNotFoundError):  # an editor's short-lived file
             status = path.stat()
-            # ctime also sees an edit that keeps size and modification time.
+            # ctime also changes with an edit that keeps size and modification time.
             entry = (str(path), status.st_size, status.st_mtime_ns, status.st_ctime_ns)
             digest.update(repr(entry).encode())
     return digest.hexdigest()
@@ -223,7 +223,7 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return the identity of an up-to-date build, without its inputs."""
+    """Return the identity of an up-to-date build, without the state of its inputs."""
     return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 
@@ -255,7 +255,7 @@ def environment_ready(workspace: Workspace) -> bool:
 
 
 def build_ready(workspace: Workspace) -> bool:
-    """Return whether the build is complete and its inputs are as they were."""
+    """Return whether the build is complete and its inputs are unchanged."""
     stamp = read_stamp(workspace.install)
     identity = build_identity(read_stamp(workspace.venv))
     return holds(stamp, identity) and stamp.get("state") == files_state(
