@@ -38,7 +38,8 @@ class RecordedTransforms:
         Args:
             odometry: full name of the topic whose poses become transforms; empty for none.
             frames: names of the frames that are fixed to the platform.
-            poses: x, y [m] and heading [rad] of each in `base_link`, one after the other.
+            poses: x, y [m] and heading [rad] of each frame in `base_link`, one frame after the
+                other.
         """
         self._odometry = odometry
         self.topics: list[RecordedTopic] = []
@@ -115,7 +116,8 @@ class TransformSerializer:
         Args:
             parent: frame to which they are fixed.
             frames: names of the fixed frames.
-            poses: x, y [m] and heading [rad] of each in the parent, one after the other.
+            poses: x, y [m] and heading [rad] of each frame in the parent, one frame after the
+                other.
         """
         types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)

@@ -90,7 +90,7 @@ class DirectSearch:
         """Prepare for one sensor.
 
         Args:
-            metric: name of the distance.
+            metric: similarity metric of the search.
             pixels: n of a line.
             limit: largest shift [px].
             window: half width of the search around the last displacement [px]; 0 to search all

@@ -143,7 +143,7 @@ class Stop(NamedTuple):
 
     @property
     def group(self) -> str:
-        """Case of the study's metrics."""
+        """Name of the group of stops in the study's metrics."""
         return f"{self.law}_{'imu' if self.imu else 'no_imu'}_{self.extent}"
 
 

@@ -150,7 +150,7 @@ class Tally:
 
     @property
     def undetected(self) -> NDArray[np.bool_]:
-        """Batches with an undetected error."""
+        """Whether the error of each batch is undetected, shape (m,)."""
         return errors.undetected(self.ratio, self.error)
 
     @property

@@ -82,7 +82,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the ten numbers for all vehicles and assumptions; return the first one's ranges."""
+    """Write the numbers of all vehicles and assumptions; return the first vehicle's ranges."""
     vehicles = {"identified": parameters, **OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

@@ -43,8 +43,8 @@ class Plan:
         rotation: change of heading [deg].
         time: times of the interval ends [s], shape (M + 1,).
         state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
-            yaw rate [rad/s] and wheel speeds in the sense of rolling at the start [rad/s],
-            shape (M + 1, 6 + N).
+            yaw rate [rad/s] and wheel speeds, positive as at the start [rad/s], shape (M + 1, 6 +
+            N).
         torque: torque of the brakes over the intervals [N m], shape (M, N).
     """
 

@@ -88,7 +88,7 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
 
     Args:
         kind: kind of `omni_sim.texture.texture.KINDS`.
-        texels: texels per period of 0.2 m.
+        texels: number of texels per period of 0.2 m.
         seed: seed of the pattern.
     """
     configuration = TextureConfiguration(kind=kind, size=PERIOD, texels=texels, seed=seed)
