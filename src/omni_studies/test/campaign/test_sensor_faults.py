@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from omni_loop.compiled import run_fast_loop
@@ -22,7 +23,7 @@ def bound(limit: float | None) -> float:
 
 
 DISTANCE, ROTATION = (bound(limit) for limit in limits("single", imu=True)[:2])
-BLIND_DISTANCE = bound(limits("single", imu=False).distance)
+BLIND_DISTANCE, BLIND_ROTATION = (bound(limit) for limit in limits("single", imu=False)[:2])
 LIBRARY = ExperimentLibrary(Path(__file__).parents[4] / "config")
 
 
@@ -171,6 +172,48 @@ def test_without_an_imu_a_twist_that_loses_no_speed_is_found(
     stop = stops.run(Setting("sliding_mode", False, case), fault)
     assert stop.rest
     assert stop.distance <= BLIND_DISTANCE
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "the yaw rate of the twist is stuck or scaled, without an IMU",
+    "fault isolation: the wheels that roll contradict the twist, and all brakes are on",
+    within="the whole stop",
+)
+@pytest.mark.parametrize(
+    ("law", "case", "fault"),
+    [
+        ("sliding_mode", "slippery", Fault("twist", "stuck", 2, 0.68, -0.049, 0.21)),
+        ("sliding_mode", "slippery", Fault("twist", "scale", 2, 0.77, -1.042, 0.49)),
+        ("sliding_mode", "straight_line", Fault("twist", "zero", 2, 0.78, 0.41, 0.43)),
+        ("allocation", "straight_line", Fault("twist", "whisper", 2, -1.31, -0.09, 0.09)),
+    ],
+)
+def test_without_an_imu_rolling_wheels_show_a_faulty_yaw_rate(
+    stops: FaultyStops, law: str, case: str, fault: Fault
+) -> None:
+    stop = stops.run(Setting(law, False, case), fault)
+    assert stop.distance <= BLIND_DISTANCE
+    assert stop.rotation <= BLIND_ROTATION
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        # Driven wheels slip in the turn.
+        ("maneuver.speed=9.2", "maneuver.direction_deg=-95", "maneuver.yaw_rate_deg=-55"),
+        # The fast wheels are locked for long, the slow ones roll.
+        (
+            *("maneuver.speed=8", "maneuver.direction_deg=-41", "maneuver.pedal=0.58"),
+            *("ground.friction=0.34", "vehicle.load.mass=369", "vehicle.load.x=-0.44"),
+        ),
+    ],
+)
+def test_a_stop_without_an_imu_and_without_a_fault_is_not_ended(changes: tuple[str, ...]) -> None:
+    without_imu = ("imu.enabled=false", "encoders.resolution=4096", "feedback=velocity_sensor")
+    settings = ("simulation.render_lines=false", *without_imu, *changes)
+    run = run_fast_loop(LIBRARY.load("straight_line", "assisted", settings))
+    assert np.all(run.record.trusted[run.brake_start :])
 
 
 @pytest.mark.parametrize(
