@@ -78,12 +78,12 @@ class Vehicle(Node):
             self.released += min(message.effort) < 1.0
 
     def missing(self) -> int:
-        """Return how many twists have not been answered."""
+        """Return the number of twists without an answer."""
         return len(self._due)
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure the latency and print its statistics."""
     options = output.options(__doc__, minutes=1.0)
     configuration = output.load("straight_line", "assisted")
     frames = stop_and_go(run_fast_loop(output.load("straight_line", "assisted", *output.BLIND)))

@@ -6,7 +6,7 @@ Run it on an otherwise idle machine, with the workspace's packages on the path:
 
 Errors are relative to the exact integral over the ground at its full resolution. The peak memory is
 that of a separate process, which loads a ground of 2400 dpi from the cache, sets up cameras and
-turns them once around. The first time the ground is generated in the cache.
+turns them once around. The first run generates the ground in the cache.
 """
 
 import argparse
@@ -125,7 +125,7 @@ def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print all metrics."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     parser.add_argument("--ground", choices=KINDS, default="cork")

@@ -26,7 +26,7 @@ SETTLING = 6.0  # [s] from the appearance of a node until it works
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure and print the times of all nodes."""
     options = output.options(__doc__, repetitions=20)
     metrics: output.Metrics = {}
     with tempfile.TemporaryDirectory() as scratch:

@@ -1,9 +1,9 @@
 """The command line: ``./omni COMMAND``.
 
 A command returns a `Report` or raises; this module alone prints, writes JSON and chooses the exit
-code. With ``--json`` standard output holds one document and nothing else, also when a command is
-refused or fails. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by
-Ctrl-C (143 by SIGTERM).
+code. With ``--json`` standard output contains exactly one document, also if a command is refused or
+fails. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by Ctrl-C (143 by
+SIGTERM).
 """
 
 import argparse

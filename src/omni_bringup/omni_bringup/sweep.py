@@ -21,8 +21,8 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
     """Run every combination in one process.
 
     Args:
-        options: those of ``omni run``.
-        workspace: holds `config`.
+        options: options of ``omni run``.
+        workspace: workspace with the folder `config`.
     """
     from omni_bringup.graph.run_folder import check_unused, time_in_name
     from omni_figures.data_table import write_table

@@ -40,13 +40,13 @@ class Workspace:
         return ExperimentLibrary(self.config)
 
     def checked_experiments(self) -> ExperimentLibrary:
-        """Return the library; implausible values are reported on standard error, each once."""
+        """Return the library; it reports each implausible value once on standard error."""
         from omni_tools.vehicles.plausibility import RemarkingLibrary
 
         return RemarkingLibrary(self.config, self.note)
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
-        """Report implausible values of experiments on standard error, each once."""
+        """Report each implausible value of experiments once on standard error."""
         from omni_tools.vehicles.plausibility import remarks
 
         for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):

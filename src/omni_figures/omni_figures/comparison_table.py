@@ -94,7 +94,7 @@ def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric |
     """Return the unit of a row and its entries in it: short lengths are in millimeters.
 
     Args:
-        entries: entries of one quantity, None where a column lacks it.
+        entries: entries of one quantity by column, None if a column lacks it.
     """
     known = [entry for entry in entries if entry is not None]
     unit = known[0].unit if known else ""

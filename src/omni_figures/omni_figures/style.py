@@ -79,7 +79,7 @@ def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
 def note(
     axes: Axes, words: str, place: tuple[float, float], offset: tuple[float, float], **look: Any
 ) -> None:
-    """Write words near a data point `place`, shifted by `offset` [points]."""
+    """Write `words` near a data point `place`, shifted by `offset` [points]."""
     axes.annotate(words, place, offset, textcoords="offset points", **look)
 
 

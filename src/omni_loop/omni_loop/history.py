@@ -43,7 +43,8 @@ class RunHistory:
         wheel_angle: rotation of each wheel [rad], shape (T, N).
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
         brake_torque: torque of each brake [N m], shape (T, N).
-        enable: 1 where brake pressure passes, 0 where the wheel rolls free, shape (T, N).
+        enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a rolling wheel,
+            shape (T, N).
         error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
         pedal: the driver's brake demand 0..1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).

@@ -252,7 +252,7 @@ def _fail_safe_share(states: tuple[str, ...]) -> Metric:
 
 
 def _switchings(enable: FloatArray) -> FloatArray:
-    """Return how often each wheel's enable (T, N) changes, NaN for a wheel without enables."""
+    """Return the number of changes of each wheel's enable (T, N), NaN without enables."""
     counts = np.full(enable.shape[1], np.nan)
     for wheel in range(enable.shape[1]):
         known = enable[np.isfinite(enable[:, wheel]), wheel]

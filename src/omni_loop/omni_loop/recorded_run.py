@@ -214,7 +214,7 @@ def _sampled(
     width: int,
     values: Callable[[Any], Any],
 ) -> FloatArray:
-    """Return one row of values per control stamp, NaN where there is no message."""
+    """Return one row of values per control stamp, NaN without a message."""
     rows = np.full((len(stamps), width), np.nan)
     if stream is None:
         return rows

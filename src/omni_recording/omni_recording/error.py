@@ -1,4 +1,4 @@
-"""The error that readers of recordings raise."""
+"""Error that readers of recordings raise."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ class BagError(InputError):
     """A recording that cannot be used.
 
     Attributes:
-        folder: the recording.
+        folder: path of the recording.
         problem: the defect of the recording.
     """
 

@@ -34,8 +34,8 @@ class Bag:
     """A recording whose files exist.
 
     Attributes:
-        path: the folder, or the single file.
-        files: its MCAP files in order of time.
+        path: path of the folder or of the single file.
+        files: MCAP files of the recording in order of time.
         message_count: number of messages according to the metadata; None without metadata.
         counts: messages by topic according to the metadata; empty without metadata.
         ros_distro: ROS distribution of the recorder; empty if unknown.
@@ -141,7 +141,7 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
     """Return every message, file after file, in the order of the files.
 
     Raises:
-        BagError: a file is damaged, cut off or foreign at this place.
+        BagError: a file is damaged or incomplete at the next message, or has another format.
     """
     for file in bag.files:
         try:
@@ -159,7 +159,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
     The values come from the summaries of the files; a file without a summary is read through.
 
     Raises:
-        BagError: a file is damaged, cut off or foreign.
+        BagError: a file is damaged or incomplete, or has another format.
     """
     parts = []
     for file in bag.files:

@@ -18,7 +18,7 @@ class Limits:
         waiting: size of the messages that are held back to sort them by time [B].
         columns: number of columns of a table.
         label: length of a joint's name that becomes part of a column's name.
-        topic: length of the name of an exported topic; a file name holds 255 characters.
+        topic: length of the name of an exported topic; a file name has at most 255 characters.
         topics: number of topics exported at once, each to an open file.
         rows: number of rows written to a table at once.
     """

@@ -131,7 +131,7 @@ class McapMessages:
         """Return the messages up to the end of the data.
 
         Raises:
-            McapError: the file is foreign, damaged or cut off at this place.
+            McapError: the file is damaged or incomplete at the next message, or has another format.
             OSError: the file cannot be read.
         """
         with self._path.open("rb") as file:
@@ -169,7 +169,7 @@ def read_summary(path: Path) -> McapSummary | None:
         path: a regular file.
 
     Raises:
-        McapError: the file is foreign, damaged or cut off.
+        McapError: the file is damaged or incomplete, or has another format.
         OSError: the file cannot be read.
     """
     size = path.stat().st_size

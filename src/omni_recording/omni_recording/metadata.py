@@ -13,7 +13,7 @@ UNSET_TIME = 2**63 - 1  # [ns] start time that rosbag2 writes if there are no me
 
 @dataclasses.dataclass(frozen=True)
 class RecordedQos:
-    """Quality of service that a topic's publisher offers, in rosbag2's words."""
+    """Quality of service that a topic's publisher offers, with the names that rosbag2 uses."""
 
     depth: int
     history: str = "keep_last"

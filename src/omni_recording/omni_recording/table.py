@@ -33,13 +33,13 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
     Args:
         decoder: decoder, which has the fields of the type.
         type_name: type of the message.
-        message: as `MessageDecoder.decode` returns it.
+        message: message as returned by `MessageDecoder.decode`.
 
     Returns:
         Name, kind (a ROS base type such as ``float64``) and value of each column.
 
     Raises:
-        TooWideError: there are more than `Limits.columns`.
+        TooWideError: the message has more than `Limits.columns` columns.
     """
     cells: list[Cell] = []
     for cell in _cells(decoder, type_name, message, ""):

@@ -136,7 +136,7 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
 
     Args:
         arguments: paths of ``summary.json`` files, or ``NAME=path``.
-        used: the places to fill, which name the tables to read.
+        used: places to fill, which determine the tables to read.
     """
     found: dict[str, dict[str, float | None]] = {}
     for argument in arguments:

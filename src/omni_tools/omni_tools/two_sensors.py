@@ -126,7 +126,7 @@ def first_sensor_displacement(
         distance: distance between the sensors, d_2 [m], above 0.
 
     Raises:
-        DisplacementError: as for `two_sensor_displacement`.
+        DisplacementError: for the same reasons as in `two_sensor_displacement`.
     """
     _check_finite(y_1=first.y)
     angle = _angle(first.x, second_x, distance)

@@ -1,7 +1,7 @@
 """``./omni fit-tire``: fit a tire model to measured forces.
 
-Estimate the parameters of a tire model from measured forces, and write a tire that a vehicle can
-use and a figure of data against curve.
+Estimate the parameters of a tire model from measured forces. Write a tire file that a vehicle can
+use, and a figure that compares the data with the curve.
 """
 
 from __future__ import annotations

@@ -176,7 +176,7 @@ def _run_variants(
 
 
 def _runs_at_once(options: Options) -> int:
-    """Return how many variants run at the same time: the nodes of one start while another runs."""
+    """Return the number of simultaneous runs: with 2, nodes start while another variant runs."""
     from omni_ros.environment import chosen_domain
 
     alone = options.real_time or options.replace or chosen_domain(os.environ) is not None

@@ -86,7 +86,7 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
 
     Args:
         given: the arguments by name.
-        words: ``NAME:=VALUE`` as given on the command line.
+        words: arguments ``NAME:=VALUE`` of the command line.
 
     Raises:
         ConfigurationError: an argument is unknown or has a wrong value, or the folder lacks a
@@ -137,7 +137,7 @@ def read_hardware(path: Path) -> Hardware:
 
     Args:
         path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` or
-            ``flow_sensors`` and, where defaults do not fit, ``odometry`` and ``brake_assist``.
+            ``flow_sensors`` and optionally ``odometry`` and ``brake_assist``.
 
     Raises:
         ConfigurationError: the file cannot be read, or a key or value does not fit.

@@ -186,9 +186,9 @@ def run_nodes(
     Args:
         configuration: the whole loop.
         folder: rosbag2 folder to record to.
-        scratch: folder for the files of their parameters.
+        scratch: folder for the parameter files of the nodes.
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
-        recording: how it is recorded.
+        recording: options of the recording.
     """
     return [
         recorder(configuration, folder, scratch, recording),

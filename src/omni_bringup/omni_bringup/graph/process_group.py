@@ -215,7 +215,7 @@ class ProcessGroup:
         """Raise `ProcessError` with the error output of a process that has ended.
 
         Args:
-            besides: the process that may end, because the caller waits for its end.
+            besides: process that may have ended, because the caller waits for its end.
         """
         for process in self.running:
             if process is not besides and process.returncode is not None:

@@ -1,7 +1,7 @@
 """Runs of an experiment's variants over the real graph: start, follow, stop, measure.
 
-A run is a generator, which yields while it waits for its processes, so that several can go on at
-once.
+A run is a generator that yields while it waits for its processes, so that several runs can proceed
+at the same time.
 """
 
 import contextlib
@@ -109,7 +109,7 @@ def run_variant(
         folder: rosbag2 folder to make.
         lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
         on_progress: called with time [s], speed [m/s] and share [0..1] during the run.
-        recording: how it is recorded.
+        recording: options of the recording.
         external: nodes that are not started, because a user's node replaces them.
 
     Returns:
@@ -186,7 +186,7 @@ def _run_graph(
 def write_beside_bag(
     configuration: ExperimentConfiguration, folder: Path, recorder: processes.RunningProcess
 ) -> None:
-    """Save the effective configuration once the recorder has made the folder."""
+    """Wait for the recorder to make the folder, then save the effective configuration in it."""
     while not folder.is_dir():
         if processes.wait_for(recorder) is not None:
             raise processes.ProcessError(processes.describe_end(recorder))
@@ -249,7 +249,7 @@ def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> Non
             machine causes shorter ones.
 
     Raises:
-        ProcessError: names the node.
+        ProcessError: a node stopped sending, or the run did not finish; the message says which.
     """
     if report["finished"] == "running":
         raise processes.ProcessError(
@@ -266,7 +266,7 @@ def _check_life(group: processes.ProcessGroup) -> None:
     """Check that every node ran until the end and then ended without error.
 
     Raises:
-        ProcessError: names the failed node.
+        ProcessError: a node has failed; the message names it.
     """
     for process in group.running:
         if process.was_halted:

@@ -1,7 +1,7 @@
 """Send a recording with faults to a node, and record its answers.
 
 The recording is published in real time, once for each phase: unchanged, with a gap in one input,
-with unusable values in this input, and cut off in the middle. Stamps go on from phase to phase.
+with unusable values in this input, and cut off in the middle. Stamps continue from phase to phase.
 """
 
 import os

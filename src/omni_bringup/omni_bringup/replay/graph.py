@@ -19,7 +19,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
     Args:
         bag: the recording.
         plan: nodes and topics.
-        folder: rosbag2 folder to make; holds the results and the clock.
+        folder: rosbag2 folder to make for the results and the clock.
         rate: speed as a multiple of the recorded one, 0 for as fast as the nodes follow.
 
     Raises:

@@ -33,7 +33,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
     Args:
         bag: the recording.
         plan: nodes and topics.
-        folder: rosbag2 folder to make; holds the results.
+        folder: rosbag2 folder to make for the results.
 
     Raises:
         BagError: the recording or a message in it cannot be read.

@@ -144,7 +144,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
 
 
 def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
-    """Wait until fewer than `ahead` rounds lack a result; return how many may lack one next.
+    """Wait until fewer than `ahead` rounds lack a result; return the next value of `ahead`.
 
     Raises:
         NodeError: no result has come within the timeout.

@@ -29,7 +29,7 @@ def check_bag(path: Path | str) -> BagCheck:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: it cannot be read to its end; names place and reason.
+        BagError: the recording cannot be read to its end; the message names place and reason.
     """
     bag = folder.open_bag(path)
     findings = _Findings()

@@ -138,7 +138,7 @@ class _Layouts:
 
 
 class _CsvTable:
-    """A table as text; numbers with all their digits, empty where a message has no value."""
+    """CSV file with all digits of numbers; a cell is empty if a message has no value."""
 
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
         self._file = path.open("x", newline="", encoding="utf-8")
@@ -153,7 +153,7 @@ class _CsvTable:
 
 
 class _ParquetTable:
-    """A table with typed columns, null where a message has no value."""
+    """Parquet file with typed columns; a cell is null if a message has no value."""
 
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
         import pyarrow

@@ -55,8 +55,8 @@ class Outcome(NamedTuple):
         energy_rise_assisted: largest relative rise of the energy with the assistant [1].
         stopped_unassisted: whether the vehicle came to rest without the assistant, 0 or 1.
         stopped_assisted: whether the vehicle came to rest with the assistant, 0 or 1.
-        tipping: whether the vehicle would have tipped over in either run, which the planar model
-            only reports, 0 or 1.
+        tipping: whether the vehicle would have tipped over in one of the runs, 0 or 1; the planar
+            model only reports it.
         distrusted: share of the braking in which all brakes were on because of rejected inputs [1].
         energy: cause of a violation of the limit of energy, one of `CAUSES`, else empty.
         orientation: cause of a violation of the limit of orientation, else empty.

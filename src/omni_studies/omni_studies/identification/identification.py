@@ -181,7 +181,7 @@ def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
 
 
 def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, float]:
-    """Run the cases of Table 2; return the ten numbers, NaN where a vehicle does not stop.
+    """Run the cases of Table 2; return the ten numbers, NaN for cases that do not stop.
 
     Args:
         configurations: configurations by case.

@@ -138,8 +138,8 @@ class Tally:
     """Errors of all batches of all cameras for one texture and one injected fault.
 
     Attributes:
-        ratio: error of the velocity along the axis over its stated deviation, NaN where it was
-            not measured, shape (m,).
+        ratio: error of the velocity along the axis over its stated deviation [1], NaN if
+            unmeasured, shape (m,).
         error: error of the velocity along the axis [m/s], shape (m,).
         reasons: reasons of unmeasured batches, and remarks on measured ones.
     """

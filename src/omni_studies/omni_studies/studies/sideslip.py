@@ -90,7 +90,7 @@ def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
         sensor: the camera; its position and heading are replaced.
 
     Raises:
-        ConfigurationError: its lines are too short or its rate is too low.
+        ConfigurationError: the lines of the camera are too short, or its line rate is too low.
     """
     return SideslipConfiguration(
         sensors={name: dataclasses.replace(sensor, x=0.0, y=0.0, heading_deg=90.0)},

@@ -303,8 +303,9 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Correlated residuals carry less information than their number. The influence of each row on an
-    unknown is summed with its autocovariance up to the first zero (White 1980, Bartlett 1946).
+    Correlated residuals contain less information than as many independent ones. The influence of
+    each row on an unknown is summed with its autocovariance up to the first zero (White 1980,
+    Bartlett 1946).
 
     Args:
         jacobian: jacobian of the differences, shape (K, 3, P).

@@ -21,7 +21,7 @@ _run: Run  # set in each worker; not pickled
 
 
 class WorkerDiedError(RuntimeError):
-    """Several workers died one after the other on the same work."""
+    """Several workers in turn died with the same seeds."""
 
 
 def share(

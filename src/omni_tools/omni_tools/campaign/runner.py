@@ -55,7 +55,7 @@ Work = Callable[[int], Row]
 
 
 class CampaignError(configuration.WorkError):
-    """The campaign cannot go on."""
+    """The campaign cannot continue."""
 
 
 class CampaignOptions(Configuration):
@@ -268,7 +268,8 @@ def distribute(
 
     def submit() -> Iterator[Any]:
         if part := chunks.next():
-            # Sent with every chunk: what lay on one worker only would die with it.
+            # The function is sent with every chunk, because data on a single worker would be lost
+            # with it.
             yield client.submit(chunk, part, pure=False)
 
     flying = {future for _ in range(_IN_FLIGHT * lanes) for future in submit()}
@@ -296,12 +297,12 @@ class ResultTable(Generic[Row]):
 
     Args:
         path: path of the CSV file.
-        row: what a run returns.
-        fingerprint: fingerprint of everything that the runs depend on besides their seeds.
+        row: type of the result of a run.
+        fingerprint: digest of everything except the seeds on which the runs depend.
         resume: whether to continue an existing table.
 
     Raises:
-        ConfigurationError: the existing table is of another campaign.
+        ConfigurationError: the existing table belongs to another campaign.
     """
 
     def __init__(self, path: Path, row: Any, fingerprint: str, *, resume: bool) -> None:
@@ -327,7 +328,7 @@ class ResultTable(Generic[Row]):
         """Add the runs of another table of the same campaign.
 
         Raises:
-            ConfigurationError: it does not exist, or is of another campaign.
+            ConfigurationError: the table does not exist, or belongs to another campaign.
         """
         if not path.is_file():
             raise ConfigurationError("--merge", f"there is no {path}")

@@ -1,9 +1,9 @@
 """Mistakes in the description of a vehicle, by hypothesis tests on a commissioning drive.
 
-The wheel angles of three known motions are three numbers per wheel, Eq. (32). Each hypothesis is
-one change of the description; the one whose prediction fits the measured angles is the mistake.
-Twist sensor, gyro and accelerometer are compared with the known motions directly, the brakes with
-the enables that they should follow.
+Three known motions give three angles per wheel, Eq. (32). Each hypothesis changes one item of the
+description. The hypothesis whose prediction fits the measured angles is the mistake. Twist sensor,
+gyro and accelerometer are compared with the known motions directly, the brakes with the enables
+that they should follow.
 """
 
 import dataclasses
@@ -22,19 +22,20 @@ from omni_tools.commissioning.signals import Motions, Signals
 
 
 class Tolerances(NamedTuple):
-    """Errors up to which a description counts as right.
+    """Limits of the tests: errors up to which a description counts as right, and conditions.
 
     Attributes:
-        misfit: error of a wheel's angles relative to the predicted ones [1].
-        heading: mounting angle of a twist sensor [rad].
-        scale: scale of twist sensor and gyro [1].
-        offset: mounting position of a twist sensor [m].
-        force: acceleration that identifies the axes of an IMU [m/s^2].
+        misfit: largest error of a wheel's angles relative to the predicted angles [1].
+        heading: largest error of a twist sensor's mounting angle [rad].
+        scale: largest relative error of the scale of twist sensor and gyro [1].
+        offset: largest error of a twist sensor's position [m].
+        force: smallest specific force with which the axes of an IMU are tested [m/s^2].
         latest: time after which a brake must have responded [s].
         response: smallest rise of the slip of a braking wheel [1].
         braked: time for which a moving wheel must have been braked for a test [s].
-        exchange: by how much the sum of two correlations must be larger with exchanged brakes [1].
-        delay: difference of a dead time to that of the file [s].
+        exchange: smallest increase of the summed correlations with which brakes count as exchanged
+            [1].
+        delay: largest difference between measured and described dead time [s].
     """
 
     misfit: float = 0.06

@@ -25,12 +25,12 @@ _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Signals:
-    """Signals of a drive at T equally spaced times, N wheels; NaN where there are none.
+    """Signals of a drive at T equally spaced times, N wheels; missing values are NaN.
 
     Attributes:
         time: times of the rows [s], shape (T,).
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
-        twist: body twist where it is measured [m/s, m/s, rad/s], shape (T, 3).
+        twist: measured body twist [m/s, m/s, rad/s], shape (T, 3).
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
         enable: enable of the brakes [1], shape (T, N).
@@ -139,7 +139,7 @@ def signals_of(
 
 
 def _measured(message: Any) -> tuple[float, float, float]:
-    """Return the twist of a TwistWithCovariance, NaN where it is not measured."""
+    """Return the twist of a TwistWithCovariance, NaN for unmeasured components."""
     if not message.covariance[0] < signals.UNMEASURED_VARIANCE:
         return math.nan, math.nan, math.nan
     twist = message.twist

@@ -91,11 +91,11 @@ class Transcription(NamedTuple):
     Attributes:
         intervals: number of intervals.
         end_speed: speed at which a stop ends [m/s].
-        smooth_speed: smallest denominator of the slip [m/s].
+        smooth_speed: smallest denominator in the slip, which makes the slip smooth [m/s].
         rise_time: time of a brake from zero to full torque [s].
         released: rim speed below which the brake torque may have either sign [m/s].
         least_load: smallest load of a wheel [N].
-        calm: weight of torque changes, which makes the solution unique.
+        calm: weight of torque changes in the objective, which makes the solution unique.
     """
 
     intervals: int = 50

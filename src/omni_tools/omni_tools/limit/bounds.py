@@ -1,8 +1,8 @@
 """Lower bound of the stopping distance, integrated along the path, with patches and brake lag.
 
-Pedal ramp, dead time and lag limit the brakes less and less during a stop, and friction depends on
-the positions of the wheels. The shortest distance therefore results from the strongest deceleration
-at every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position later, when at
+During a stop, pedal ramp, dead time and lag limit the brakes less and less. Friction depends on the
+positions of the wheels. The shortest distance therefore results from the strongest deceleration at
+every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position later, when at
 least as much torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no
 faster than rolling, so the impulse of its force is at most that of its brake.
 
@@ -106,7 +106,7 @@ def straight_bound(
 
     Args:
         vehicle: the vehicle.
-        ground: its ground.
+        ground: ground below the vehicle.
         maneuver: motion at the start of braking.
     """
     if reason := _left_out(vehicle, ground):

@@ -1,1 +1,1 @@
-"""Lines of real cameras in files, and figures of a camera's lines."""
+"""Lines of real cameras in files, calibration of cameras, and figures of lines."""

@@ -29,7 +29,7 @@ _DEEPEST = {8: np.uint8, 16: np.uint16}
 
 
 class LineFileError(configuration.ConfigurationError):
-    """A file holds no lines; the message names it and the reason."""
+    """A file cannot be read as lines; the message names the file and the reason."""
 
 
 @dataclasses.dataclass(frozen=True)

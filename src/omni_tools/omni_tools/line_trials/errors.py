@@ -25,7 +25,7 @@ def undetected(
     """Return which velocity errors are larger than their stated deviations explain.
 
     Args:
-        ratio: error over its stated deviation [1], NaN where nothing was measured, shape (m,).
+        ratio: error over its stated deviation [1], NaN if unmeasured, shape (m,).
         error: error [m/s], shape (m,).
         least: smallest error that matters [m/s].
         deviations: ratio up to which an error is explained [1].

@@ -40,7 +40,7 @@ class Matches:
 
     @property
     def pixel_error(self) -> FloatArray:
-        """Measured less rounded true displacement, Eq. (84) [px].
+        """Measured minus rounded true displacement, Eq. (84) [px].
 
         A true displacement near the middle between two integers has two valid roundings. Of the
         integers within 0.55 px, the one closer to the measurement is used.
@@ -55,7 +55,7 @@ class Matches:
 
     @property
     def error(self) -> FloatArray:
-        """Refined less true displacement, unrounded [px]."""
+        """Refined minus true displacement, unrounded [px]."""
         return self.displacement - self.truth
 
     @property

@@ -41,7 +41,7 @@ class MountingArea:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """Half the length and width of the chassis less the clearance [m]."""
+        """Half the length and width of the chassis minus the clearance [m]."""
         return (
             0.5 * self.scene.chassis_length - self.clearance,
             0.5 * self.scene.chassis_width - self.clearance,

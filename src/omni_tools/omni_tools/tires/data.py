@@ -1,8 +1,8 @@
 """Measured tire forces: a CSV file with the columns slip, load and force.
 
 The first line names the columns, in any order; other columns are ignored. ``load_N`` and
-``force_N`` are accepted too, other units are not. Lines that begin with ``#`` are comments. A file
-that cannot be used is refused with the reason and the line.
+``force_N`` are accepted too, other units are not. Lines that begin with ``#`` are comments. For an
+unusable file, the error names the reason and the line.
 """
 
 import csv

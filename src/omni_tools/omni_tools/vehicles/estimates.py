@@ -84,7 +84,7 @@ def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
 
     Args:
         name: name of the vehicle, for the comments.
-        measured: its measured values.
+        measured: measured values of the vehicle.
         folder: folder of the files, made if it is missing.
 
     Returns:

@@ -108,7 +108,7 @@ def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tup
 
 
 class RemarkingLibrary(ExperimentLibrary):
-    """Experiment library that reports implausible values, each remark once."""
+    """Experiment library that reports each implausible value once."""
 
     def __init__(self, folder: Path, report: Callable[[str], None]) -> None:
         super().__init__(folder)
