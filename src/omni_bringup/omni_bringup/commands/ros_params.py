@@ -16,8 +16,8 @@ class Options(CommandOptions):
     """Options of ``omni ros-params``."""
 
     configuration: Path = option(positional=True, metavar="CONFIGURATION")
-    """file of the vehicle, such as config/hardware/mecanum_agv.yaml, or the configuration.yaml
-    of a run"""
+    """file of the vehicle, such as config/hardware/mecanum_agv.yaml, the configuration.yaml of a
+    run, or the folder of ./omni new-vehicle"""
     out: Path = option(metavar="DIR")
     """folder of the files; it is created if it is missing"""
     source: str | None = option(None, metavar="NAME")
@@ -31,10 +31,15 @@ class Options(CommandOptions):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the files."""
-    from omni_bringup.graph.hardware import read_hardware, write_parameters
+    from omni_bringup.graph.hardware import Hardware, read_hardware, write_parameters
     from omni_tools.vehicles.rollers import roller_remarks
 
-    hardware = read_hardware(options.configuration)
+    path = options.configuration
+    if path.is_dir():
+        library = workspace.experiment_library()
+        hardware = Hardware.of(library.load(str(path), library.variants(str(path))[-1]))
+    else:
+        hardware = read_hardware(path)
     for remark in roller_remarks(hardware.brake_assist.wheels):
         if not options.force:
             raise ConfigurationError("", f"{remark}; --force writes the files nonetheless")

@@ -1,5 +1,7 @@
 """Parameter files of the nodes of a real vehicle, from one file about the vehicle."""
 
+from __future__ import annotations
+
 import dataclasses
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,7 +11,7 @@ import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_loop.experiment import recorded_experiment
+from omni_loop.experiment import ExperimentConfiguration, recorded_experiment
 from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
 from omni_platform.configuration import (
@@ -59,6 +61,12 @@ class Hardware:
 
     brake_assist: BrakeAssistConfiguration
     odometry: OdometryConfiguration | None
+
+    @classmethod
+    def of(cls, experiment: ExperimentConfiguration) -> Hardware:
+        """Return the nodes of an experiment."""
+        optical = experiment.feedback == "optical"
+        return cls(experiment.brake_assist, experiment.odometry if optical else None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,9 +152,7 @@ def read_hardware(path: Path) -> Hardware:
     """
     tree = read_mapping(path, "CONFIGURATION")
     if "vehicle" in tree:
-        experiment = recorded_experiment(path)
-        optical = experiment.feedback == "optical"
-        return Hardware(experiment.brake_assist, experiment.odometry if optical else None)
+        return Hardware.of(recorded_experiment(path))
     for key in tree:
         check_choice("", key, _PARTS)
     if not tree.get("wheels"):
