@@ -20,7 +20,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP
 from omni_studies.study import StudyResult, StudyRun
-from omni_studies.wheels import trials
+from omni_studies.wheels import cost, trials
 from omni_studies.wheels.trials import CONTACT, ROLLERS, SINGLE, TRIALS, with_wheels
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
@@ -145,12 +145,12 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
 
 
 def _cost(vehicle: VehicleConfiguration, repeats: int) -> dict[str, Metric]:
-    times = trials.processor_times(
+    times = cost.processor_times(
         {model: with_wheels(vehicle, model, _COSTED) for model in _MODELS}, repeats
     )
     ratio = times[ROLLERS] / times[SINGLE]
     metrics = {
-        f"real_time_factor.{model}": Metric(trials.DURATION / float(np.min(spent)), "1")
+        f"real_time_factor.{model}": Metric(cost.DURATION / float(np.min(spent)), "1")
         for model, spent in times.items()
     }
     return metrics | {

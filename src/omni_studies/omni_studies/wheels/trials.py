@@ -6,8 +6,6 @@ random start angles, and the means of forces and motions are compared.
 
 import dataclasses
 import math
-import time
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -242,40 +240,3 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
         angle.append(vehicle.wheels["angle"][wheel])
         force.append(vehicle.wheel_force_body[wheel])
     return ForceTrace(np.array(angle), np.array(force))
-
-
-_TRIALS = (
-    dataclasses.replace(TRIALS["drive"], command=(2.0, 1.0, 0.3)),
-    dataclasses.replace(TRIALS["brake_gently"], duration=1.5),
-)
-DURATION = sum(trial.duration for trial in _TRIALS)
-"""Simulated time of one run [s]."""
-
-
-def processor_times(
-    configurations: Mapping[str, VehicleConfiguration], repeats: int
-) -> dict[str, FloatArray]:
-    """Return the CPU time of each vehicle, driving a curve and braking.
-
-    CPU time is used because elapsed time depends on the load of the machine. The vehicles are run
-    in turns, so that a slow processor affects all of them.
-
-    Args:
-        configurations: the vehicles by name.
-        repeats: number of runs.
-
-    Returns:
-        CPU time of each run [s], shape (repeats,), in the order of the turns.
-    """
-    times: dict[str, list[float]] = {name: [] for name in configurations}
-    for _ in range(repeats):
-        for name, configuration in configurations.items():
-            spent = 0.0
-            for trial in _TRIALS:
-                vehicle = start(configuration, trial, 0.1)
-                advance(vehicle, trial, 0.0)  # loads the kernels
-                begin = time.process_time()
-                advance(vehicle, trial, trial.duration)
-                spent += time.process_time() - begin
-            times[name].append(spent)
-    return {name: np.array(spent) for name, spent in times.items()}
