@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
-"""Files that take a second or more: seconds, by ``./omni test --store-durations``."""
+"""Durations [s] of test files of a second or more, from ``./omni test --store-durations``."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

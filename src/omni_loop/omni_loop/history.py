@@ -186,7 +186,7 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
     for field in dataclasses.fields(RunHistory)
     if "components" in field.metadata
 }
-"""The arrays of a history with the names of their columns, see `RunHistory.columns`."""
+"""Arrays of a history with the names of their columns, see `RunHistory.columns`."""
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:

@@ -10,7 +10,7 @@ class LoopOptions(configuration.Configuration):
     law: str | None = command_options.option(None, metavar="NAME")
     """control law, built in or my_module:MyLaw; stands for --set brake_assist.law="""
     odometry: str | None = command_options.option(None, metavar="MODULE:CLASS")
-    """your own odometry, whose lines are rendered; stands for --set feedback="""
+    """your own odometry, for which lines are rendered; stands for --set feedback="""
 
     simulator: str | None = command_options.option(None, choices=("single", "rollers", "mujoco"))
     """physics of the vehicle; stands for --set vehicle.wheel_model="""

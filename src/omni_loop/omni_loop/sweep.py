@@ -14,7 +14,7 @@ from omni_loop.yaml_files import load_yaml
 from omni_platform.configuration import ConfigurationError
 
 MOST = 1000
-"""Runs of a sweep at most."""
+"""Largest number of runs of a sweep."""
 
 SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
 """Quantities in the table and the figure of a sweep."""

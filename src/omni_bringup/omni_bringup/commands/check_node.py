@@ -36,8 +36,8 @@ class Options(CommandOptions):
     recording: Path | None = option(None, metavar="BAG")
     """recording of ./omni run to feed (default: bags/small_stop/assisted)"""
     start: str | None = option(None, metavar="COMMAND")
-    """command that starts the node in a separate ROS domain (default: it runs in that of
-    ROS_DOMAIN_ID)"""
+    """command that starts the node in a separate ROS domain (default: the node already runs in the
+    domain of ROS_DOMAIN_ID)"""
     duration: float = parameter(10.0, unit="s", above=1.0, maximum=600.0)
     """time for which messages of a simulator are checked"""
 

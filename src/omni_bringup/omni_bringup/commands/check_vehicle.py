@@ -33,8 +33,8 @@ class Options(CommandOptions):
     """Options of ``omni check-vehicle``."""
 
     recording: Path = option(positional=True, metavar="RECORDING")
-    """rosbag2 folder with wheel_states, brake/pedal, and those of odometry/twist, imu and
-    brake/enable to be checked; or 'live' for a drive to come, in the domain of ROS_DOMAIN_ID"""
+    """rosbag2 folder with wheel_states, brake/pedal and, to check them too, odometry/twist, imu and
+    brake/enable; or 'live' for a drive that follows, in the domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder"""
     distance: float = parameter(1.0, unit="m", above=0.0)

@@ -20,11 +20,11 @@ class Options(CommandOptions):
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
     """rosbag2 folder of a run or a drive, or a single .mcap file"""
     max_distance: float | None = option(None, metavar="M")
-    """longest permitted stopping distance; a longer stop ends the command with 1"""
+    """longest permitted stopping distance; with a longer stop the exit code is 1"""
     max_rotation: float | None = option(None, metavar="DEG")
-    """largest permitted change of orientation"""
+    """largest permitted change of orientation; with a larger one the exit code is 1"""
     csv: Path | None = option(None, metavar="FILE")
-    """write the table here too"""
+    """file to which the table is written as well"""
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:

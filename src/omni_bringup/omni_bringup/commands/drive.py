@@ -35,15 +35,15 @@ class Options(Configuration):
     vehicle: str | None = parameter(None)
     """a file of config/vehicles/ (default: the experiment's)"""
     experiment: str = parameter("small_stop")
-    """experiment whose last variant gives ground, sensors and nodes"""
+    """experiment whose last variant determines ground, sensors and nodes"""
     ground: str | None = parameter(None)
     """a file of config/grounds/ (default: the experiment's)"""
     law: str | None = parameter(None)
     """control law, built in or my_module:MyLaw (default: the experiment's)"""
     brakes: str | None = parameter(None, choices=tuple(TYPICAL))
-    """typical brakes of a kind, as of ./omni new-vehicle (default: the vehicle's)"""
+    """typical brakes of a kind, as in ./omni new-vehicle (default: the vehicle's)"""
     no_ice: bool = parameter(False)
-    """leave out the patch of ice that a ground without patches gets"""
+    """leave out the patch of ice that is otherwise added to a ground without patches"""
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S")
     """speed of a full stick"""
@@ -51,7 +51,7 @@ class Options(Configuration):
     """address of this machine at which the page is served, for example to a phone; anyone who
     has the page's address with its token can drive"""
     port: int = option(0, metavar="PORT", minimum=0, maximum=65535)
-    """TCP port of the page; 0 for any free one"""
+    """TCP port of the page; 0 for any free port"""
     unstamped: bool = parameter(False)
     """cmd_vel is a Twist, as older teleoperation nodes send it"""
     out: Path | None = option(None, metavar="DIR")

@@ -40,11 +40,11 @@ class Options(CommandOptions):
     wheel_radius: float | None = parameter(None, unit="m")
     """radius of a wheel"""
     kind: str | None = parameter(None, choices=KINDS)
-    """mecanum: wheels in pairs (default); omni: omni-wheels on a circle; kiwi: three of them"""
+    """mecanum: wheels in pairs (default); omni: omni-wheels on a circle; kiwi: three omni-wheels"""
     wheels: int | None = parameter(None)
     """number of wheels (default: 4, a kiwi has 3)"""
     load: float | None = parameter(None, unit="kg")
-    """mass of a load, to the front left (default: 0)"""
+    """mass of a load at the front left (default: 0)"""
     drive_torque: float | None = parameter(None, unit="N m")
     """largest torque of a drive at its wheel (default: an estimate)"""
     drive_power: float | None = parameter(None, unit="W")

@@ -26,10 +26,10 @@ class Options(CommandOptions):
     bag: Path = option(positional=True, metavar="BAG")
     """rosbag2 folder, or a single .mcap file"""
     nodes: tuple[str, ...] = option(("linescan_odometry",), many=True, metavar="NODE")
-    """nodes to run, of linescan_odometry and brake_assist"""
+    """nodes to run: linescan_odometry, brake_assist or both"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     experiment: str | None = parameter(None)
-    """take the configuration of this experiment's last variant, not the recorded one"""
+    """use the configuration of this experiment's last variant instead of the recorded one"""
     rate: float | None = option(None, metavar="R", above=0.0)
     """speed as a multiple of the recorded one (default: as fast as the nodes follow)"""
     offline: bool = parameter(False)

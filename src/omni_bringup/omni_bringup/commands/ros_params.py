@@ -21,8 +21,8 @@ class Options(CommandOptions):
     out: Path = option(metavar="DIR")
     """folder of the files; it is created if it is missing"""
     source: str | None = option(None, metavar="NAME")
-    """source of the twist, as of ./omni study feedback; a warning states where assistance with it
-    does more harm than good"""
+    """source of the twist, named as in ./omni study feedback; a warning states if assistance with
+    this source does more harm than good"""
     feedback: Path = option(Path("results/feedback/summary.json"), metavar="FILE")
     """result of ./omni study feedback for the vehicle, for --source"""
     force: bool = option(False)

@@ -28,7 +28,7 @@ class Options(CommandOptions):
     """Options of ``omni show``."""
 
     name: str = command_options.option(positional=True, metavar="NAME")
-    """one of ./omni list, or a path that ends in .yaml"""
+    """name from ./omni list, or a path that ends in .yaml"""
     kind: str | None = command_options.option(None, metavar="KIND", choices=EVERY)
     """kind of the item; needed for a path, or if two kinds share the name"""
     out: Path | None = command_options.option(None, metavar="FILE")

@@ -47,9 +47,9 @@ class Choice(Configuration):
     """Vehicles, grounds or other items that the page offers for one kind of choice."""
 
     chosen: str = parameter()
-    """The one that is driven"""
+    """Name of the item that is driven"""
     names: tuple[str, ...] = parameter()
-    """All that the page offers"""
+    """Names of all items that the page offers"""
 
 
 class DriverConfiguration(Configuration):
@@ -68,9 +68,9 @@ class DriverConfiguration(Configuration):
     assist: bool = parameter(True)
     """Whether the brake assistant starts switched on"""
     max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)
-    """Speed that a full stick means"""
+    """Speed at full stick"""
     max_yaw_rate: float = parameter(1.5, unit="rad/s", above=0.0, maximum=12.0)
-    """Yaw rate that a full stick means"""
+    """Yaw rate at full stick"""
     page_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=5.0)
     """Time without a message of the open page after which the vehicle brakes fully"""
     demand_period: float = parameter(0.02, unit="s", above=0.0, maximum=0.1)
@@ -84,9 +84,9 @@ class DriverConfiguration(Configuration):
     host: str = parameter("127.0.0.1")
     """IP address of this machine for the page"""
     port: int = parameter(0, minimum=0, maximum=65535)
-    """TCP port of the page; 0 for any free one"""
+    """TCP port of the page; 0 for any free port"""
     token: str = parameter("")
-    """Token of the page's address; a new one if empty"""
+    """Token in the page's address; if empty, a random token is made"""
 
 
 class DriverNode(Node):

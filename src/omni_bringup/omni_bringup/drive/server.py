@@ -38,7 +38,7 @@ class CloseCode(enum.IntEnum):
 
     INVALID_DATA = 1007
     TAKEN_OVER = 4001
-    """The codes of applications begin at 4000"""
+    """Codes of applications begin at 4000"""
 
 
 class PageError(ValueError):

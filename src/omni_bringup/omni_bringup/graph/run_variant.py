@@ -62,7 +62,7 @@ class VariantResult:
 
 
 Run = Generator[None, None, VariantResult]
-"""A run under way; each step takes note of what its processes have done meanwhile."""
+"""Generator of a run; each step handles the new reports and the ends of its processes."""
 
 
 def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:

@@ -27,23 +27,23 @@ class PlayerConfiguration(Configuration):
     """Parameters of the player."""
 
     bag: str = parameter()
-    """Recording to publish from: folder or .mcap file"""
+    """Path of the recording to publish, a folder or .mcap file"""
     inputs: tuple[str, ...] = parameter()
     """Topics to publish"""
     input_types: tuple[str, ...] = parameter()
-    """Type of each of them"""
+    """Type of each input topic"""
     outputs: tuple[str, ...] = parameter()
-    """Topics on which the nodes answer"""
+    """Topics on which the nodes publish results"""
     output_types: tuple[str, ...] = parameter()
-    """Type of each of them"""
+    """Type of each output topic"""
     rate: float = parameter(0.0, minimum=0.0)
     """Speed as a multiple of the recorded one; 0 for as fast as the nodes follow"""
     answer_timeout: float = parameter(10.0, unit="s", above=0.0)
     """Longest wait for results"""
     patience: float = parameter(0.5, unit="s", above=0.0)
-    """Time to wait for the result of a round before one more is sent"""
+    """Time to wait for the result of a round before another round is sent"""
     most_ahead: int = parameter(100, minimum=1)
-    """Most rounds without a result; half of what a queue of the nodes holds"""
+    """Most rounds without a result, half of the queue size of the nodes"""
     most_ahead_first: int = parameter(20, minimum=1)
     """Most rounds without a result before the first result"""
 

@@ -39,8 +39,8 @@ NEUTRAL = {
     "line_weight": 0.0,
     "locked_share": 0.0,
 }
-"""Values of the fields of `AllocationConfiguration` at which each has no effect: no filter, no
-growth, no limit, no cost."""
+"""Values at which the fields of `AllocationConfiguration` have no effect: no filter, no growth, no
+limit, no cost."""
 
 
 class LawTrial(NamedTuple):

@@ -33,12 +33,12 @@ ALLOWED = Allowed()
 """Limits of every run."""
 
 CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
-"""Why a limit is broken: the sensor fails; it is noisy, biased or slow; wheels meet patches; the
-vehicle turns when it starts to brake; it does not move straight ahead; or none of these, which
-leaves the control law itself."""
+"""Causes of a violated limit: the sensor fails; it is noisy, biased or slow; wheels meet patches;
+the vehicle turns when it starts to brake; it does not move straight ahead; or none of these, so
+that the control law itself is the cause."""
 
 LIMITS = ("energy", "orientation", "distance", "rest")
-"""Limits; the fields of `Outcome` with the causes of violations."""
+"""Names of the limits, which are also the fields of `Outcome` with the causes."""
 
 
 class Outcome(NamedTuple):

@@ -31,16 +31,16 @@ CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "table_2": ("straight_line", "assisted", ("vehicle=table_2_mecanum", "maneuver.speed=6")),
     "six_wheels": ("straight_line", "assisted", ("vehicle=six_wheel_mecanum", "maneuver.speed=6")),
 }
-"""Experiment, its variant with the assistant, and what differs from it, by name."""
+"""Experiment, its variant with the assistant, and overrides, by name of the case."""
 
 LAWS: dict[str, tuple[str, ...]] = {
     "sliding_mode": ("brake_assist.law=sliding_mode",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""Settings of each law: `allocation` requires proportional brakes."""
+"""Overrides by law: `allocation` requires proportional brakes."""
 
 EXTENTS = ("single", "single", "pair", "brake")
-"""Kinds of failures; repeated entries are drawn more often."""
+"""Extents of faults; repeated entries are drawn more often."""
 
 # Smallest and largest size of a fault in the unit of the channel; "rate" is for the yaw rate of the
 # twist.

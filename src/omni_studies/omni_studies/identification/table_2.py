@@ -8,19 +8,19 @@ CASES = ("unassisted", "zero", "cosine", "k1", "k7")
 """Variants of the experiment ``turn_while_translate`` in the order of the table's columns."""
 
 TWIST_ALONE = "brake_assist.fault_detection=false"
-"""Override of the experiment: the dissertation's assistant uses the twist alone."""
+"""Override of the experiment, because the dissertation's assistant uses only the twist."""
 
 ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))
-"""[deg], from the start of braking to the final position."""
+"""Changes of orientation from the start of braking to the final position [deg]."""
 
 STOPPING_DISTANCE = dict(zip(CASES, (10.0, 12.2, 9.7, 9.3, 10.4), strict=True))
-"""In the units of the table [m]."""
+"""Stopping distances in the order of the table's columns [m]."""
 
 REFERENCES: dict[str, float] = {
     **{f"orientation_change.{case}": value for case, value in ORIENTATION_CHANGE.items()},
     **{f"stopping_distance.{case}": value for case, value in STOPPING_DISTANCE.items()},
 }
-"""The ten numbers by the name of their metric."""
+"""The ten numbers of Table 2 by the name of their metric."""
 
 
 def tolerance(name: str) -> float:

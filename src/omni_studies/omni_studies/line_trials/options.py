@@ -37,11 +37,11 @@ class LineOptions(Configuration):
 
     ground: tuple[str, ...] = kinds_option("cork")
     metric: str = parameter("pearson", choices=tuple(METRICS))
-    """distance between lines"""
+    """similarity metric of the search for displacements"""
     pairs: int = pairs_option(20)
     noise: float = noise_option()
     texels: int = parameter(8192, minimum=256, maximum=8192)
-    """resolution of the ground over 0.2 m"""
+    """number of texels of the ground per 0.2 m"""
     seed: int = parameter(1, minimum=0)
     """seed of positions and noise"""
 

@@ -87,13 +87,13 @@ class Options(Configuration):
     """Cases and number of pairs of lines."""
 
     metric: str = parameter("pearson", choices=tuple(METRICS))
-    """distance between lines"""
+    """similarity metric of the search for displacements"""
     peak_recovery: int = option(
         OdometryConfiguration.peak_recovery, metavar="PX", minimum=0, maximum=16
     )
     """value of the parameter odometry.peak_recovery"""
     pairs: int = parameter(480, minimum=2 * _FRACTIONS, maximum=100_000)
-    """pairs of lines for each resolution, noise and ground"""
+    """number of pairs of lines for each resolution, noise and ground"""
     seed: int = parameter(1, minimum=0)
     """seed of positions and noise"""
 

@@ -106,8 +106,8 @@ class Options(Configuration):
     """Extent of the drives, and noise."""
 
     starts: int = parameter(12, minimum=2, maximum=10_000)
-    """random places and directions, with 8 batches of 10 ms from each, for each camera, ground and
-    motion"""
+    """number of random positions and directions, each with 8 batches of 10 ms, for each camera,
+    ground and motion"""
     noise: float = parameter(1.0, minimum=0.0, maximum=50.0)
     """standard deviation of the noise in gray levels"""
     seed: int = parameter(1, minimum=0)

@@ -27,7 +27,7 @@ class Options(CampaignOptions, LoopOptions):
     seed: int = parameter(0, minimum=0)
     """seed of the first stop; the others follow"""
     worst: int = parameter(20, minimum=0)
-    """number of stops in the table of the worst, of distance and of rotation each"""
+    """number of stops in the table of the worst stops, by distance and by rotation each"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -51,13 +51,13 @@ class Options(CampaignOptions):
     runs: int = parameter(200, minimum=1, maximum=10000)
     """number of random stops of each vehicle"""
     rendered: int = parameter(20, minimum=0, maximum=10000)
-    """number of these in which the lines of cameras are rendered"""
+    """number of these stops in which the lines of cameras are rendered"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
     """largest speed of the random stops"""
     named: bool = parameter(False)
     """add the named experiments, each with its own vehicle and speed"""
     without_imu: bool = parameter(False)
-    """take the IMU away, with which the assistant otherwise bridges gaps and finds errors"""
+    """remove the IMU, with which the assistant otherwise bridges gaps and detects faults"""
 
 
 class Stop(NamedTuple):

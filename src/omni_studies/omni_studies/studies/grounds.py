@@ -23,7 +23,7 @@ from omni_studies.study import StudyResult, StudyRun
 
 _DECADES = (0.02, 10.0)  # drawn frequencies [cycles per mm]
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
-"""Contrast of photographs of asphalt after averaging over 20 mm [gray levels]."""
+"""Contrast of photographs of asphalt, averaged over 20 mm [gray levels]."""
 
 _GROUNDS = (
     "cork", "asphalt", "stone", "wood", "plastic", "metal", "walking_tile", "dry_earth",

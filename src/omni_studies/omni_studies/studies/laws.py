@@ -89,12 +89,12 @@ class Options(CampaignOptions):
     """Runs to make, and workers."""
 
     without_optical: bool = parameter(False)
-    """leave out the stop on the line cameras, which takes longest"""
+    """leave out the stop with line cameras, which takes longest"""
     law: tuple[str, ...] = parameter(())
     """your own law, as module:Class, compared with the built-in ones on every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
-    """run this many random stops in place of the experiments and compare every --law with the first
-    one (default: allocation alone)"""
+    """number of random stops to run instead of the experiments; every --law is compared with the
+    first one (default: allocation alone)"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)

@@ -32,7 +32,7 @@ _COLUMNS = {
     "distrusted": "1",
     "tipping": "1",
 }
-"""Columns of the table of violations besides their cause, with their units."""
+"""Columns of the table of violations, without the cause, with their units."""
 
 
 class Options(CampaignOptions, LoopOptions):
@@ -43,7 +43,7 @@ class Options(CampaignOptions, LoopOptions):
     seed: int = parameter(0, minimum=0)
     """seed of the first run; the others follow"""
     worst: int = parameter(3, minimum=0)
-    """number of cases to replay, of orientation and of distance each"""
+    """number of worst runs to replay, by orientation and by distance each"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -36,7 +36,7 @@ class Options(Configuration):
     vehicle: str = parameter("mecanum_forklift")
     """vehicle that brakes, drives and is parked on these tires"""
     slope: float = parameter(0.05, minimum=0.0, maximum=0.5)
-    """rise over run of the slope on which it is parked"""
+    """rise over run of the slope on which the vehicle is parked"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

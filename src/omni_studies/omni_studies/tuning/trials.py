@@ -49,7 +49,7 @@ class Setting:
 
 
 OFF = Setting("off")
-"""The vehicle without its assistant."""
+"""Setting of the vehicle without its assistant."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -66,9 +66,9 @@ class CampaignOptions(Configuration):
     scheduler: str | None = option(None, metavar="tcp://HOST:PORT")
     """run on this dask.distributed cluster, whose workers have this workspace"""
     resume: bool = parameter(False)
-    """keep the finished runs of an interrupted or shorter campaign and run what is missing"""
+    """keep the finished runs of an interrupted or shorter campaign, and make the missing runs"""
     seeds: str = option("", metavar="A:B")
-    """run only this part of the campaign, from A to before B"""
+    """run only seeds A to B - 1 of the campaign"""
     merge: tuple[Path, ...] = option((), metavar="DIR")
     """take the finished runs of a part from its folder"""
 

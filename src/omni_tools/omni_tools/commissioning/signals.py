@@ -18,7 +18,7 @@ from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
 TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
-"""Topics of a drive; those of wheels and pedal must exist."""
+"""Topics of a drive; wheel speeds and pedal are required."""
 
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 

@@ -39,7 +39,7 @@ _FORCE_ERROR = 1e-3
 _STANDING = 1e-9
 
 PLANE, BALANCE, SUM = range(3)
-"""Load models: in a plane, balance of weight and moments, balance of weight alone."""
+"""Load models: loads in a plane; balance of weight and moments; balance of weight alone."""
 
 
 class Deceleration(NamedTuple):

@@ -14,7 +14,7 @@ from omni_tools.limit.best import OptimalStop
 from omni_tools.limit.bounds import Maneuver
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)
-"""Allowed rotations of the stops of a front [deg]."""
+"""Allowed rotations of the planned stops of a front [deg]."""
 
 
 class Stop(NamedTuple):
@@ -31,7 +31,7 @@ IDEAL = (
         for name in ("linear_noise", "yaw_rate_noise", "offset_x", "offset_y", "yaw_rate_offset")
     ),
 )
-"""Overrides of an ideal velocity sensor."""
+"""Overrides that make the velocity sensor ideal."""
 
 _LAWS = {
     "unassisted": ("brake_assist.enabled=false",),

@@ -11,7 +11,7 @@ import numpy as np
 from omni_platform.quantities import BoolArray, FloatArray
 
 ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
-"""Column names of `error_values`."""
+"""Column names for the results of `error_values`."""
 
 
 def within_95(ratio: FloatArray) -> BoolArray:

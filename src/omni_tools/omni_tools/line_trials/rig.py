@@ -23,7 +23,7 @@ PERIOD = 0.2
 """Period of a ground [m]."""
 
 BATCH_TIME = 0.01
-"""Time of a batch of lines, one control period [s]."""
+"""Duration of a batch of lines, one control period [s]."""
 
 
 def batch_lines(line_rate: float) -> int:

@@ -16,10 +16,10 @@ class AreaOptions(CampaignOptions):
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
     """largest speed, in every direction"""
     bands: int = parameter(2, minimum=1, maximum=20)
-    """number of speed bands; more of them give smaller areas at low speeds, and with 1 the
-    ranges also suit collision monitors before 2026, which compare v_x instead of the speed"""
+    """number of speed bands; with more bands the areas at low speeds are smaller; with 1 the ranges
+    also suit collision monitors before 2026, which compare v_x instead of the speed"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
-    """largest yaw rate, to either side"""
+    """largest yaw rate in both directions"""
     turns: int = parameter(1, minimum=1, maximum=9)
     """number of yaw-rate bands; with 3 straight motion has smaller areas"""
     friction_min: float = parameter(0.6, minimum=0.05, maximum=2.0)
@@ -27,7 +27,7 @@ class AreaOptions(CampaignOptions):
     friction_max: float = parameter(1.0, minimum=0.05, maximum=2.0)
     """highest friction factor of the ground"""
     reaction_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=5.0)
-    """time from an obstacle in the area to the pedal: sensor, monitor, network"""
+    """time from an obstacle's entry into the area to the pedal: sensor, monitor, network"""
     padding: float = parameter(0.0, unit="m", minimum=0.0, maximum=5.0)
     """margin added around every area"""
     coverage: float = parameter(0.99, minimum=0.5, maximum=0.9999)

@@ -27,16 +27,16 @@ class Measured(Configuration):
     kind: str = parameter(_MECANUM, choices=(_MECANUM, _OMNI))
     """wheels: mecanum in pairs along the sides, or omni-wheels on a circle"""
     wheels: int = parameter(4, minimum=3, maximum=12)
-    """how many; mecanum an even number"""
+    """number of wheels; even for mecanum"""
     load: float = parameter(0.0, unit="kg", minimum=0.0)
-    """mass of a load, put to the front left"""
+    """mass of a load at the front left"""
     drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
-    """largest torque of a drive at its wheel, 0 to take that of the brake"""
+    """largest torque of a drive at its wheel, 0 for the torque of the brake"""
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
     """largest power with which a drive brakes its wheel, 0 for no limit"""
     brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
-    """what brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes, or
-    drives with a torque or a velocity command"""
+    """kind of brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes,
+    or drives with a torque or a velocity command"""
 
     def check_consistency(self) -> None:
         """Raise an error for wheels that do not fit the chassis or an invalid number of wheels."""

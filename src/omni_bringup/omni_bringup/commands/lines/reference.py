@@ -38,7 +38,7 @@ class Options(FileOptions, CommandOptions):
     drive: Path | None = option(None, metavar="BAG")
     """recorded drive whose lines show the fixed pattern"""
     sensors: str = parameter("three_generic")
-    """the line cameras by name, as of `lines import`"""
+    """the line cameras by name, as in `lines import`"""
     out: Path = option(metavar="DIR")
     """folder of the tables, one file for each camera"""
 
