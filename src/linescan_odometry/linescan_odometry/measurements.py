@@ -38,7 +38,7 @@ class Displacement(NamedTuple):
         correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
         share: share of the line pairs that were used, 0..1.
         rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
-        structures: number of independent structures of the ground in the view.
+        details: effective number of independent details of the ground in the view.
     """
 
     value: float
@@ -46,7 +46,7 @@ class Displacement(NamedTuple):
     correlation: float
     share: float
     rest: Lines | NDArray[np.float32] | None = None
-    structures: float = math.inf
+    details: float = math.inf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,13 +60,13 @@ class SensorReading:
         inlier_share: share of the line pairs that were used, 0..1.
         measured: whether velocity and variance can be used.
         reason: why they cannot be used; empty if they can.
-        still_time: time for which the view has not changed [s]; 0 if it has changed.
+        static_time: time for which the view has not changed [s]; 0 if it has changed.
         remark: defect of lines that can still be used; empty if there is none.
-        lasting_time: age of an earlier line that the newest one was compared with [s]; 0 for none.
-        lasting: correlation of these two lines, shifted, over that of neighboring lines [1].
+        reference_age: age of an earlier line that the newest one was compared with [s]; 0 for none.
+        persistence: correlation of these two lines, shifted, over that of neighboring lines [1].
         direction_variance: part of the variance caused by oblique texture [m^2/s^2].
-        structures: number of independent structures of the ground in the view.
-        unlike: whether the lines have contrast but do not match, or contradict the motion.
+        details: effective number of independent details of the ground in the view.
+        unmatched: whether the lines have contrast but do not match, or contradict the motion.
     """
 
     velocity: float
@@ -75,13 +75,13 @@ class SensorReading:
     inlier_share: float
     measured: bool
     reason: str = ""
-    still_time: float = 0.0
+    static_time: float = 0.0
     remark: str = ""
-    lasting_time: float = 0.0
-    lasting: float = 0.0
+    reference_age: float = 0.0
+    persistence: float = 0.0
     direction_variance: float = 0.0
-    structures: float = math.inf
-    unlike: bool = False
+    details: float = math.inf
+    unmatched: bool = False
 
     @classmethod
     def unmeasured(
@@ -93,7 +93,7 @@ class SensorReading:
     def refuted(self, reason: str) -> SensorReading:
         """Return the reading as unmeasured because its view contradicts the motion."""
         nothing = SensorReading.unmeasured(reason, self.correlation)
-        return dataclasses.replace(nothing, unlike=True)
+        return dataclasses.replace(nothing, unmatched=True)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,17 +128,17 @@ class FlowReading:
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
     """A batch yields no velocity; contains the unmeasured reading with the reason."""
 
-    def __init__(self, reason: str, inlier_share: float = 0.0, *, unlike: bool = False) -> None:
+    def __init__(self, reason: str, inlier_share: float = 0.0, *, unmatched: bool = False) -> None:
         """Store the reason.
 
         Args:
             reason: why there is no velocity.
             inlier_share: share of the line pairs that could be used, 0..1.
-            unlike: whether the lines have contrast but do not match.
+            unmatched: whether the lines have contrast but do not match.
         """
         super().__init__(reason)
         reading = SensorReading.unmeasured(reason, inlier_share=inlier_share)
-        self.reading = dataclasses.replace(reading, unlike=unlike)
+        self.reading = dataclasses.replace(reading, unmatched=unmatched)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,7 +25,7 @@ from linescan_odometry.measurements import (
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.twist.flow import monitors
 from linescan_odometry.twist.least_squares import TwistSolver
-from linescan_odometry.view.grain import Grain
+from linescan_odometry.view.oblique_texture import ObliqueTextures
 from linescan_odometry.view.occlusion import Covers
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
@@ -98,7 +98,9 @@ class LineScanOdometry:
             configuration.all_sensors, configuration.minimum_lever, self._axle
         )
         self._covers = Covers(configuration.sensors) if configuration.cover_detection else None
-        self._grain = Grain(configuration.sensors) if configuration.cover_detection else None
+        self._oblique = (
+            ObliqueTextures(configuration.sensors) if configuration.cover_detection else None
+        )
         self._stamp_ns = 0
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
@@ -143,13 +145,13 @@ class LineScanOdometry:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
         measured = {name: self._read_flow(name, flows.get(name)) for name in self._flows}
-        if self._covers is None or self._grain is None:
+        if self._covers is None or self._oblique is None:
             return self._estimate(readings, measured)
         readings |= self._covers.stopped(self._stamp_ns, readings)
         estimate = self._estimate(readings, measured)
         if estimate.measured:
             self._covers.remember(self._stamp_ns, estimate.twist)
-            self._grain.remember(self._stamp_ns, estimate.twist)
+            self._oblique.remember(self._stamp_ns, estimate.twist)
         return estimate
 
     def warm_up(self) -> None:
@@ -162,8 +164,8 @@ class LineScanOdometry:
         for name, sensor in self._configuration.sensors.items():
             line = generator.integers(0, 200, sensor.pixels)
             at_rest = line + generator.integers(0, 5, (5, sensor.pixels))  # slow motion too
-            unlike = generator.integers(0, 200, (16, sensor.pixels))  # all matched together
-            for whole in (at_rest, unlike):
+            unmatched = generator.integers(0, 200, (16, sensor.pixels))  # all matched together
+            for whole in (at_rest, unmatched):
                 for lines in (whole.astype(np.uint8), whole.astype(np.uint16)):
                     trial.update({name: LineBatch(0, lines)})
 
@@ -196,8 +198,8 @@ class LineScanOdometry:
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
-                if self._grain is not None:
-                    readings = readings | self._grain.unconfirmed(self._stamp_ns, readings)
+                if self._oblique is not None:
+                    readings = readings | self._oblique.unconfirmed(self._stamp_ns, readings)
                 covariance = UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
@@ -294,8 +296,8 @@ class LineScanOdometry:
         """Return readings over oblique textures, as unmeasured or with a larger variance."""
         return (
             {}
-            if self._grain is None
-            else self._grain.misled(self._stamp_ns, readings, solution.twist)
+            if self._oblique is None
+            else self._oblique.misled(self._stamp_ns, readings, solution.twist)
         )
 
     def _judged(

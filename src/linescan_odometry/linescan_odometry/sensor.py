@@ -21,7 +21,7 @@ from linescan_odometry.measurements import Displacement, LineBatch, Lines, Senso
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
-from linescan_odometry.view.grain import Keyframe
+from linescan_odometry.view.oblique_texture import Keyframe
 from omni_platform.background import in_background
 from omni_platform.sensors import LineSensor
 
@@ -141,7 +141,7 @@ class SensorOdometry:
         if not self._chain.joined:
             self._keyframe.reset()
         period_ns = 1e9 / self._sensor.line_rate
-        age, lasting = self._keyframe.compare(
+        age, persistence = self._keyframe.compare(
             stamp_ns,
             period_ns,
             lines if displacement.rest is None else displacement.rest,
@@ -154,10 +154,10 @@ class SensorOdometry:
             inlier_share=displacement.share,
             measured=True,
             remark=self._chain.remark,
-            still_time=self._static_time(lines, displacement),
-            lasting_time=age,
-            lasting=lasting,
-            structures=displacement.structures,
+            static_time=self._static_time(lines, displacement),
+            reference_age=age,
+            persistence=persistence,
+            details=displacement.details,
         )
 
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:

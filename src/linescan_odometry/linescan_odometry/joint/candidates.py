@@ -289,3 +289,36 @@ def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) 
             own = coherent(products, layout, removed, found[i], spread, which)
             evidence[i] = max(evidence[i], own)
     return evidence
+
+
+@kernel
+def contest(
+    products: Products,
+    layout: Layout,
+    removed: Spectrum,
+    one: float,
+    other: float,
+    likely: float,
+) -> tuple[float, float, float]:
+    """Return the log-likelihoods of two displacements and of their mean [nats].
+
+    They are compared by the lines that are farthest apart and show any of both: neighboring lines
+    do not resolve slow displacements.
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        removed: spectrum that is fixed in the view, shape (F,).
+        one: displacement per line [px].
+        other: displacement per line [px].
+        likely: log-likelihood that shows one [nats].
+    """
+    which = min(farthest(one, layout), farthest(other, layout))
+    while True:
+        spread = 0.5 / lags(layout.lines)[which]
+        first = coherent(products, layout, removed, one, spread, which)
+        second = coherent(products, layout, removed, other, spread, which)
+        if which == 0 or max(first, second) > likely:
+            between = coherent(products, layout, removed, 0.5 * (one + other), 0.0, which)
+            return first, second, between
+        which -= 1

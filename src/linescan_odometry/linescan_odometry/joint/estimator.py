@@ -10,6 +10,7 @@ from linescan_odometry.joint.candidates import (
     Products,
     band_pass,
     coherent,
+    contest,
     correlate,
     farthest,
     find,
@@ -37,12 +38,11 @@ _NOISE = 12.0  # nats; log-likelihood that noise alone seldom reaches
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = 0.5  # second-best log-likelihood over the best one; above it the peak is ambiguous
 _FEWEST = 7.5  # independent moving features: the edge of a shadow has up to seven
+_CHI_SQUARE = 25.0  # of near against far lines: 5 standard deviations
 _LEAST_CONTRAST = 0.03  # gradients over noise: fainter ones over wood may have another motion
 _STATIC = 2.0  # px within a batch; a candidate below counts as at rest
 _SHIFTED = 8.0  # px within a batch, from which ground and pattern differ
-_RESOLVED = 4.0  # px per line; candidates this far apart are separate peaks
 _FEWEST_LINES = 8
-_KNOWN = 1e12  # precision of a pattern that is taken as known
 
 
 class Estimate(NamedTuple):
@@ -130,7 +130,7 @@ class JointEstimator:
         # At rest, and with few lines, ground and pattern cannot be separated: the pattern is taken
         # as known.
         parted = moves and m >= _FEWEST_LINES
-        pattern, before, batch = known, np.full(self._bins, _KNOWN), np.zeros(self._bins)
+        pattern, before, batch = known, np.full(self._bins, math.inf), np.zeros(self._bins)
         information, removed = known, products.mean
         for final in (False, True):
             if parted:
@@ -145,17 +145,20 @@ class JointEstimator:
             if not best.found:
                 return Estimate(choice.displacement, math.inf, "no maximum of the likelihood", rest)
             d, a, removed = best.displacement, best.change, pattern
-        if not reason and moves and best.features < _FEWEST:
+        # At rest noise alone is left, also in few features.
+        variance = best.variance
+        if not moves and not math.isfinite(variance):
+            variance = best.white_variance
+        if not reason and moves and (best.features < _FEWEST or not math.isfinite(variance)):
             reason = f"dominated by {best.features:.1f} features"
+        if not reason and moves and best.chi_square > _CHI_SQUARE:
+            reason = "two motions"
         # After a smaller shift the pattern still contains the ground, and `rest` lacks it.
         if not reason and abs(d) * (m - 1) > _SHIFTED and best.contrast < _LEAST_CONTRAST:
             reason = "low texture"
-        if not reason and moves:
-            reason = self._contradiction(products, layout, d, choice.displacement)
-        variance = best.variance
         if not reason and parted:
             self._learn(information, batch)
-            variance += self._static_variance(products, layout, d)
+            variance += self._static_probability(products, layout, d) * max(d * d - variance, 0.0)
         return Estimate(d, variance, reason, rest, best.coherence, best.details)
 
     def _choose(
@@ -176,44 +179,23 @@ class JointEstimator:
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
-        # Neighboring lines do not separate slow displacements, lines farther apart do.
-        near = (abs(found - found[best]) < _RESOLVED) & (evidence > _RATIO * evidence[best])
-        far = min(farthest(c, layout) for c in found[near])
-        spread = 0.5 / lags(layout.lines)[far]
-        apart = [
-            coherent(products, layout, removed, c, spread, far) if own else 0.0
-            for c, own in zip(found, near, strict=True)
-        ]
-        if max(apart) > _LIKELY:
-            best = int(np.argmax(apart))
-        other = abs(found - found[best]) >= _RESOLVED
-        rival = float(np.max(evidence, where=other, initial=0.0))
-        ambiguous = rival > _RATIO * evidence[best]
+        for i in np.argsort(-evidence)[1:]:
+            own, other, _ = contest(products, layout, removed, found[best], found[i], _LIKELY)
+            if other > own:
+                best = int(i)
+        ambiguous = False
+        for i, rival in enumerate(found):
+            own, other, between = contest(products, layout, removed, found[best], rival, _LIKELY)
+            # Where the displacement between them is as likely, both are one peak.
+            if i != best and other > _RATIO * own and between < _RATIO * other:
+                ambiguous = True
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
-    def _contradiction(self, products: Products, layout: Layout, value: float, c: float) -> str:
-        """Return why lines without the fixed pattern contradict a displacement; empty if not.
-
-        Args:
-            products: correlations of the batch.
-            layout: sizes of the batch.
-            value: displacement per line [px].
-            c: candidate from which the displacement was refined [px].
-        """
-        if layout.lines < _FEWEST_LINES:
-            return ""
-        far = min(farthest(value, layout), farthest(c, layout))
-        spread = 0.5 / lags(layout.lines)[far]
-        own, other = (coherent(products, layout, products.mean, d, spread, far) for d in (value, c))
-        return "a fixed pattern prevails" if own < _RATIO * other - _NOISE else ""
-
-    def _static_variance(self, products: Products, layout: Layout, value: float) -> float:
-        """Return the variance of a slow displacement by the probability that nothing moves [px^2].
+    def _static_probability(self, products: Products, layout: Layout, value: float) -> float:
+        """Return the probability that nothing moves where a slow displacement is estimated.
 
         Over a smooth ground motion and rest are nearly equally likely.
         """
-        if layout.lines < _FEWEST_LINES or abs(value) >= _RESOLVED:
-            return 0.0
         gap = 0.0
         far = farthest(value, layout)
         spread = 0.5 / lags(layout.lines)[far]
@@ -223,7 +205,7 @@ class JointEstimator:
             )
             gap = max(gap, own - static)
         odds = math.exp(-_RATIO * gap)
-        return odds / (1.0 + odds) * value**2
+        return odds / (1.0 + odds)
 
     def _learn(self, information: Spectrum, precision: Doubles) -> None:
         """Update the pattern by a batch; the weight of earlier batches decays."""

@@ -34,6 +34,7 @@ from omni_platform.kernels import kernel
 PLACES = 24  # pieces of ground in a line whose errors are independent
 _SHORTEST = 8  # the lines of a block share at least the 8th part of a line
 _STEPS = 2
+_LOCKING = 0.05  # px, systematic error of neighboring lines, by aliasing and a fixed pattern
 _LARGEST_STEP = 1.0, 0.1  # px per line, px per line^2
 
 
@@ -49,6 +50,9 @@ class Fit(NamedTuple):
         coherence: coherence of neighboring lines, weighted by power [1].
         details: effective number of independent values of the texture in a line.
         contrast: energy of the gradients that neighboring lines share over that of the noise [1].
+        white_variance: variance of the displacement if the model is exact [px^2].
+        chi_square: squared difference between the displacement by neighboring lines alone and this
+            one, over its variance [1]: large where two motions overlap.
     """
 
     found: bool
@@ -59,6 +63,8 @@ class Fit(NamedTuple):
     coherence: float
     details: float
     contrast: float
+    white_variance: float
+    chi_square: float
 
 
 class Precision(NamedTuple):
@@ -263,57 +269,43 @@ def _information(
     for block in range(len(cut.first) - 1):
         own = cut.line[cut.first[block] : cut.first[block + 1]]
         m = len(own)
-        p, h, way = kappa[own], half[own], paths[own] - paths[own[0]]
-        unit = np.zeros((m, m), np.complex64)
+        path = paths[own] - paths[own[0]]
+        number = np.arange(m).astype(np.float64)
+        lag = np.abs(number.reshape(m, 1) - number)
+        by_d = kappa[own].reshape(m, 1) - kappa[own]
+        by_a = half[own].reshape(m, 1) - half[own]
+        unit, white = np.zeros((m, m), np.complex64), np.zeros((m, m), np.complex64)
         for k in range(m):
             unit[k, k] = 1.0
-        inverse = np.zeros((m, m), np.complex64)
         ones, all_columns = np.ones(m), np.array([0, m])
         for b in range(len(model.edges) - 1):
             first, last = model.edges[b], model.edges[b + 1]
-            texture, rho = model.bands[0, b], model.bands[1, b]
-            whiten(unit, ones, all_columns, model.bands[:, b : b + 1].copy(), inverse)
-            power, squares = np.ones(m), 0.0
-            for k in range(1, m):
-                power[k] = power[k - 1] * rho
-            for f in range(first, last):
-                squares += 0.5 * model.rate[f] ** 2
+            whiten(unit, ones, all_columns, model.bands[:, b : b + 1].copy(), white)
+            inverse = white.real.astype(np.float64)
+            texture = model.bands[0, b] * model.bands[1, b] ** lag
             middle = (first + last - 1) // 2
-            u = np.exp(-1j * model.rate[middle] * way)
-            q = np.zeros(m, np.complex128)
-            for k in range(m):
-                for j in range(m):
-                    q[k] += inverse[k, j].real * u[j]
-            c = model.precision[middle]
-            for k in range(m):
-                c += (np.conj(u[k]) * q[k]).real
-            by_d, by_a = np.zeros(m, np.complex128), np.zeros(m, np.complex128)
-            trace = np.zeros(3)
-            along_d, along_a = 0.0, 0.0
-            for k in range(m):
-                for j in range(m):
-                    value = texture * power[abs(k - j)]
-                    by_d[k] += (p[k] - p[j]) * value * q[j]
-                    by_a[k] += (h[k] - h[j]) * value * q[j]
-                    product = inverse[k, j].real * value
-                    trace[0] += product * (p[k] - p[j]) ** 2
-                    trace[1] += product * (p[k] - p[j]) * (h[k] - h[j])
-                    trace[2] += product * (h[k] - h[j]) ** 2
-                along_d += (np.conj(q[k]) * by_d[k]).imag
-                along_a += (np.conj(q[k]) * by_a[k]).imag
+            u = np.exp(-1j * model.rate[middle] * path)
+            q = (inverse * u).sum(1)
+            c = model.precision[middle] + (np.conj(u) * q).real.sum()
+            along_d, along_a = (by_d * texture * q).sum(1), (by_a * texture * q).sum(1)
+            white_d, white_a = (inverse * along_d).sum(1), (inverse * along_a).sum(1)
+            slope_d = (np.conj(q) * along_d).imag.sum() / c
+            slope_a = (np.conj(q) * along_a).imag.sum() / c
             # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
-            dd, da, aa = 0.0, 0.0, 0.0
-            for k in range(m):
-                left_d, left_a = 0.0j, 0.0j
-                for j in range(m):
-                    left_d += inverse[k, j].real * by_d[j]
-                    left_a += inverse[k, j].real * by_a[j]
-                dd += (np.conj(by_d[k]) * left_d).real
-                da += (np.conj(by_d[k]) * left_a).real
-                aa += (np.conj(by_a[k]) * left_a).real
-            total[0] += squares * (-trace[0] - 2.0 * dd / c + along_d * along_d / c**2)
-            total[1] += squares * (-trace[1] - 2.0 * da / c + along_d * along_a / c**2)
-            total[2] += squares * (-trace[2] - 2.0 * aa / c + along_a * along_a / c**2)
+            product = inverse * texture
+            squares = 0.5 * (model.rate[first:last] ** 2).sum()
+            total[0] += squares * (
+                slope_d**2 - (product * by_d * by_d).sum()
+                - 2.0 * (np.conj(along_d) * white_d).real.sum() / c
+            )  # fmt: skip
+            total[1] += squares * (
+                slope_d * slope_a - (product * by_d * by_a).sum()
+                - 2.0 * (np.conj(along_d) * white_a).real.sum() / c
+            )  # fmt: skip
+            total[2] += squares * (
+                slope_a**2 - (product * by_a * by_a).sum()
+                - 2.0 * (np.conj(along_a) * white_a).real.sum() / c
+            )  # fmt: skip
     return total
 
 
@@ -403,7 +395,7 @@ def fit(
         last: whether to compute variance and features too.
     """
     m, n = lines.shape
-    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0)
+    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     kappa = np.arange(m) - 0.5 * (m - 1)
     half = 0.5 * kappa**2
     for step in range(_STEPS + 1):
@@ -433,7 +425,7 @@ def fit(
             displacement += min(max(by_d, -_LARGEST_STEP[0]), _LARGEST_STEP[0])
             change += min(max(by_a, -_LARGEST_STEP[1]), _LARGEST_STEP[1])
     if not last:
-        return Fit(True, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0)
+        return Fit(True, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     weight = np.zeros(cut.spectra.shape[1])
     total, square = 0.0, 1e-30
     for b in range(len(edges) - 1):
@@ -444,38 +436,44 @@ def fit(
         gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(cut, white, weight, kappa, half, n)
-    variance, effective = _sandwich(parts, j_aa / determinant, -j_da / determinant)
+    variance = _sandwich(parts, j_aa / determinant, -j_da / determinant)
     # Weighted by amplitude and coherence, so that a bright edge counts like a faint one.
     energy = np.maximum(parts[:, 2], 0.0)
     amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
+    offset = parts[:, 4].sum() / max(parts[:, 2].sum(), 1e-12)
+    scatter = parts[:, 4] - offset * parts[:, 2]
+    spread = (scatter * scatter).sum() / max(parts[:, 2].sum(), 1e-12) ** 2
+    chi_square = offset * offset / (spread + _LOCKING**2)
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
     details = 2.0 * total * total / square * n / cut.length
     return Fit(
-        effective > 2.0, displacement, change, variance, features, coherence, details, contrast
-    )
+        True, displacement, change, variance, features, coherence, details, contrast,
+        j_aa / determinant, chi_square,
+    )  # fmt: skip
 
 
 @kernel
-def _sandwich(parts: Doubles, g_d: float, g_a: float) -> tuple[float, float]:
-    """Return the variance of the displacement [px^2], and the effective number of places.
+def _sandwich(parts: Doubles, g_d: float, g_a: float) -> float:
+    """Return the variance of the displacement [px^2], infinite if two places have all energy.
 
     Args:
-        parts: result of `_places`, shape (p, 4).
+        parts: result of `_places`, shape (p, 5).
         g_d: element of J^-1 in the row and the column of d.
         g_a: element of J^-1 in the row of d and the column of a.
     """
     energy = np.maximum(parts[:, 2], 0.0)
     total = energy.sum()
     if total <= 0.0:
-        return math.inf, 0.0
+        return math.inf
     share = energy / total
     slope = g_d * parts[:, 0] + g_a * parts[:, 1]
     own = slope - share * slope.sum()
     effective = 1.0 / (share * share).sum()
     # Student's factor, because the scatter is estimated from `effective` places only.
     student = effective / (effective - 2.0) if effective > 2.0 else math.inf
-    return student * (own * own).sum(), effective
+    variance: float = student * (own * own).sum()
+    return variance
 
 
 @kernel
@@ -487,35 +485,44 @@ def _places(
     half: Doubles,
     pixels: int,
 ) -> Doubles:
-    """Return slopes by d and a, coherent and total energy of each place, shape (p, 4).
+    """Return properties of each place, shape (p, 5).
+
+    These are the slopes of the log-likelihood by d and a, the coherent and the total energy, and
+    the slope by d of the likelihood of neighboring lines alone.
 
     The products of lines are summed in space, on a grid as coarse as the highest frequency allows.
     The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma. Its coherent
-    part is computed from products of neighboring lines, to which only the ground contributes.
+    part is computed from products of neighboring lines, to which only the ground contributes. The
+    derivatives of the paths are taken from their mean over a block: a constant adds no slope to the
+    whole line, but one to each place.
     """
     rows, count = cut.spectra.shape
     size = transform_size(2 * count)
-    parted = np.zeros((3, rows, size // 2 + 1), np.complex64)
+    parted = np.zeros((4, rows, size // 2 + 1), np.complex64)
     for r in range(rows):
         for f in range(1, count):
             turn = np.complex64(2j * math.pi * f / cut.size)
             parted[0, r, f] = white[r, f]
             parted[1, r, f] = turn * cut.spectra[r, f]
             parted[2, r, f] = parted[1, r, f] * np.float32(weight[f])
+            parted[3, r, f] = cut.spectra[r, f] * np.float32(weight[f])
     in_space = scipy.fft.irfft(parted[0], size, 1)
     slopes = scipy.fft.irfft(parted[1], size, 1)
     energy = scipy.fft.irfft(parted[2], size, 1)
+    texture = scipy.fft.irfft(parted[3], size, 1)
     scale = size / cut.size  # grid points per px
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)
     highest = math.floor((cut.ground.max() + cut.length) * PLACES / pixels)
-    parts = np.zeros((highest - lowest + 1, 4))
+    parts = np.zeros((highest - lowest + 1, 5))
     for block in range(len(cut.first) - 1):
         place = np.empty(seen, np.int64)
         for i in range(seen):
             place[i] = math.floor((cut.ground[block] + i / scale) * PLACES / pixels) - lowest
+        own = cut.line[cut.first[block] : cut.first[block + 1]]
+        mean_d, mean_a = kappa[own].mean(), half[own].mean()
         for r in range(cut.first[block], cut.first[block + 1]):
-            p, q = kappa[cut.line[r]], half[cut.line[r]]
+            p, q = kappa[cut.line[r]] - mean_d, half[cut.line[r]] - mean_a
             for i in range(seen):
                 product = in_space[r, i] * slopes[r, i]
                 parts[place[i], 0] += p * product
@@ -524,6 +531,9 @@ def _places(
                     parts[place[i], 2] += energy[r, i] * energy[r - 1, i]
                     parts[place[i], 3] += 0.5 * (
                         energy[r, i] * energy[r, i] + energy[r - 1, i] * energy[r - 1, i]
+                    )
+                    parts[place[i], 4] += 0.5 * (
+                        energy[r - 1, i] * texture[r, i] - energy[r, i] * texture[r - 1, i]
                     )
     # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size

@@ -46,7 +46,7 @@ class JointMethod:
         """Measure a batch; see `sensor.Method`."""
         estimate = self.estimator.estimate(without_defects(lines), self._last)
         if estimate.reason:
-            raise Unmeasured(estimate.reason, unlike=True)
+            raise Unmeasured(estimate.reason, unmatched=True)
         if not plausibility.judge(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px a line needs more than "

@@ -60,13 +60,13 @@ class Covers:
         elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
         dismissed = {}
         for name, reading in readings.items():
-            if reading.still_time == 0.0:
+            if reading.static_time == 0.0:
                 self._covered.pop(name, None)
                 continue
             along, across = (float(v) for v in self._rows[name] @ self._twist)
             speed = math.hypot(along, across)
             if speed > _HARDEST_STOP * elapsed and self._would_show(
-                name, along, across, reading.still_time
+                name, along, across, reading.static_time
             ):
                 self._covered[name] = (
                     f"covered: its view stands still, {1e3 * elapsed:.3g} ms after it moved at "
@@ -90,10 +90,10 @@ class Covers:
         """
         farthest, covered = _STILL_SHARE, {}
         for name, reading in readings.items():
-            if not reading.measured or reading.still_time == 0.0:
+            if not reading.measured or reading.static_time == 0.0:
                 continue
             across = float(self._rows[name][1] @ twist)
-            share = abs(across) * reading.still_time / self._sensors[name].width
+            share = abs(across) * reading.static_time / self._sensors[name].width
             if share > farthest:
                 farthest = share
                 reason = (

@@ -2,7 +2,7 @@
 
 A line camera measures the mean over the width of its view. In motion across the axis new ground
 enters, and lines of an ordinary ground lose their correlation after one width of the view. On a
-texture oblique to the axis (grain) the same stripes remain in the view and shift along the line,
+texture oblique to the axis the same stripes remain in the view and shift along the line,
 which a single camera cannot distinguish from a motion along its axis. But the twist gives the
 motion across the axis: if a view stays correlated for longer, the texture is oblique.
 """
@@ -32,15 +32,15 @@ _LEAST_SHIFT = 8.0  # px, below which a fixed pattern looks like an oblique text
 _SEARCHED = 3  # px that are searched around the expected shift, in addition to a share of it
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # px that are compared
-_STONE = 0.008  # m; pieces of a ground without grain leave a view after its width plus this
+_PIECE = 0.008  # m; pieces of an ordinary ground leave a view after its width plus this
 _FAR_ENOUGH = 0.5  # share of this sum from which the test is possible
-_EXCESS = 0.35  # excess of correlation over a ground without grain, in two comparisons
-_CLEAR_EXCESS = 0.65  # excess of correlation over a ground without grain, in one comparison
+_EXCESS = 0.35  # excess of correlation over an ordinary ground, in two comparisons
+_CLEAR_EXCESS = 0.65  # excess of correlation over an ordinary ground, in one comparison
 _USUAL_EXCESS = 0.2
-_PULL = 0.5  # error of the velocity along the axis, per velocity across it, at an excess of 1
-_SLOWEST = 0.03  # m/s across the axis, below which grain does no harm
-_MANY = 38.0  # number of structures of the ground from which their errors cancel
-_PULL_OF_ONE = 0.06  # error along the axis, per velocity across it, by a single structure
+_BIAS = 0.5  # error of the velocity along the axis, per velocity across it, at an excess of 1
+_SLOWEST = 0.03  # m/s across the axis, below which oblique texture does no harm
+_MANY = 38.0  # number of details of the ground from which their errors cancel
+_BIAS_OF_ONE = 0.06  # error along the axis, per velocity across it, by a single detail
 
 
 class Keyframe:
@@ -90,17 +90,17 @@ class Keyframe:
             self._remember(lines[first])
             self._stamp_ns = stamp_ns - round((span - first) * period_ns)
             self._shift = (span - first) * displacement
-        # A periodic ground leaves the view and returns, grain never leaves it. To distinguish them,
-        # lines in between are compared too.
+        # A periodic ground leaves the view and returns, an oblique texture never leaves it. To
+        # distinguish them, lines in between are compared too.
         near, far = _compare(
             lines, self._step, self._shift, displacement, _LOST * _EXCESS, self._gradient
         )
-        likeness = max(0.0, far) / max(near, _EXCESS)
-        if likeness < _LOST:
+        persistence = max(0.0, far) / max(near, _EXCESS)
+        if persistence < _LOST:
             self._gradient = None  # a periodic ground would match again later
         if abs(self._shift) < _LEAST_SHIFT:
             return 0.0, 0.0
-        return 1e-9 * (stamp_ns - self._stamp_ns), likeness
+        return 1e-9 * (stamp_ns - self._stamp_ns), persistence
 
     def _remember(self, line: Lines | Floats) -> None:
         gradient: Floats = np.empty((3, len(line) - 2 * self._step + 1), np.float32)
@@ -182,7 +182,7 @@ def _compare(
     return near, far
 
 
-class Grain:
+class ObliqueTextures:
     """Stores which cameras are over an oblique texture."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
@@ -198,7 +198,7 @@ class Grain:
             for name, s in sensors.items()
         }
         self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
-        self._ways: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
+        self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
         self._twist: FloatArray = np.zeros(3)
         self._found: dict[str, str] = {}
         self._before: dict[str, tuple[float, float]] = {}  # last correlation and its excess
@@ -217,13 +217,13 @@ class Grain:
             readings: readings of all cameras by name, too few for a twist.
         """
         blind = [
-            name for name, reading in readings.items() if reading.unlike and not reading.measured
+            name for name, reading in readings.items() if reading.unmatched and not reading.measured
         ]
         if not blind:
             return {}
-        if self._stamps and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS:
+        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS:
             return self.misled(stamp_ns, readings, self._twist)
-        reason = f"unconfirmed: the ground may have grain, it does not match for {', '.join(blind)}"
+        reason = f"unconfirmed: the texture may be oblique, no match for {', '.join(blind)}"
         return {
             name: reading.refuted(reason) for name, reading in readings.items() if reading.measured
         }
@@ -237,14 +237,14 @@ class Grain:
         """
         if self._stamps and not 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
             self._stamps.clear()
-            self._ways.clear()
+            self._paths.clear()
         elapsed = 1e-9 * (stamp_ns - self._stamps[-1]) if self._stamps else 0.0
         self._twist = twist
         across = np.array([row @ twist for row in self._rows.values()])
-        self._ways.append((self._ways[-1] if self._ways else 0.0) + across * elapsed)
+        self._paths.append((self._paths[-1] if self._paths else 0.0) + across * elapsed)
         self._stamps.append(stamp_ns)
 
-    def _way(self, name: str, stamp_ns: int, age: float, across: float) -> float:
+    def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
         """Return the motion of a camera across its axis over the last `age` seconds [m].
 
         Before the first stored twist the motion is taken as zero.
@@ -254,9 +254,9 @@ class Grain:
             return abs(across) * age
         newest = 1e-9 * (stamp_ns - self._stamps[-1])
         number = list(self._rows).index(name)
-        ways = [float(way[number]) for way in self._ways]
-        before = float(np.interp(since, list(self._stamps), ways))
-        return abs(ways[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
+        paths = [float(path[number]) for path in self._paths]
+        before = float(np.interp(since, list(self._stamps), paths))
+        return abs(paths[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
 
     def misled(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
@@ -274,23 +274,23 @@ class Grain:
                 continue
             across = float(self._rows[name] @ twist)
             speed = abs(across)
-            lasting = self._sensors[name].width + _STONE
-            way = self._way(name, stamp_ns, reading.lasting_time, across)
-            share = _pull(reading.structures)
-            if way > _FAR_ENOUGH * lasting:
-                excess = reading.lasting - max(0.0, 1.0 - way / lasting)
+            lifetime = self._sensors[name].width + _PIECE
+            path = self._path_across(name, stamp_ns, reading.reference_age, across)
+            share = _bias(reading.details)
+            if path > _FAR_ENOUGH * lifetime:
+                excess = reading.persistence - max(0.0, 1.0 - path / lifetime)
                 # A single excess may be chance, because a line shows only few pieces of ground.
-                lasting_before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.lasting != lasting_before:  # not the same reading, solved again
+                before, excess_before = self._before.get(name, (0.0, 0.0))
+                if reading.persistence != before:  # not the same reading, solved again
                     self._excess[name] = min(excess, excess_before)
-                    self._before[name] = reading.lasting, excess
+                    self._before[name] = reading.persistence, excess
                 least = self._excess.get(name, 0.0)
-                share = max(share, _PULL * (least - _USUAL_EXCESS))
+                share = max(share, _BIAS * (least - _USUAL_EXCESS))
                 self._found.pop(name, None)
                 if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
-                        f"grain: {1e3 * way:.3g} mm across the axis the view is still "
-                        f"{100.0 * reading.lasting:.0f} % alike"
+                        f"oblique texture: {1e3 * path:.3g} mm across the axis the view is still "
+                        f"{100.0 * reading.persistence:.0f} % alike"
                     )
             direction = (share * speed) ** 2
             if direction > 2.0 * reading.direction_variance:
@@ -304,10 +304,10 @@ class Grain:
         return misled
 
 
-def _pull(structures: float) -> float:
+def _bias(details: float) -> float:
     """Return the standard deviation of the velocity along the axis per velocity across it [1].
 
     In motion across the axis every oblique edge of the ground also shifts along it. With many
-    structures these errors cancel; with the few stones of a cobbled road they do not.
+    details these errors cancel; with the few stones of a cobbled road they do not.
     """
-    return _PULL_OF_ONE * max(0.0, 1.0 - structures / _MANY)
+    return _BIAS_OF_ONE * max(0.0, 1.0 - details / _MANY)
