@@ -48,6 +48,7 @@ _NOT_HERE = {  # what a command begins with, and why it is not run here
     "study tuning": "minutes: test_tuning.py has fewer situations",
     "study optical": "minutes of rendered lines: test_optical_study.py",
     "study accuracy": "minutes of rendered lines: test_odometry_accuracy.py",
+    "study estimators": "minutes of rendered lines: test_line_studies.py has fewer",
     "study covariance": "minutes of rendered lines: test_twist_trials.py",
     "study integrity": "minutes of rendered lines: test_integrity.py",
     "study sensor_presets": "minutes of rendered lines: test_line_studies.py",

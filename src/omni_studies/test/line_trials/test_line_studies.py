@@ -18,6 +18,7 @@ from omni_studies.studies import (
     contrast,
     covariance,
     error_maps,
+    estimators,
 )
 from omni_studies.study import StudyResult, StudyRun, load_study, run_study, study_names
 from omni_tools.line_trials.rig import View, camera
@@ -101,6 +102,17 @@ def test_accuracy_is_near_the_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         # No estimator is better; 160 pairs scatter by 6 %.
         assert 0.85 < metrics[f"rmse_over_bound.{pixels}_2"].value < 1.7
         assert metrics[f"locking.{pixels}_2"].value < 0.03
+
+
+def test_both_methods_are_near_the_bound_of_a_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(estimators, "_GROUNDS", ("asphalt",))
+    monkeypatch.setattr(estimators, "_SPEEDS", (1.0,))
+    metrics = study("estimators", tmp_path, "--runs", "4").metrics
+    for method in ("joint", "pairs"):
+        assert 0.5 < metrics[f"rmse_over_bound.{method}"].value < 4.0
+        assert metrics[f"{method}_available.asphalt_0_1"].value == 100.0
 
 
 def test_the_twist_is_as_accurate_as_it_says(

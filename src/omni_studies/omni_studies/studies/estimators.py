@@ -1,0 +1,257 @@
+"""Compare the estimators of a line camera with each other, their bound and an optical-flow patch.
+
+One camera of 1024 px and 2500 lines/s takes batches of 10 ms. Both methods of the odometry process
+the same lines, without a fault and with faults of the camera. With OpenCV
+(``requirements/opencv.lock``) two alternatives measure the same motion: its phase correlation of
+consecutive lines, and a patch of 64 x 64 px with as many pixels per second, by phase correlation
+and Lucas-Kanade. The error is that of the velocity along the axis, and the Cramer-Rao bound that of
+a batch in motion along the axis.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from linescan_odometry.configuration import METHODS
+from omni_figures import style
+from omni_loop.metrics import Metric
+from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
+from omni_sim.camera.camera import CameraConfiguration
+from omni_sim.texture.texture import GroundTexture
+from omni_studies.line_trials.integrity_trials import (
+    BATCH_LINES,
+    FAULTS,
+    SENSORS,
+    Ground,
+    Motion,
+    drive_over,
+)
+from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials.rig import Rig, View, poses_at
+from omni_tools.line_trials.trials import cramer_rao_bound
+
+_GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
+_SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # m/s
+_ANGLES = (0, 45)  # of the motion from the axis [deg]
+_FAULTS = ("none", "dirt_spots", "prnu", "mud")
+_BATCHES = 3  # of a drive
+_OTHERS = ("phase", "patch")  # with OpenCV
+
+_EYE = SENSORS["left"]
+_SCALE = _EYE.pixel_pitch * _EYE.line_rate  # m/s per px a line
+_NOISE = CameraConfiguration().noise  # gray levels
+_PIXELS, _FRAMES = 64, 7  # of the patch in a batch
+_FRAME_RATE = _EYE.pixels * _EYE.line_rate / _PIXELS**2
+_FINE = 8  # samples of the ground per pixel of the patch, in each direction
+_SMOOTH, _ROUNDS = 0.8, 5  # of Lucas and Kanade: Gaussian [px], iterations
+_SPANNED = 24.0  # px of the patch, up to which the first and the last frame are compared
+
+Frame = NDArray[np.float32]
+
+
+class Scene(NamedTuple):
+    """A camera over a ground, and a pose (x, y [m], yaw [rad])."""
+
+    texture: GroundTexture
+    rig: Rig
+    start: FloatArray
+
+    @classmethod
+    def of(cls, kind: str, seed: int, number: int) -> Scene:
+        """Return a camera over a ground at a random pose."""
+        texture = Ground(kind).texture()
+        generator = np.random.default_rng((seed, number))
+        start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
+        return cls(texture, Rig({"eye": _EYE}, texture, _NOISE, seed), start)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(Configuration):
+    """Number of drives."""
+
+    runs: int = parameter(4, minimum=1, maximum=1000)
+    """drives from random positions for each ground, speed and angle"""
+    seed: int = parameter(1, minimum=0)
+    """seed of positions and noise"""
+
+
+def run(options: Options, study: StudyRun) -> StudyResult:
+    """Drive over every ground; write figure, data and metrics."""
+    cells = list(itertools.product(_GROUNDS, _ANGLES, _SPEEDS))
+    rows, metrics = [], {}
+    bounds: dict[str, list[float]] = {}
+    for number, (kind, angle, speed) in enumerate(cells):
+        study.report(number / len(cells), f"{kind}, {angle} deg, {speed:g} m/s")
+        case = f"{kind}_{angle}_{speed:g}".replace(".", "_")
+        errors = errors_of(kind, math.radians(angle), speed, options)
+        bound = batch_bound(kind, speed, options) if angle == 0 else math.nan
+        for (estimator, fault), error in errors.items():
+            key = case if fault == "none" else f"{case}_{fault}"
+            measured = error[np.isfinite(error)]
+            rmse = 1e3 * math.sqrt(float(np.mean(measured**2))) if len(measured) else math.nan
+            available = 100.0 * len(measured) / len(error)
+            metrics[f"{estimator}_rmse.{key}"] = Metric(rmse, "mm/s")
+            metrics[f"{estimator}_available.{key}"] = Metric(available, "%")
+            rows.append((estimator, kind, angle, speed, fault, available, rmse, bound))
+            if fault == "none" and angle == 0:
+                bounds.setdefault(estimator, []).append(rmse / bound)
+    for estimator, ratios in bounds.items():
+        metrics[f"rmse_over_bound.{estimator}"] = Metric(float(np.nanmedian(ratios)), "1")
+    header = (
+        "estimator", "ground", "angle_deg", "speed_m_per_s", "fault", "available_percent",
+        "rmse_mm_per_s", "bound_mm_per_s",
+    )  # fmt: skip
+    study.table("estimators.csv", header, rows)
+    study.figure("estimators.png", _draw(rows))
+    return study.result(metrics)
+
+
+def errors_of(
+    kind: str, angle: float, speed: float, options: Options
+) -> dict[tuple[str, str], FloatArray]:
+    """Return errors along the axis by estimator and fault [m/s], NaN where nothing is measured.
+
+    Args:
+        kind: kind of ground.
+        angle: of the motion from the axis of the camera [rad].
+        speed: of the motion [m/s].
+        options: number of drives, and seed.
+    """
+    velocity = speed * np.array([math.cos(angle), math.sin(angle)])
+    motion = Motion((float(velocity[0]), float(velocity[1]), 0.0))
+    errors = {}
+    for method in METHODS:
+        tallies = drive_over(
+            Ground(kind), {fault: FAULTS[fault] for fault in _FAULTS}, range(options.runs),
+            _BATCHES, options.seed, motions=(motion,), method=method,
+        )  # fmt: skip
+        for fault, tally in tallies.items():
+            error = np.where(np.isfinite(tally.ratio), tally.error, np.nan)
+            errors[method, fault] = error[:: len(SENSORS)]  # of the first camera
+    try:
+        cv2: Any = importlib.import_module("cv2")
+    except ImportError:
+        return errors
+    cv2.setNumThreads(1)
+    for name, estimate in zip(_OTHERS, (_phase, _patch), strict=True):
+        found = []
+        for run_number in range(options.runs):
+            scene = Scene.of(kind, options.seed, run_number)
+            found.append(estimate(cv2, scene, np.append(velocity, 0.0)) - velocity[0])
+        errors[name, "none"] = np.array(found)
+    return errors
+
+
+def batch_bound(kind: str, speed: float, options: Options) -> float:
+    """Return the smallest standard deviation of the velocity by one batch along the axis [mm/s].
+
+    A point of the ground is seen by K consecutive lines, and adds the information of a known point
+    times the sum of squared distances of K lines from their mean, K (K^2 - 1) / 12.
+    """
+    _, rig, start = Scene.of(kind, options.seed, 0)
+    lines, shift = BATCH_LINES + 1, speed / _SCALE
+    camera = rig.array.cameras["eye"]
+    pair = cramer_rao_bound(View.of(_EYE), camera, start[None], np.zeros(1), _NOISE)[0]
+    point = np.arange(math.ceil(_EYE.pixels + (lines - 1) * shift))
+    first = np.ceil(np.maximum(0.0, (point - _EYE.pixels + 1) / shift))
+    seen = np.minimum(lines - 1, np.floor(point / shift)) - first + 1
+    information = 2.0 / pair * np.sum(seen * (seen**2 - 1.0)) / 12.0 / _EYE.pixels
+    return 1e3 * _SCALE / math.sqrt(float(information))
+
+
+def _phase(cv2: Any, scene: Scene, twist: FloatArray) -> float:
+    """Return the velocity by the phase correlation of consecutive lines [m/s]."""
+    (batch,) = scene.rig.drive(scene.start, twist, 1)
+    lines = batch["eye"].lines.astype(np.float32)[:, None]
+    window = cv2.createHanningWindow((_EYE.pixels, 1), cv2.CV_32F)
+    shifts = [
+        cv2.phaseCorrelate(old.copy(), new.copy(), window)[0][0]
+        for old, new in itertools.pairwise(lines)
+    ]
+    return -float(np.median(shifts)) * _SCALE
+
+
+def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
+    """Return the velocity along the axis by seven frames of a patch [m/s]."""
+    generator = np.random.default_rng(0)
+    frames = [
+        _frame(cv2, scene.texture, pose, generator)
+        for pose in poses_at(np.arange(_FRAMES) / _FRAME_RATE, scene.start, twist)
+    ]
+    shift = float(np.median([_moved(cv2, old, new) for old, new in itertools.pairwise(frames)]))
+    if abs(shift) * (_FRAMES - 1) < _SPANNED:
+        shift = _moved(cv2, frames[0], frames[-1]) / (_FRAMES - 1)
+    return shift * _FRAME_RATE * _EYE.length / _PIXELS
+
+
+def _moved(cv2: Any, old: Frame, new: Frame) -> float:
+    """Return how far the patch moved along its axis [px]: phase correlation, then Lucas-Kanade."""
+    window = cv2.createHanningWindow((_PIXELS, _PIXELS), cv2.CV_32F)
+    # It multiplies its arguments by the window.
+    d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
+    first, second = (cv2.GaussianBlur(frame, (0, 0), _SMOOTH) for frame in (old, new))
+    for _ in range(_ROUNDS):
+        matrix = np.array([[1.0, 0.0, -d[0]], [0.0, 1.0, -d[1]]])
+        moved = cv2.warpAffine(second, matrix, (_PIXELS, _PIXELS), flags=cv2.INTER_CUBIC)
+        edge = int(np.ceil(np.abs(d).max())) + 3
+        if 2 * edge > _PIXELS - 8:
+            break
+        inner = (slice(edge, -edge), slice(edge, -edge))
+        slope_y, slope_x = np.gradient(0.5 * (first + moved))
+        slopes = np.stack((slope_x[inner].ravel(), slope_y[inner].ravel()))
+        d = d + np.linalg.solve(slopes @ slopes.T, slopes @ (first - moved)[inner].ravel())
+    return -float(d[0])
+
+
+def _frame(
+    cv2: Any, texture: GroundTexture, pose: FloatArray, generator: np.random.Generator
+) -> Frame:
+    """Return the view of the patch from a pose, with noise; columns run along its axis."""
+    count = _PIXELS * _FINE
+    place = ((np.arange(count) + 0.5) / count - 0.5) * _EYE.length
+    along, across = np.meshgrid(place, place)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x = (pose[0] + c * along - s * across) / texture.texel - 0.5
+    y = (pose[1] + s * along + c * across) / texture.texel - 0.5
+    n = len(texture.gray)
+    seen = cv2.remap(
+        texture.gray, (x % n).astype(np.float32), (y % n).astype(np.float32), cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
+    )  # fmt: skip
+    mean = seen.reshape(_PIXELS, _FINE, _PIXELS, _FINE).mean(axis=(1, 3))
+    noisy = np.rint(mean + generator.normal(0.0, _NOISE, mean.shape))
+    return np.asarray(noisy.clip(0, 255), np.float32)
+
+
+def _draw(rows: list[tuple[str, str, int, float, str, float, float, float]]) -> Figure:
+    """Draw the errors over the speed, by ground and angle, without a fault."""
+    figure, panels = style.panels(
+        "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed",
+        len(_ANGLES),
+        len(_GROUNDS),
+        size=(15.0, 6.4),
+        x="speed [m/s]",
+        y=tuple(f"RMS error at {angle} deg [mm/s]" for angle in _ANGLES),
+        sharey="row",
+    )
+    for line, angle in enumerate(_ANGLES):
+        for column, kind in enumerate(_GROUNDS):
+            axes = panels[line, column]
+            axes.set_title(kind.replace("_", " "))
+            own = [r for r in rows if r[1] == kind and r[2] == angle and r[4] == "none"]
+            for name, color in zip((*METHODS, *_OTHERS), style.WHEEL_COLORS, strict=False):
+                curve = [(r[3], r[6]) for r in own if r[0] == name]
+                if curve:
+                    axes.loglog(*zip(*curve, strict=True), "o-", color=color, label=name)
+            axes.loglog(_SPEEDS, [r[7] for r in own if r[0] == METHODS[0]], "k--")
+    panels[0, -1].legend()
+    return figure
