@@ -28,7 +28,6 @@ from omni_platform.quantities import FloatArray
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials.integrity_trials import (
-    BATCH_LINES,
     FAULTS,
     SENSORS,
     Ground,
@@ -36,7 +35,7 @@ from omni_studies.line_trials.integrity_trials import (
     drive_over,
 )
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.line_trials.rig import Rig, View, poses_at
+from omni_tools.line_trials.rig import Rig, View, batch_lines, poses_at
 from omni_tools.line_trials.trials import cramer_rao_bound
 
 _GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
@@ -158,7 +157,7 @@ def batch_bound(kind: str, speed: float, options: Options) -> float:
     times the sum of squared distances of K lines from their mean, K (K^2 - 1) / 12.
     """
     _, rig, start = Scene.of(kind, options.seed, 0)
-    lines, shift = BATCH_LINES + 1, speed / _SCALE
+    lines, shift = batch_lines(_EYE.line_rate) + 1, speed / _SCALE
     camera = rig.array.cameras["eye"]
     pair = cramer_rao_bound(View.of(_EYE), camera, start[None], np.zeros(1), _NOISE)[0]
     point = np.arange(math.ceil(_EYE.pixels + (lines - 1) * shift))
