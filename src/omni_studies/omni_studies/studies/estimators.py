@@ -13,7 +13,6 @@ from __future__ import annotations
 import importlib
 import itertools
 import math
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +72,6 @@ class Scene(NamedTuple):
         return cls(texture, Rig({"eye": _EYE}, texture, _NOISE, seed), start)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Options(Configuration):
     """Number of drives."""
 
