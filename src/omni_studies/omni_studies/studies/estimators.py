@@ -169,7 +169,7 @@ def _phase(cv2: Any, scene: Scene, twist: FloatArray) -> float:
     """Return the velocity by the phase correlation of consecutive lines [m/s]."""
     (batch,) = scene.rig.drive(scene.start, twist, 1)
     lines = batch["eye"].lines.astype(np.float32)[:, None]
-    window = cv2.createHanningWindow((_EYE.pixels, 1), cv2.CV_32F)
+    window = np.hanning(_EYE.pixels).astype(np.float32)[None]
     shifts = [
         cv2.phaseCorrelate(old.copy(), new.copy(), window)[0][0]
         for old, new in itertools.pairwise(lines)
