@@ -12,7 +12,7 @@ def leave_at_once_on_signals() -> None:
     """Exit on a signal without a traceback while there is nothing to clean up.
 
     An exception raised by a signal handler could interrupt an import, and some extension modules
-    replace it by another one.
+    replace this exception by another one.
     """
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:  # a shell sets SIG_IGN for background jobs

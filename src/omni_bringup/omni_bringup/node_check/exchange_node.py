@@ -232,7 +232,7 @@ def subscribe(
 
 
 def _unusable(topic: Topic, data: bytes) -> bytes:
-    """Return a message whose velocity is NaN, or an image that is cut off."""
+    """Return a message with unusable content: NaN as velocity, or a truncated image."""
     message = deserialize_message(data, message_class(topic.type))
     if topic.type == IMAGE:
         message.data = message.data[: len(message.data) // 2]

@@ -67,7 +67,7 @@ class Sensitivity:
 def sensitivities(
     bases: Mapping[str, ExperimentConfiguration], parameters: Parameters
 ) -> Sensitivity:
-    """Vary every parameter about a candidate and fit straight lines.
+    """Return the sensitivities at a candidate, from varied parameters and fitted straight lines.
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.

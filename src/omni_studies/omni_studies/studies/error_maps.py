@@ -1,8 +1,8 @@
 """Errors of one line camera in straight motion, over speed, field of view and ground.
 
-Every motion is uniform, with 2500 lines/s; sideways motion is 12 m/s at 89 deg to the axis.
-``overlap`` also draws the displacement of a vehicle between two lines for any line rate, and
-``texture_direction`` also counts the batches that the odometry measures with the camera of the
+Every motion is uniform, with 2500 lines/s. Sideways motion is 12 m/s at 89 deg to the axis of the
+camera. ``overlap`` also draws the displacement of a vehicle between two lines for any line rate,
+and ``texture_direction`` also counts the batches that the odometry measures with the camera of the
 standard experiment. Along the fibers of wood the lines hardly change; across them the contrast
 along the axis is low and the lines change quickly.
 """

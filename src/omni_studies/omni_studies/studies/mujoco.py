@@ -1,9 +1,10 @@
 """Rotation and stopping distance of the forklift in MuJoCo and in the simulator.
 
 The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
-and in MuJoCo (`omni_sim.vehicle.mujoco_vehicle` describes the model), unassisted and with the brake
-assistant in the loop, on the velocity sensor. MuJoCo is optional; without it the study prints how
-to install it. The study also shows why the wheels of that model are sprung.
+and in MuJoCo, unassisted and with the brake assistant, whose feedback is the velocity sensor.
+`omni_sim.vehicle.mujoco_vehicle` describes the model in MuJoCo. MuJoCo is optional; without it the
+study prints how to install it. The study also shows why the wheels of the model in MuJoCo are
+sprung.
 """
 
 import dataclasses

@@ -1,8 +1,8 @@
 """Chapter 3 with the line-scan odometry in the loop, compared with ideal feedback.
 
-The dissertation assumes ideal feedback in chapter 3 and treats the sensor of chapter 4 separately;
-here the loop is closed with this sensor. The velocity sensor is ideal except in
-``ice_patch_noisy``, which uses that of Eqs. (60), (61).
+The dissertation assumes ideal feedback in chapter 3 and treats the line camera of chapter 4
+separately; this study closes the loop with the line cameras. The velocity sensor for comparison is
+ideal, except in ``ice_patch_noisy``, which uses the sensor of Eqs. (60), (61).
 """
 
 import dataclasses

@@ -1,7 +1,7 @@
 """Brake thousands of random vehicles in random conditions, unassisted and assisted.
 
-Write a table of all runs, a table of violations with their causes, and an experiment file for each
-of the worst runs, which ``./omni run`` replays over the graph.
+Write a table of all runs, a table of violations with their causes, and experiment files of the
+worst runs, which ``./omni run`` repeats over the graph.
 """
 
 import itertools

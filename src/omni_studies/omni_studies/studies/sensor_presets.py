@@ -3,11 +3,12 @@
 Table 4 assumes 60 % overlap: ``v = 0.4 w f`` with the width w of the field of view and the line
 rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed is
 measurable if the median of ten consecutive displacements (section 4.6) is within 1.5 px of the
-truth at 95 % of random places, at this speed and all lower ones. The highest speed is that at 60 %
-overlap if the simulation confirms it on every ground. On difficult grounds the study reports
-the share of right medians at that speed, and on all grounds the share of usable pairs.
+truth at 95 % of random places, at this speed and all lower ones. The highest speed is the speed at
+60 % overlap if the simulation confirms it on every ground. On difficult grounds the study reports
+the share of right medians at this speed, and on all grounds the share of usable pairs.
 
-The whole odometry is then driven with three of the sensors at that speed, ahead and sideways.
+The whole odometry is then tested with three cameras of each type at its highest speed, in forward
+and sideways motion.
 """
 
 import dataclasses

@@ -1,8 +1,9 @@
 """Cause of the rotation: the forces of locked wheels, and the sliding manifold.
 
-A vehicle slides straight ahead on locked wheels with its load in the middle and at its configured
-position; the forces are those of the simulation. The manifold of section 3.4 is drawn too: the
-weight of a wheel (Figure 28), and the wheels that may brake over sideways velocity and yaw rate.
+A simulated vehicle slides straight ahead on locked wheels, with its load in the middle and at its
+configured position, and the forces of the wheels are drawn. The study also draws the manifold of
+section 3.4: the weighting functions (Figure 28), and the wheels that may brake as a function of
+sideways velocity and yaw rate.
 """
 
 import dataclasses

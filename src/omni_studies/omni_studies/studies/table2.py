@@ -1,7 +1,7 @@
 """Table 2: orientation change and stopping distance under every control law.
 
 Without options the study brakes the identified vehicle of ``config/``. ``--identify`` repeats the
-search; ``--assumptions`` changes one assumption at a time.
+search for this vehicle; ``--assumptions`` changes one assumption at a time.
 """
 
 import math

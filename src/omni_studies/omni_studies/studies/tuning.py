@@ -1,7 +1,7 @@
 """Trade-off of rotation and distance: recommended settings of the brake assistant for a vehicle.
 
 Every weighting and k is run with every dwell time, with the brakes of the vehicle and with slower
-ones, and evaluated by the worst of several situations (`omni_studies.tuning.trials`).
+brakes, and evaluated by the worst of several situations (`omni_studies.tuning.trials`).
 """
 
 from __future__ import annotations

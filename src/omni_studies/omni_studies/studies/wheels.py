@@ -2,9 +2,10 @@
 
 Both platforms drive, brake and are pushed sideways with the single-roller wheel (section 2.4.2),
 with the single-roller wheel and the contact of rollers (section 2.3.2), and with individual rollers
-(section 2.4.1). Forces and motions of the last are compared with the first in the mean over the
-wheel angles. The study also refines the step, parks on a slope and after a stop, and measures what
-a wheel costs.
+(section 2.4.1). Forces and motions on individual rollers are compared with those on the
+single-roller wheel, in the mean over the wheel angles. The study also refines the time step,
+measures the movement of a parked vehicle on a slope and after a stop, and measures the computing
+time of a wheel.
 """
 
 from collections.abc import Mapping, Sequence

@@ -181,7 +181,7 @@ def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
 
 
 class _Search:
-    """Exchange and refinement for one chassis and criterion."""
+    """Exchange algorithm and refinement for one chassis and criterion."""
 
     def __init__(
         self, criterion: Criterion, area: MountingArea, redundant: bool, effort: Effort

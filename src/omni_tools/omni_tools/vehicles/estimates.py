@@ -52,7 +52,7 @@ class Measured(Configuration):
 
 
 class Estimates(NamedTuple):
-    """Ratios by which unmeasured values are estimated.
+    """Ratios and typical values with which unmeasured values are estimated.
 
     Attributes:
         wheel_width: width of a wheel over its diameter [1].
@@ -62,8 +62,8 @@ class Estimates(NamedTuple):
         clutch: stiffness of the drive's clutch over torque and radius of the wheel [s/m].
         load: load of a wheel at which the tire of Table 1 is used unscaled [N].
         radius: radius of a wheel at which the tire of Table 1 is used unscaled [m].
-        deceleration: deceleration for which the stop of the example is a few vehicle lengths long
-            [m/s^2].
+        deceleration: deceleration that determines the speed of the example, so that its stop is a
+            few vehicle lengths long [m/s^2].
     """
 
     wheel_width: float = 0.4
