@@ -2,7 +2,7 @@
 
 `BrakeAssist` calls it with the messages that it has received, and the simulation of many runs calls
 it with the readings of its sensors. So there is only one fail-safe, and both give the same bits. A
-user's law is called between the two halves, `listen` and `act`.
+user's law is called between the two halves, `receive` and `act`.
 """
 
 import math
@@ -34,7 +34,14 @@ from omni_brake_assist.conditions import (
     SLOW,
 )
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.fail_safe import Limits, distrust, judge, make_limits, new_trust, since
+from omni_brake_assist.fail_safe import (
+    Limits,
+    check_inputs,
+    close_gate,
+    make_limits,
+    new_gate,
+    since,
+)
 from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.filter_bank.state import (
     FAULTY,
@@ -140,7 +147,7 @@ class Memory(NamedTuple):
     """State of the assistant between steps; see `new_memory`.
 
     Attributes:
-        trust: state of the gate, a record of `fail_safe.TRUST`, shape (1,).
+        gate: state of the gate, a record of `fail_safe.GATE_STATE`, shape (1,).
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
         valves: state of the valves, see `valve_dwell`, shape (N,).
@@ -156,7 +163,7 @@ class Memory(NamedTuple):
         held: errors and enables that the law wrote last, shape (2, N).
     """
 
-    trust: NDArray[np.void]
+    gate: NDArray[np.void]
     step: NDArray[np.void]
     line: NDArray[np.void]
     valves: NDArray[np.void]
@@ -237,7 +244,7 @@ def make_constants(
 def new_memory(wheels: int) -> Memory:
     """Return the memory of an assistant of N wheels that has received nothing."""
     return Memory(
-        new_trust(),
+        new_gate(),
         np.zeros(1, _STEP),
         new_line(),
         new_valves(wheels),
@@ -272,7 +279,7 @@ def assist_step(
         Number of the condition that holds, a row of `conditions.CONDITIONS`.
     """
     error[:] = 0.0
-    ready, course = _listen(constants, memory, inputs)
+    ready, course = _receive(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
     motion = Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.law_speeds)
     answer = NO_HELP
@@ -282,7 +289,7 @@ def assist_step(
 
 
 @kernel
-def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
+def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
     """Check the inputs and update the line of motion.
 
     Args:
@@ -293,33 +300,33 @@ def listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, 
     Returns:
         Whether to call the law, and its input.
     """
-    ready, course = _listen(constants, memory, inputs)
+    ready, course = _receive(constants, memory, inputs)
     first, dt, v_x, v_y, yaw_rate, p_x, p_y = course
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, inputs.pedal, memory.law_speeds)
 
 
 @inlined
-def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
+def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, _Course]:
     """Return whether a law may act in this step, and its `Motion` without pedal and wheels."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = constants.fault_detection and _is_felt(constants, inputs)
-    good = judge(constants.limits, memory.trust, inputs.now_ns, feedback, braking, weighed)
-    trusted = memory.trust[0].cause == GOOD
+    good = check_inputs(constants.limits, memory.gate, inputs.now_ns, feedback, braking, weighed)
+    gate_open = memory.gate[0].cause == GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
     elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
     if constants.fault_detection:
-        chosen = _ask_bank(constants, memory, inputs, good and trusted, braking)
+        chosen = _estimate_motion(constants, memory, inputs, good and gate_open, braking)
         step.contradicted = chosen == NO_ESTIMATE
-        alone = chosen == NO_TWIST or not (good and trusted) or memory.trust[0].unsure
+        alone = chosen == NO_TWIST or not (good and gate_open) or memory.gate[0].uncertain
         step.reckoned = chosen != NO_ESTIMATE and alone
         if memory.bank.record[0].inertial:
-            good = trusted = chosen != NO_ESTIMATE
+            good = gate_open = chosen != NO_ESTIMATE
             stamp_ns, twist = inputs.now_ns, memory.answer
         elif chosen == NO_ESTIMATE:
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
-    watched = constants.fault_detection and (not braking or (good and trusted))
+    watched = constants.fault_detection and (not braking or (good and gate_open))
     _watch(constants, memory, inputs, braking, elapsed if watched else -1.0, (v_x, v_y, yaw_rate))
     dt = 0.0
     if good:
@@ -334,11 +341,11 @@ def _listen(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
     elif good:
         if line.stored:
             advance_line(line, dt, yaw_rate)
-        elif trusted:
+        elif gate_open:
             store_line(line, constants.minimum_reference_speed, v_x, v_y, yaw_rate)
             step.assisting = False
             step.start_speed = math.hypot(v_x, v_y)
-    ready = braking and good and trusted
+    ready = braking and good and gate_open
     first = not step.assisting
     step.assisting = ready or (step.assisting and braking)
     p_x, p_y = perpendicular(line)
@@ -380,7 +387,7 @@ def _is_felt(constants: Constants, inputs: Inputs) -> bool:
 
 
 @inlined
-def _ask_bank(
+def _estimate_motion(
     constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
 ) -> int:
     """Estimate the current motion, and update the monitor of the effect by the last step."""
@@ -472,15 +479,15 @@ def _outcome(
     slow = ready and _is_slow(constants, memory.step[0], motion)
     helps = ready and answer == ASSIST
     if answer == FAILED:
-        distrust(memory.trust[0], INTERNAL_ERROR, 0.0, 0.0, 0.0)
+        close_gate(memory.gate[0], INTERNAL_ERROR, 0.0, 0.0, 0.0)
         error[:] = 0.0
     if helps:
         if not _are_shares(error, enable):
-            distrust(memory.trust[0], LAW_ERROR, 0.0, 0.0, 0.0)
+            close_gate(memory.gate[0], LAW_ERROR, 0.0, 0.0, 0.0)
             error[:] = 0.0
         helps = _is_any_on(enable)  # the vehicle never rolls unbraked
     step = memory.step[0]
-    step.fault = _first_fault(step, memory.trust[0].cause, inputs.outside)
+    step.fault = _first_fault(step, memory.gate[0].cause, inputs.outside)
     if not inputs.enabled:
         return DISABLED
     if inputs.pedal < constants.pedal_threshold:

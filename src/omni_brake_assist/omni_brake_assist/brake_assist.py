@@ -27,9 +27,9 @@ from omni_brake_assist.assist_step import (
     Inputs,
     act,
     assist_step,
-    listen,
     make_constants,
     new_memory,
+    receive,
 )
 from omni_brake_assist.conditions import (
     ASSISTING,
@@ -52,7 +52,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.fail_safe import (
     checked_stamp,
-    distrust,
+    close_gate,
     real_array,
 )
 from omni_brake_assist.laws.law import NO_HELP, ask
@@ -196,7 +196,7 @@ class BrakeAssist:
         error, enable = np.zeros(self._wheels), np.ones(self._wheels)
         if self._law is None:
             return assist_step(constants, memory, inputs, error, enable), enable, error
-        ready, motion = listen(constants, memory, inputs)
+        ready, motion = receive(constants, memory, inputs)
         answer, problem = NO_HELP, ""
         if ready:
             answer, problem = ask(self._law, motion, error, enable, enabled=inputs.enabled)
@@ -254,15 +254,15 @@ class BrakeAssist:
 
     def _fault_in_words(self, code: int) -> Fault:
         """Return the fault of a condition, with the progress of recovery."""
-        trust, wheel = self._memory.trust[0], int(self._memory.step[0]["dead"]) - 1
+        gate, wheel = self._memory.gate[0], int(self._memory.step[0]["dead"]) - 1
         row = CONDITIONS[code]
-        values = {name: float(trust[name]) for name in ("value", "limit", "within")}
+        values = {name: float(gate[name]) for name in ("value", "limit", "within")}
         fault = self._said.get(code) or Fault(
             row.state, row.words.format(wheel=self.geometry.names[wheel], **values)
         )
-        if code != trust["cause"] or trust["good"] == 0:
+        if code != gate["cause"] or gate["good"] == 0:
             return fault
-        progress = f"{trust['good']} of {self.configuration.recovery_count} good feedbacks since"
+        progress = f"{gate['good']} of {self.configuration.recovery_count} good feedbacks since"
         return Fault(fault.state, f"{progress}: {fault.reason}")
 
     def _reason(self, outcome: int, fault: Fault | None) -> str:
@@ -281,7 +281,7 @@ class BrakeAssist:
         """Put all brakes on for a fault; recovery starts again."""
         self._said[check] = fault
         memory = self._memory
-        distrust(memory.trust[0], check, 0.0, 0.0, 0.0)
+        close_gate(memory.gate[0], check, 0.0, 0.0, 0.0)
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.commanded[:] = 1.0

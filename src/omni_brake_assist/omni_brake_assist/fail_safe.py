@@ -7,8 +7,8 @@ change grows with time, so that valid data are not rejected for long. With an IM
 weighs the twist by its variance and compares it with all other sources; then the limits of the
 standard deviation and of the change do not apply.
 
-The gate is one compiled kernel, `judge`, for node, simulation and campaign. It stores the number of
-the violated condition, a row of `conditions.CONDITIONS`.
+The gate is one compiled kernel, `check_inputs`, for node, simulation and campaign. It stores the
+number of the violated condition, a row of `conditions.CONDITIONS`.
 """
 
 import math
@@ -47,7 +47,7 @@ from omni_platform.signals import MISSING, VALID, TwistSample
 _RESOLUTION = 1e-6  # change of a twist below which it is frozen: rounding alone [m/s], [rad/s]
 _LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
 
-TRUST = np.dtype(
+GATE_STATE = np.dtype(
     [
         ("cause", "i8"),  # condition that closed the gate, GOOD while it is open
         ("value", "f8"),  # value that violated the condition
@@ -62,10 +62,10 @@ TRUST = np.dtype(
         ("v_y", "f8"),
         ("yaw_rate", "f8"),
         ("unchanged_ns", "i8"),  # stamp since which the twist has not changed [ns]
-        ("unsure", "?"),  # whether the variance of the last twist was too large without an IMU
+        ("uncertain", "?"),  # whether the variance of the last twist was too large without an IMU
     ]
 )
-"""State between feedbacks, see `new_trust`."""
+"""State between feedbacks, see `new_gate`."""
 
 
 class Limits(NamedTuple):
@@ -119,40 +119,40 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
     )
 
 
-def new_trust() -> NDArray[np.void]:
+def new_gate() -> NDArray[np.void]:
     """Return the initial memory of the gate, shape (1,)."""
-    trust = np.zeros(1, TRUST)
-    trust["cause"] = NOTHING_YET
-    return trust
+    gate = np.zeros(1, GATE_STATE)
+    gate["cause"] = NOTHING_YET
+    return gate
 
 
 @lean
-def distrust(trust: Any, check: int, value: float, limit: float, within: float) -> None:
+def close_gate(gate: Any, check: int, value: float, limit: float, within: float) -> None:
     """Reject the feedback for a cause; recovery starts again.
 
     Args:
-        trust: memory, a record of `TRUST`.
+        gate: memory, a record of `GATE_STATE`.
         check: the violated condition.
         value: measured value.
         limit: limit of the value.
         within: time for which the limit holds [s].
     """
-    trust.cause = check
-    trust.value = value
-    trust.limit = limit
-    trust.within = within
-    trust.good = 0
+    gate.cause = check
+    gate.value = value
+    gate.limit = limit
+    gate.within = within
+    gate.good = 0
 
 
 @lean
-def judge(
+def check_inputs(
     limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
     """Check all received inputs at the time of a demand.
 
     Args:
         limits: limits of a valid feedback.
-        memory: from `new_trust`; changed in place.
+        memory: from `new_gate`; changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest feedback, which may be the same as last time.
         braking: whether the driver brakes, so that the twist must change.
@@ -161,22 +161,22 @@ def judge(
     Returns:
         Whether this feedback is valid. The gate is open only if ``memory[0].cause == GOOD``.
     """
-    trust = memory[0]
-    if not _in_time(limits, trust, now_ns):
-        trust.known = False
+    gate = memory[0]
+    if not _in_time(limits, gate, now_ns):
+        gate.known = False
         return False
     if sample.validity != VALID:
-        distrust(trust, ABSENT if sample.validity == MISSING else UNREADABLE, 0.0, 0.0, 0.0)
+        close_gate(gate, ABSENT if sample.validity == MISSING else UNREADABLE, 0.0, 0.0, 0.0)
         return False
     if not (
-        _is_finite(trust, sample)
-        and _is_fresh(limits, trust, now_ns, sample.stamp_ns)
-        and _is_confident(limits, trust, sample.covariance, weighed)
-        and _is_plausible(limits, trust, sample.value)
-        and (weighed or _follows(limits, trust, sample, braking))
+        _is_finite(gate, sample)
+        and _is_fresh(limits, gate, now_ns, sample.stamp_ns)
+        and _is_confident(limits, gate, sample.covariance, weighed)
+        and _is_plausible(limits, gate, sample.value)
+        and (weighed or _follows(limits, gate, sample, braking))
     ):
         return False
-    _accept(limits, trust, sample.stamp_ns, sample.value, braking)
+    _accept(limits, gate, sample.stamp_ns, sample.value, braking)
     return True
 
 
@@ -192,52 +192,52 @@ def since(later_ns: int, earlier_ns: int) -> int:
 
 
 @lean
-def _within(trust: Any, check: int, value: float, limit: float, within: float) -> bool:
+def _within(gate: Any, check: int, value: float, limit: float, within: float) -> bool:
     if value <= limit:
         return True
-    distrust(trust, check, value, limit, within)
+    close_gate(gate, check, value, limit, within)
     return False
 
 
 @lean
-def _in_time(limits: Limits, trust: Any, now_ns: int) -> bool:
-    step = since(now_ns, trust.now_ns) if trust.clocked else 0
-    trust.clocked = True
-    trust.now_ns = now_ns
+def _in_time(limits: Limits, gate: Any, now_ns: int) -> bool:
+    step = since(now_ns, gate.now_ns) if gate.clocked else 0
+    gate.clocked = True
+    gate.now_ns = now_ns
     if step < 0:
-        distrust(trust, DEMAND_BACK, -step / 1e9, 0.0, 0.0)
+        close_gate(gate, DEMAND_BACK, -step / 1e9, 0.0, 0.0)
         return False
     if step > limits.maximum_step_ns:
-        distrust(trust, DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
+        close_gate(gate, DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
         return False
     return True
 
 
 @lean
-def _is_finite(trust: Any, sample: TwistSample) -> bool:
+def _is_finite(gate: Any, sample: TwistSample) -> bool:
     for number in sample.value:
         if not math.isfinite(number):
-            distrust(trust, TWIST_NOT_FINITE, number, 0.0, 0.0)
+            close_gate(gate, TWIST_NOT_FINITE, number, 0.0, 0.0)
             return False
     for row in sample.covariance:
         for number in row:
             if not math.isfinite(number):
-                distrust(trust, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
+                close_gate(gate, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
                 return False
     return True
 
 
 @lean
-def _is_fresh(limits: Limits, trust: Any, now_ns: int, stamp_ns: int) -> bool:
+def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
     age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
     if age > timeout:
-        distrust(trust, STALE, age / 1e9, timeout / 1e9, 0.0)
+        close_gate(gate, STALE, age / 1e9, timeout / 1e9, 0.0)
         return False
     if age < -timeout:
-        distrust(trust, AHEAD, -age / 1e9, timeout / 1e9, 0.0)
+        close_gate(gate, AHEAD, -age / 1e9, timeout / 1e9, 0.0)
         return False
-    if trust.known and stamp_ns < trust.last_ns:
-        distrust(trust, BACK, since(trust.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
+    if gate.known and stamp_ns < gate.last_ns:
+        close_gate(gate, BACK, since(gate.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
         return False
     return True
 
@@ -251,88 +251,86 @@ def _worst_variance(covariance: FloatArray) -> float:
 
 
 @lean
-def _is_confident(limits: Limits, trust: Any, covariance: FloatArray, weighed: bool) -> bool:
+def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bool) -> bool:
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
     # In ROS messages a covariance of zeros means "unknown"; a negative one counts as unknown too.
     if min(xx, yy, ww) <= 0.0:
-        distrust(trust, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
+        close_gate(gate, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
         return False
     speed, yaw_rate = math.sqrt(_worst_variance(covariance)), math.sqrt(ww)
     speed_limit, yaw_limit = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
-    trust.unsure = speed > speed_limit or yaw_rate > yaw_limit
+    gate.uncertain = speed > speed_limit or yaw_rate > yaw_limit
     return bool(
         weighed
         or (
-            _within(trust, SPEED_DEVIATION, speed, speed_limit, 0.0)
-            and _within(trust, YAW_RATE_DEVIATION, yaw_rate, yaw_limit, 0.0)
+            _within(gate, SPEED_DEVIATION, speed, speed_limit, 0.0)
+            and _within(gate, YAW_RATE_DEVIATION, yaw_rate, yaw_limit, 0.0)
         )
     )
 
 
 @lean
-def _is_plausible(limits: Limits, trust: Any, twist: FloatArray) -> bool:
+def _is_plausible(limits: Limits, gate: Any, twist: FloatArray) -> bool:
     speed = math.hypot(twist[0], twist[1])
     return bool(
-        _within(trust, TOO_FAST, speed, limits.maximum_speed, 0.0)
-        and _within(trust, TURNS_TOO_FAST, abs(twist[2]), limits.maximum_yaw_rate, 0.0)
+        _within(gate, TOO_FAST, speed, limits.maximum_speed, 0.0)
+        and _within(gate, TURNS_TOO_FAST, abs(twist[2]), limits.maximum_yaw_rate, 0.0)
     )
 
 
 @lean
-def _is_same(trust: Any, twist: FloatArray) -> bool:
-    change = max(
-        abs(twist[0] - trust.v_x), abs(twist[1] - trust.v_y), abs(twist[2] - trust.yaw_rate)
-    )
+def _is_same(gate: Any, twist: FloatArray) -> bool:
+    change = max(abs(twist[0] - gate.v_x), abs(twist[1] - gate.v_y), abs(twist[2] - gate.yaw_rate))
     return bool(change < _RESOLUTION)
 
 
 @lean
-def _follows(limits: Limits, trust: Any, sample: TwistSample, braking: bool) -> bool:
+def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
     """Return whether a twist is possible after the last valid one."""
     stamp_ns, twist = sample.stamp_ns, sample.value
-    if not trust.known:
+    if not gate.known:
         return True
-    elapsed = since(stamp_ns, trust.last_ns)
+    elapsed = since(stamp_ns, gate.last_ns)
     if elapsed > limits.maximum_step_ns:
         return True  # after so long any change is possible
     dt = elapsed / 1e9
     # The body axes have turned since then. Compare in the axes of the new sample, otherwise the
     # rotation of the axes would look like an acceleration.
-    angle = (trust.yaw_rate + twist[2]) / 2 * dt
+    angle = (gate.yaw_rate + twist[2]) / 2 * dt
     c, s = math.cos(angle), math.sin(angle)
     step = math.hypot(
-        twist[0] - (c * trust.v_x + s * trust.v_y), twist[1] - (c * trust.v_y - s * trust.v_x)
+        twist[0] - (c * gate.v_x + s * gate.v_y), twist[1] - (c * gate.v_y - s * gate.v_x)
     )
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
     if not (
-        _within(trust, SPEED_STEP, step, speed_limit, dt)
-        and _within(trust, YAW_RATE_STEP, abs(twist[2] - trust.yaw_rate), yaw_limit, dt)
+        _within(gate, SPEED_STEP, step, speed_limit, dt)
+        and _within(gate, YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
     ):
         return False
     speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
     moving = limits.frozen_time != 0.0 and speed >= limits.speed_threshold
-    if not (braking and moving and _is_same(trust, twist)):
+    if not (braking and moving and _is_same(gate, twist)):
         return True
-    frozen = since(stamp_ns, trust.unchanged_ns) / 1e9
-    return bool(_within(trust, FROZEN, frozen, limits.frozen_time, 0.0))
+    frozen = since(stamp_ns, gate.unchanged_ns) / 1e9
+    return bool(_within(gate, FROZEN, frozen, limits.frozen_time, 0.0))
 
 
 @lean
-def _accept(limits: Limits, trust: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
-    if trust.known and stamp_ns == trust.last_ns:
+def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
+    if gate.known and stamp_ns == gate.last_ns:
         return  # nothing new
-    if not braking or not trust.known or not _is_same(trust, twist):
-        trust.unchanged_ns = stamp_ns
-    trust.known = True
-    trust.last_ns = stamp_ns
-    trust.v_x = twist[0]
-    trust.v_y = twist[1]
-    trust.yaw_rate = twist[2]
-    if trust.cause != GOOD:
-        trust.good += 1
-        if trust.good >= limits.recovery_count:
-            trust.cause = GOOD
+    if not braking or not gate.known or not _is_same(gate, twist):
+        gate.unchanged_ns = stamp_ns
+    gate.known = True
+    gate.last_ns = stamp_ns
+    gate.v_x = twist[0]
+    gate.v_y = twist[1]
+    gate.yaw_rate = twist[2]
+    if gate.cause != GOOD:
+        gate.good += 1
+        if gate.good >= limits.recovery_count:
+            gate.cause = GOOD
 
 
 def checked_stamp(value: Any) -> int:

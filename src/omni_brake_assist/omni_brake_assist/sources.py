@@ -59,12 +59,12 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
         memory: memory of the assistant.
         wheels: names in the order of the configuration.
     """
-    best, trust = int(memory.bank.record[0]["best"]), memory.trust[0]
+    best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
     twist = max(force, gyro)
     found = [_source("twist", twist, isolated=best in (NO_TWIST, NO_ESTIMATE))]
-    if trust["cause"] != GOOD:
-        state = CONDITIONS[int(trust["cause"])].state.value
+    if gate["cause"] != GOOD:
+        state = CONDITIONS[int(gate["cause"])].state.value
         found[0] = Source("twist", twist, REJECTED, state)
     for name, ratio, out, reading in (
         ("gyro", gyro, NO_GYRO, memory.workspace[0, 0]),

@@ -416,7 +416,7 @@ def _receive(run: _Run, stamp: int) -> tuple[assist_step.Inputs, bool, Motion]:
     """Return the inputs of the assistant, whether to call the law, and the motion for the law."""
     inputs = _listen(run, stamp)
     run.scratch.error[:] = 0.0
-    ready, motion = assist_step.listen(run.assist, run.memory, inputs)
+    ready, motion = assist_step.receive(run.assist, run.memory, inputs)
     return inputs, ready, motion
 
 
