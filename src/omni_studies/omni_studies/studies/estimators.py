@@ -2,9 +2,9 @@
 
 One camera of 1024 px and 2500 lines/s takes batches of 10 ms. Both methods of the odometry process
 the same lines, without a fault and with faults of the camera. With OpenCV
-(``requirements/opencv.lock``) two alternatives measure the same motion: its phase correlation of
-consecutive lines, and a patch of 64 x 64 px with as many pixels per second, by phase correlation
-and Lucas-Kanade. The error is that of the velocity along the axis, and the Cramer-Rao bound that of
+(``requirements/opencv.lock``) two alternatives measure the same motion: the phase correlation of
+consecutive lines, and phase correlation with Lucas-Kanade on a patch of 64 x 64 px with as many
+pixels per second. All errors are those of the velocity along the axis. The Cramer-Rao bound is for
 a batch in motion along the axis.
 """
 
@@ -39,13 +39,13 @@ from omni_tools.line_trials.trials import cramer_rao_bound
 
 _GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
 _SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # m/s
-_ANGLES = (0, 45)  # of the motion from the axis [deg]
+_ANGLES = (0, 45)  # from the axis to the motion [deg]
 _FAULTS = ("none", "dirt_spots", "prnu", "mud")
-_BATCHES = 3  # of a drive
-_OTHERS = ("phase", "patch")  # with OpenCV
+_BATCHES = 3  # number of batches of a drive
+_OTHERS = ("phase", "patch")  # estimators that need OpenCV
 
 _EYE = SENSORS["left"]
-_SCALE = _EYE.pixel_pitch * _EYE.line_rate  # m/s per px a line
+_SCALE = _EYE.pixel_pitch * _EYE.line_rate  # velocity per displacement between lines [m/s per px]
 _NOISE = CameraConfiguration().noise  # gray levels
 _PIXELS, _FRAMES = 64, 7  # of the patch in a batch
 _FRAME_RATE = _EYE.pixels * _EYE.line_rate / _PIXELS**2
@@ -115,12 +115,12 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def errors_of(
     kind: str, angle: float, speed: float, options: Options
 ) -> dict[tuple[str, str], FloatArray]:
-    """Return errors along the axis by estimator and fault [m/s], NaN where nothing is measured.
+    """Return errors along the axis by estimator and fault [m/s], NaN if unmeasured.
 
     Args:
         kind: kind of ground.
-        angle: of the motion from the axis of the camera [rad].
-        speed: of the motion [m/s].
+        angle: angle of the motion from the axis of the camera [rad].
+        speed: speed of the motion [m/s].
         options: number of drives, and seed.
     """
     velocity = speed * np.array([math.cos(angle), math.sin(angle)])
@@ -133,7 +133,7 @@ def errors_of(
         )  # fmt: skip
         for fault, tally in tallies.items():
             error = np.where(np.isfinite(tally.ratio), tally.error, np.nan)
-            errors[method, fault] = error[:: len(SENSORS)]  # of the first camera
+            errors[method, fault] = error[:: len(SENSORS)]  # only the first camera
     try:
         cv2: Any = importlib.import_module("cv2")
     except ImportError:
@@ -151,8 +151,8 @@ def errors_of(
 def batch_bound(kind: str, speed: float, options: Options) -> float:
     """Return the smallest standard deviation of the velocity by one batch along the axis [mm/s].
 
-    A point of the ground is seen by K consecutive lines, and adds the information of a known point
-    times the sum of squared distances of K lines from their mean, K (K^2 - 1) / 12.
+    A point of the ground is in K consecutive lines. It adds the information of a known point times
+    K (K^2 - 1) / 12, the sum of squared distances of K lines from their mean.
     """
     _, rig, start = Scene.of(kind, options.seed, 0)
     lines, shift = batch_lines(_EYE.line_rate) + 1, speed / _SCALE
@@ -191,9 +191,9 @@ def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 
 
 def _moved(cv2: Any, old: Frame, new: Frame) -> float:
-    """Return how far the patch moved along its axis [px]: phase correlation, then Lucas-Kanade."""
+    """Return the displacement along the axis [px] by phase correlation, then Lucas-Kanade."""
     window = cv2.createHanningWindow((_PIXELS, _PIXELS), cv2.CV_32F)
-    # It multiplies its arguments by the window.
+    # Copies, because OpenCV multiplies its arguments by the window.
     d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
     first, second = (cv2.GaussianBlur(frame, (0, 0), _SMOOTH) for frame in (old, new))
     for _ in range(_ROUNDS):
@@ -212,7 +212,7 @@ def _moved(cv2: Any, old: Frame, new: Frame) -> float:
 def _frame(
     cv2: Any, texture: GroundTexture, pose: FloatArray, generator: np.random.Generator
 ) -> Frame:
-    """Return the view of the patch from a pose, with noise; columns run along its axis."""
+    """Return the noisy picture of the patch at a pose, with columns along its axis."""
     count = _PIXELS * _FINE
     place = ((np.arange(count) + 0.5) / count - 0.5) * _EYE.length
     along, across = np.meshgrid(place, place)
