@@ -101,7 +101,7 @@ def rectangle(length: float, width: float) -> FloatArray:
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Return points (M, 2) [m] in the world frame, given in a frame with the pose x, y, yaw."""
+    """Return points (M, 2) [m] of a frame with pose x, y, yaw [m, m, rad] in the world frame."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
