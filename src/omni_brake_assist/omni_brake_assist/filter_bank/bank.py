@@ -4,6 +4,7 @@ import math
 
 from omni_brake_assist.filter_bank.filters import predict, propagate
 from omni_brake_assist.filter_bank.measurement import (
+    GATE,
     fuse_gyro,
     fuse_twist,
     fuse_wheels,
@@ -224,9 +225,11 @@ def _mix(memory: BankMemory, best: int) -> None:
 def _keep_precise(memory: BankMemory, best: int, twist: Twist, answer: FloatArray) -> None:
     """Answer with the components of a fused, current twist that are less uncertain than the filter.
 
-    The model errors of the filter would only add to those of a precise twist.
+    The model errors of the filter would only add to those of a precise twist. Its innovations must
+    be no larger than expected: the mean of their normalized squares is at most 1.
     """
-    if best not in (NO_TWIST, NO_ESTIMATE) and memory.ratio[0] + memory.ratio[1] < 1.0:
+    agrees = GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
+    if best not in (NO_TWIST, NO_ESTIMATE) and agrees:
         for j in range(answer.size):
             if twist.variance[j] < memory.covariance[best, j, j]:
                 answer[j] = twist.value[j]

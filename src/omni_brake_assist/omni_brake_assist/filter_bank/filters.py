@@ -80,7 +80,8 @@ def variance_along(covariance: FloatArray, h: FloatArray) -> float:
     for i in range(STATES):
         if h[i] != 0.0:
             for j in range(STATES):
-                total += h[i] * covariance[i, j] * h[j]
+                if h[j] != 0.0:
+                    total += h[i] * covariance[i, j] * h[j]
     return total
 
 

@@ -69,7 +69,7 @@ def _metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
 
 
 def _finding(stops: Sequence[Stop]) -> str:
-    worst = max(stops, key=lambda stop: (stop.counted * (1 - stop.rest), stop.distance))
+    worst = max(stops, key=lambda stop: (stop.counted, 1 - stop.rest, stop.distance))
     rest = sum(stop.rest for stop in stops if stop.counted)
     return (
         f"{worst.group}: {rest} of {sum(stop.counted for stop in stops)} come to rest; longest "
