@@ -119,7 +119,7 @@ class _Exchanging:
     def __init__(self, output: Topic) -> None:
         self.exchange = Exchange()
         self.phase = PHASES[0]
-        self._kind = message_class(output.type)
+        self.kind = message_class(output.type)
         self._arrivals: dict[int, float] = {}  # steady time of sending [s] by stamp
         self._last = 0.0  # steady time of the last input [s]
 
@@ -127,7 +127,7 @@ class _Exchanging:
         now, stamp = time.monotonic(), leading_stamp(data) or 0
         known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
         age = now - self._arrivals[known] if known is not None else 0.0
-        message = deserialize_message(data, self._kind)
+        message = deserialize_message(data, self.kind)
         answer = Answer(self.phase, stamp, age, now - self._last, message)
         self.exchange.answers.append(answer)
 
@@ -167,20 +167,17 @@ def feed(
         WorkError: the node does not publish `output`, or has ended.
     """
     exchanging, node = _Exchanging(output), partner.node
-    topics = {topic.path: topic for topic in inputs}
     publishers = {
-        path: node.create_publisher(message_class(topic.type), path, RELIABLE)
-        for path, topic in topics.items()
+        topic.path: node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
+        for topic in inputs
     }
     clock = node.create_publisher(Clock, "/clock", RELIABLE)
-    exchange = exchanging.exchange
-    exchange.publishers = partner.await_node(output.path, alive)
-    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
-    kind = message_class(output.type)
-    node.create_subscription(kind, output.path, exchanging.keep, qos, raw=True)
+    exchanging.exchange.publishers = reliable = partner.await_node(output.path, alive)
+    qos = RELIABLE if all(reliable) else qos_profile_sensor_data
+    node.create_subscription(exchanging.kind, output.path, exchanging.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has found the subscription
-    bag = open_vehicle(recording)
-    messages = list(in_time_order(m for m in bag_messages(bag) if m.channel.topic in topics))
+    recorded = bag_messages(open_vehicle(recording))
+    messages = list(in_time_order(m for m in recorded if m.channel.topic in publishers))
     begin, end = messages[0].log_ns, messages[-1].log_ns
     middle, gap = (begin + end) // 2, round(GAP * SECOND_NS)
     for number, phase in enumerate(PHASES):
@@ -191,12 +188,11 @@ def feed(
             path = message.channel.topic
             if phase == "silence" and message.log_ns > middle:
                 break
-            data = message.data
-            if path == faulty.path and 0 <= message.log_ns - middle < gap:
-                if phase == "gap":
-                    continue
-                if phase == "unusable":
-                    data = _unusable(topics[path], data)
+            at_fault = path == faulty.path and 0 <= message.log_ns - middle < gap
+            if at_fault and phase == "gap":
+                continue
+            spoilt = at_fault and phase == "unusable"
+            data = _unusable(faulty, message.data) if spoilt else message.data
             stamp = (leading_stamp(data) or 0) + shift
             partner.spin(start + (message.log_ns - begin) / SECOND_NS)
             clock.publish(Clock(clock=to_time(message.log_ns + shift)))
@@ -207,7 +203,7 @@ def feed(
         partner.spin(time.monotonic() + _LISTEN)
     if not alive():
         raise WorkError("the node ended while it was checked; see its output")
-    return exchange
+    return exchanging.exchange
 
 
 def subscribe(
