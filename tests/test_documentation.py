@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ast
 import re
+from importlib.resources import files
 
+import yaml
 from omni_process import WORKSPACE, omni
 from safety_table import rows as hazards
 from safety_table import table
 
+import omni_studies
 from omni_bringup.dissertation_page import STATUSES, chapters, page
 from omni_bringup.parameter_reference import reference
 from omni_loop.metrics import run_metrics
@@ -54,6 +57,14 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     assert found <= explained
     assert set(run_metrics(RUN)) <= explained | {f"brake_switchings.{w}" for w in RUN.wheel_names}
     assert set(study_names()) <= explained
+
+
+def test_claims_are_about_explained_metrics() -> None:
+    explained = set(re.findall(r"`(\w+)`", (WORKSPACE / "docs/metrics.md").read_text("utf-8")))
+    claims = yaml.safe_load((files(omni_studies) / "claims.yaml").read_text(encoding="utf-8"))
+    expressions = " ".join(row["value"] for rows in claims.values() for row in rows)
+    quantities = set(re.findall(r"\b([a-z]\w*)\.\w|of\((\w+), ", expressions))
+    assert {name for found in quantities for name in found if name} <= explained
 
 
 def test_docstrings_name_what_exists() -> None:

@@ -51,8 +51,8 @@ def switch_valves(
         valves: changed in place, shape (N,).
         dwell: shortest time between two switchings [ns].
         elapsed: time since the last step [ns].
-        enable: commands to the valves, 0 to shut one [1], at least one above 0, shape (N,); a valve
-            that must keep its state changes its value to 0 or 1.
+        enable: commands to the valves, 0 to shut one [1], at least one above 0, shape (N,); the
+            command to a valve that must keep its state is overwritten with 0 or 1.
     """
     acting = False
     for i in range(valves.size):

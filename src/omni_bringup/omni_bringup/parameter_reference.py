@@ -16,6 +16,7 @@ from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import configuration
 from omni_sim.configuration import SimulatorConfiguration
 from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
+from omni_vehicle.brake_adapter_node import TopicsConfiguration
 from omni_vehicle.flow_chips import FlowChipConfiguration
 
 _HEAD = """\
@@ -43,6 +44,7 @@ def reference() -> str:
         ("Node `line_camera` (package `linescan_odometry`)", "", CameraConfiguration),
         ("Node `brake_assist` (package `omni_brake_assist`)", "", BrakeAssistConfiguration),
         ("Node `brake_adapter` (package `omni_vehicle`)", "", BrakeAdapterConfiguration),
+        ("Topics of `brake_adapter`", "", TopicsConfiguration),
         ("Node `flow_sensor` (package `omni_vehicle`)", "", FlowChipConfiguration),
     ]
     for title, words, cls in sections:

@@ -133,7 +133,7 @@ class FastRun:
 
 
 class _Loop(NamedTuple):
-    """Inputs of the loop kernel in addition to vehicle and law, at most T stamps."""
+    """Inputs of the loop kernel besides vehicle and law; T is the largest number of stamps."""
 
     period_ns: int
     steps: int

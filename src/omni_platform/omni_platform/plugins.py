@@ -20,8 +20,8 @@ def described_modules(package: str) -> dict[str, tuple[str, str]]:
         package: dotted name; modules that begin with ``_`` do not count.
 
     Returns:
-        (module, sentence) by name. A module has one entry, the first line of its docstring by the
-        name of the module; a module with a dictionary ``CASES`` has the entries of that dictionary.
+        Dictionary from name to (module, sentence). A module gives one entry, its name with the
+        first line of its docstring; a module with ``CASES`` gives the entries of ``CASES`` instead.
     """
     found: dict[str, tuple[str, str]] = {}
     spec = importlib.util.find_spec(package)

@@ -14,7 +14,7 @@ MISSING = "tf2_msgs is not installed: no live transforms"
 
 
 class TransformPublisher:
-    """Publishes poses on `/tf`, and the frames that are fixed to the platform once.
+    """Publishes poses on `/tf`, and once on `/tf_static` the frames that are fixed to the platform.
 
     Args:
         node: the node that publishes.

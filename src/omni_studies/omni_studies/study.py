@@ -64,7 +64,7 @@ class StudyRun:
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
 
     def columns(self, name: str, columns: Mapping[str, Any]) -> None:
-        """Write columns of equal length by ``name [unit]``."""
+        """Write a CSV file of columns of equal length, given by their heads ``name [unit]``."""
         self.written.append(data_table.write_columns(self.folder / name, columns))
 
     def campaign(

@@ -39,8 +39,9 @@ class Overlaps(NamedTuple):
     """Residuals of the matches of m pairs, summed over the parts of each overlap.
 
     Attributes:
-        sums: sums of e, 2 g, 2 e g and p q over each part of each pair, shape (>= m, most parts,
-            4); the parts of a pair are in consecutive blocks of ground.
+        sums: sums of e, 2 g, 2 e g and p q over each part of each pair, with the residual e, the
+            gradient 2 g and the lines p and q of `subpixel`, shape (>= m, most parts, 4); the parts
+            of a pair are in consecutive blocks of ground.
         length: length of the overlap of each pair [px], shape (m,).
         parts: number of parts of each pair, shape (m,).
         block: number of the block of ground of the first part of each pair, shape (m,).

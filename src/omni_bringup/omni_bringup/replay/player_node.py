@@ -94,7 +94,7 @@ class PlayerNode(Node):
 
     @property
     def unanswered(self) -> int:
-        """Number of rounds without a result on every output."""
+        """Number of rounds for which at least one output has no result yet."""
         answered = min(self._newest.values())
         while self._waiting and self._waiting[0] <= answered:
             self._waiting.popleft()

@@ -65,7 +65,7 @@ def expose(
         noise: standard deviation [gray levels].
         key: key of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
-        lines: uint8 for 0..255, or uint16, which has the same range as 0..65535, shape (m, pixels).
+        lines: uint8, or uint16 where 65535 stands for the gray level 255; shape (m, pixels).
     """
     scale = 1.0 if lines.dtype == np.uint8 else 257.0
     response = _Response(

@@ -54,7 +54,7 @@ def _spring_energy(
 
 @lean
 def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
-    """Return the wheels that a plane presses down, one bit each."""
+    """Return the wheels with a positive load in a plane of loads, as a mask (bit i for wheel i)."""
     contact = 0
     for i in range(position.shape[0]):
         if a + b * position[i, 0] + c * position[i, 1] > 0.0:

@@ -167,7 +167,7 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
-    """Advance a wheel, without its angle, by one step with the one or two rollers in contact.
+    """Advance the speed of a wheel, but not its angle, by one step; one or two rollers touch.
 
     Args:
         plant: constants.

@@ -301,10 +301,11 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 
 
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
-    """Return the faults of all channels; two channels have the same share of their ranges.
+    """Return the faults of all channels.
 
-    A fault that encoders share with another sensor affects all wheels. A pair on the axes of the
-    twist has the same axis of the accelerometer, and the gyro only for the yaw rate or all.
+    In a pair both amplitudes are at the same place of their logarithmic ranges. The axis is that of
+    the twist and, for x and y, of the accelerometer; a fault of the yaw rate affects both axes of
+    the accelerometer. Gyro and encoders are affected as a whole.
     """
     channels = fault.channel.split("+")
     low, high = _range(channels[0], fault.kind, fault.axis)

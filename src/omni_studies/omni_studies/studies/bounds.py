@@ -225,7 +225,7 @@ def below(stops: Sequence[BoundTrial], bound: str) -> int:
 
 
 def _draw(stops: Sequence[BoundTrial]) -> Figure:
-    """Draw the distribution of the ratio to the bounds, by law."""
+    """Draw the distributions of path and stopping distance over their bounds, by law."""
     figure = Figure(figsize=(10.0, 4.4), layout="constrained")
     style.draw_title(figure, "No stop is below its bound")
     panels = figure.subplots(1, 2, sharey=True)

@@ -117,7 +117,7 @@ class Sweep(NamedTuple):
 
     Attributes:
         seed: number of the stop in the campaign.
-        support: h_k [m] as text, `DIRECTIONS` numbers with spaces between.
+        support: support function of the area [m], `DIRECTIONS` numbers separated by spaces.
     """
 
     seed: int

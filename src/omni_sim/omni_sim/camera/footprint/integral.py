@@ -59,7 +59,7 @@ class _Ground(NamedTuple):
 
 
 class _Scratch(NamedTuple):
-    """Scratch buffers for one line.
+    """Scratch buffers for one line; `rows` explains classes.
 
     Attributes:
         sums: sums of rows of a class, shape (c,).
