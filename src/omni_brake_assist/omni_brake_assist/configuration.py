@@ -38,11 +38,11 @@ class AllocationConfiguration(Configuration):
     until rest"""
     line_time: float = parameter(0.4, unit="s", minimum=0.01, maximum=100.0)
     """Time constant of the control barrier function of the direction of motion"""
-    heading_weight: float = parameter(60.0, minimum=0.0, maximum=1.0e6)
-    """Cost of a yaw acceleration beyond its bounds in the QP, relative to 1 for missing
+    heading_weight: float = parameter(2.0, minimum=0.0, maximum=1.0e6)
+    """Cost of a yaw acceleration per unit beyond its bounds in the QP, relative to 1 for no
     deceleration"""
-    line_weight: float = parameter(12.0, minimum=0.0, maximum=1.0e6)
-    """Cost of a lateral acceleration beyond its bounds in the QP, relative to 1 for missing
+    line_weight: float = parameter(1.5, minimum=0.0, maximum=1.0e6)
+    """Cost of a lateral acceleration per unit beyond its bounds in the QP, relative to 1 for no
     deceleration"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """Share of the fastest hub's speed along the active direction below which a wheel is locked, as

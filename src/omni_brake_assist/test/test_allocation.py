@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.allocation_state import Constants, Memory
-from omni_brake_assist.laws.box_least_squares import box_least_squares
+from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake, lagged, turn_on
 from omni_platform.brakes import PROPORTIONAL, BrakeConfiguration
@@ -22,15 +22,22 @@ Wheels = dict[str, WheelMount]
 def test_bounded_least_squares_are_those_of_scipy(wheels: int) -> None:
     random = np.random.default_rng(wheels)
     for _ in range(60):
-        rows = random.normal(size=(3 + wheels, wheels))
-        goal = random.normal(size=3 + wheels) * 3.0
-        upper = random.uniform(0.0, 1.0, wheels) * random.integers(0, 2, wheels)
-        upper[0] = 1.0
-        start = random.uniform(0.0, 1.0, wheels)
-        box_least_squares(rows.T @ rows, rows.T @ goal, upper, start)
-        other = lsq_linear(rows, goal, (np.zeros(wheels) - 1e-12, upper + 1e-12), tol=1e-12).x
+        box = new_box(3, wheels)
+        box.rows[:], box.goals[:] = random.normal(size=(3, wheels)), random.normal(size=3) * 3.0
+        box.weights[:] = 10.0 ** random.uniform(-1.0, 2.0, 3)
+        box.damping[:] = 10.0 ** random.uniform(-4.0, 0.0, wheels)
+        box.linear[:] = random.normal(size=wheels) * random.integers(0, 2, wheels)
+        box.upper[:] = random.uniform(0.0, 1.0, wheels) * random.integers(0, 2, wheels)
+        box.upper[0] = 1.0
+        box.solution[:] = random.uniform(0.0, 1.0, wheels)
+        box_least_squares(box)
+        start, weights, damping, upper = box.solution, box.weights, box.damping, box.upper
+        all_rows = np.vstack((np.sqrt(weights)[:, None] * box.rows, np.diag(np.sqrt(damping))))
+        goal = np.concatenate((np.sqrt(weights) * box.goals, -box.linear / np.sqrt(damping)))
+        bounds = np.zeros(wheels) - 1e-12, upper + 1e-12
+        other = lsq_linear(all_rows, goal, bounds, tol=1e-12).x
         assert np.all((start >= 0.0) & (start <= upper))
-        cost, least = (float(np.sum((rows @ x - goal) ** 2)) for x in (start, other))
+        cost, least = (float(np.sum((all_rows @ x - goal) ** 2)) for x in (start, other))
         assert cost <= least + 1e-6
 
 

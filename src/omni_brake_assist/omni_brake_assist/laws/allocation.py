@@ -13,15 +13,15 @@ import math
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory, Wheels
-from omni_brake_assist.laws.braking_qp import allocate, braking_task
+from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
+from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.disturbance_observer import CASCADE, observe_body
 from omni_brake_assist.laws.friction_observer import estimate_dead_time, observe_friction
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.slip_control import LEAST_ENABLE, control_slip, remember_torque
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry, cross
-from omni_platform.kernels import kernel, lean
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _GRAVITY = 9.81  # [m/s^2]
@@ -55,10 +55,17 @@ def make_constants(
 
 def new_memory(wheels: int) -> Memory:
     """Return the initial memory of the law."""
-    return Memory(np.zeros(1, BODY), np.zeros(wheels, WHEEL), np.zeros((QUEUE, wheels)))
+    return Memory(
+        body=np.zeros(1, BODY),
+        wheel=np.zeros(wheels, WHEEL),
+        sent=np.zeros((QUEUE, wheels)),
+        qp=new_qp(wheels),
+        forces=np.zeros((2, wheels)),
+        deep=np.zeros((2, wheels)),
+    )
 
 
-@kernel
+@lean
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
@@ -66,35 +73,32 @@ def step(
 
     The error of a wheel is its sliding speed minus that at the target slip [m/s].
     """
-    wheels = _wheels(law, motion)
     body, wheel = memory.body[0], memory.wheel
     dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
     # One wheel may be assumed to roll once the observers have settled.
     settled = body.steps * dt > CASCADE**2 * law.observer_time
-    unknown = error.size - np.count_nonzero(wheels.known)
+    unknown = _read_wheels(law, memory, motion)
     if motion.pedal <= 0.0 or unknown > settled:
         return NO_HELP
     if body.steps > 0:
         if not body.responded:
-            estimate_dead_time(law, memory, wheels, dt)
-        observe_friction(law, memory, wheels, dt)
-        observe_body(law, memory, motion, wheels, dt)
+            estimate_dead_time(law, memory, dt)
+        observe_friction(law, memory, dt)
+        observe_body(law, memory, motion, dt)
     body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
-    task = braking_task(law, memory, motion, wheels)
-    allocate(memory, wheels, task)
-    control_slip(law, memory, motion, wheels, task, dt, enable)
-    demanding = 0
+    allocate(law, memory, motion)
+    control_slip(law, memory, motion, dt, enable)
+    strongest, demanding = 0.0, 0
     for i in range(error.size):
-        wheel[i].speed = wheels.speed[i]
-        sliding = wheels.hub[i] - law.rim[i] * wheels.speed[i]
-        error[i] = sliding - law.target_slip * law.radius[i] * wheels.speed[i]
-        if wheels.locked[i]:
-            enable[i] = 1.0
+        rim_speed = law.rim[i] * wheel[i].speed
+        error[i] = wheel[i].hub - rim_speed - law.target_slip * law.radius[i] * wheel[i].speed
+        wheel[i].last_speed = wheel[i].speed
+        strongest = max(strongest, enable[i])
         if wheel[i].demand > wheel[demanding].demand:
             demanding = i
-    if not np.any(enable > 0.0):
+    if strongest <= 0.0:
         enable[demanding] = max(law.brake.pressure_step, LEAST_ENABLE)
     remember_torque(law, memory, motion, dt, enable)
     body.steps += 1
@@ -110,21 +114,28 @@ def _start(law: Constants, memory: Memory) -> None:
     body.yaw_disturbance = body.lateral_disturbance = 0.0
     body.mass, body.deceleration, body.force = law.mass, _GRAVITY, law.mass * _GRAVITY
     body.dead_time, body.responded = law.brake.dead_time, False
-    memory.sent[:] = 0.0
+    memory.sent[:] = memory.qp.solution[:] = 0.0
     for i in range(wheel.size):
         wheel[i].torque = wheel[i].mean_torque = wheel[i].force = 0.0
-        wheel[i].capacity = wheel[i].demand = law.mass * _GRAVITY / wheel.size
+        wheel[i].capacity, wheel[i].demand = law.mass * _GRAVITY / wheel.size, 1.0
 
 
-@kernel
-def _wheels(law: Constants, motion: Motion) -> Wheels:
-    n = law.rim.size
-    sign, hub, speed, slip = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    known = np.isfinite(motion.wheel_speed)
-    for i in range(n):
+@lean
+def _read_wheels(law: Constants, memory: Memory, motion: Motion) -> int:
+    """Write the state of the wheels; return how many speeds are unknown."""
+    unknown, fastest = 0, 0.0
+    for i in range(law.rim.size):
+        wheel = memory.wheel[i]
         along = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y + law.lever[i] * motion.yaw_rate
-        hub[i], sign[i] = abs(along), math.copysign(1.0, along)
-        measured = max(sign[i] * law.sense[i] * motion.wheel_speed[i], 0.0)
-        speed[i] = measured if known[i] else hub[i] / law.rim[i]
-        slip[i] = (hub[i] - law.rim[i] * speed[i]) / (law.radius[i] * speed[i] + 1e-3)
-    return Wheels(sign, hub, speed, slip, hub <= law.locked_share * np.max(hub), known)
+        wheel.hub, wheel.sign = abs(along), math.copysign(1.0, along)
+        wheel.known = math.isfinite(motion.wheel_speed[i])
+        wheel.speed = wheel.hub / law.rim[i]
+        if wheel.known:
+            wheel.speed = max(wheel.sign * law.sense[i] * motion.wheel_speed[i], 0.0)
+        sliding = wheel.hub - law.rim[i] * wheel.speed
+        wheel.slip = sliding / (law.radius[i] * wheel.speed + 1e-3)
+        unknown += not wheel.known
+        fastest = max(fastest, wheel.hub)
+    for i in range(law.rim.size):
+        memory.wheel[i].locked = memory.wheel[i].hub <= law.locked_share * fastest
+    return unknown

@@ -5,17 +5,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_brake_assist.laws.box_least_squares import Box
 from omni_brake_assist.laws.wheel_model import NominalBrake
 from omni_platform.quantities import FloatArray
 
 WHEEL = np.dtype(
     [
-        ("speed", "f8"),  # wheel speed at the last step, in the sense of rolling [rad/s]
+        ("sign", "f8"),  # of the hub's velocity along the active direction [1]
+        ("hub", "f8"),  # magnitude of that velocity [m/s]
+        ("speed", "f8"),  # wheel speed in the sense in which the wheel rolls, at least 0 [rad/s]
+        ("last_speed", "f8"),  # speed at the last step [rad/s]
+        ("known", "?"),  # whether the speed is measured; a wheel without is assumed to roll
+        ("slip", "f8"),  # Eq. (20) [1]
+        ("locked", "?"),  # whether the motion does not drive the wheel: its hub hardly moves along
+        # the active direction, so its brake is applied and its friction holds against any drift
         ("torque", "f8"),  # torque of the nominal brake at this step [N m]
         ("mean_torque", "f8"),  # mean torque of the nominal brake over the last period [N m]
         ("force", "f8"),  # observed friction force [N]
         ("capacity", "f8"),  # estimated friction limit [N]
-        ("demand", "f8"),  # friction force allocated at the last step [N]
+        ("demand", "f8"),  # share of the capacity allocated at the last step [1]
     ]
 )
 BODY = np.dtype(
@@ -96,29 +104,14 @@ class Memory(NamedTuple):
         body: state of the vehicle, a record of `BODY`, shape (1,).
         wheel: state of each wheel, records of `WHEEL`, shape (N,).
         sent: torques commanded to the brakes by step [N m], a ring buffer, shape (QUEUE, N).
+        qp: the braking QP, with unknowns as `braking_qp` has them.
+        forces: predicted shares of the capacities with a valve shut and open [1], shape (2, N).
+        deep: cost of deep slides with a valve shut and open [1], shape (2, N).
     """
 
     body: NDArray[np.void]
     wheel: NDArray[np.void]
     sent: FloatArray
-
-
-class Wheels(NamedTuple):
-    """The wheels at a step, in the sense in which each rolls; each field has the shape (N,).
-
-    Attributes:
-        sign: sign of the hub's velocity along the active direction [1].
-        hub: magnitude of this velocity [m/s].
-        speed: wheel speed, at least 0 [rad/s].
-        slip: slip by Eq. (20) [1].
-        locked: whether the motion does not drive the wheel: its hub hardly moves along the active
-            direction, so its brake is applied and its friction resists any drift.
-        known: whether the speed is measured; otherwise the wheel is assumed to roll.
-    """
-
-    sign: FloatArray
-    hub: FloatArray
-    speed: FloatArray
-    slip: FloatArray
-    locked: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    qp: Box
+    forces: FloatArray
+    deep: FloatArray

@@ -1,117 +1,173 @@
 """Least squares within bounds by an active set: a few unknowns, solved in microseconds.
 
-It solves ``min 1/2 f' H f - q' f`` for ``0 <= f <= c`` with a positive definite ``H``. Unknowns at
-a bound are held there, and the others are solved for. A step that would leave the box ends at the
-first bound that it meets. A bound whose multiplier has the wrong sign is released. Each step lowers
-the cost, so the method ends; the limit of its steps only matters for an invalid ``H``.
+``min 1/2 sum_r w_r (b_r x - g_r)^2 + 1/2 sum_i d_i x_i^2 + p x`` for ``0 <= x <= u``, ``d > 0``.
+Unknowns at a bound are held there, the others are solved for; a step that would leave the box ends
+at the first bound that it meets, and a bound whose multiplier has the wrong sign is released. Each
+step lowers the cost, so the method ends; the limit of its steps is for a broken problem only.
+
+As there are fewer rows than unknowns, a step is solved for in the space of the rows (the
+Sherman-Morrison-Woodbury identity).
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import kernel, lean
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _FREE, _LOW, _HIGH = range(3)
+_TOLERANCE = 1e-9  # of a multiplier, beyond rounding [1]
 
 
-@kernel
-def _solve_free(
-    hessian: FloatArray, gradient: FloatArray, place: NDArray[np.int64], step: FloatArray
-) -> None:
-    """Solve ``H_FF step_F = -gradient_F`` by Cholesky's rule; zero elsewhere."""
-    n = gradient.size
-    index = np.empty(n, np.int64)
-    m = 0
-    for i in range(n):
-        step[i] = 0.0
-        if place[i] == _FREE:
-            index[m] = i
-            m += 1
-    root = np.zeros((m, m))
-    for i in range(m):
-        for j in range(i + 1):
-            value = hessian[index[i], index[j]]
-            for k in range(j):
-                value -= root[i, k] * root[j, k]
-            root[i, j] = np.sqrt(max(value, 1e-300)) if i == j else value / root[j, j]
-    y = np.empty(m)
-    for i in range(m):
-        value = -gradient[index[i]]
-        for k in range(i):
-            value -= root[i, k] * y[k]
-        y[i] = value / root[i, i]
-    for i in range(m - 1, -1, -1):
-        value = y[i]
-        for k in range(i + 1, m):
-            value -= root[k, i] * y[k]
-        y[i] = value / root[i, i]
-        step[index[i]] = y[i]
+class Box(NamedTuple):
+    """A problem of R rows and M unknowns of the order of 1, and the workspace of its solution.
 
-
-@kernel
-def box_least_squares(
-    hessian: FloatArray, linear: FloatArray, upper: FloatArray, solution: FloatArray
-) -> None:
-    """Minimize ``1/2 f' H f - q' f`` within ``0 <= f <= c``.
-
-    Args:
-        hessian: ``H``, positive definite, shape (N, N).
-        linear: ``q``, shape (N,).
-        upper: ``c >= 0``, shape (N,).
-        solution: start of the search; receives the minimum, shape (N,).
+    Attributes:
+        rows: ``b``, shape (R, M).
+        weights: ``w > 0``, shape (R,).
+        goals: ``g``, shape (R,).
+        damping: ``d``, shape (M,).
+        linear: ``p``, shape (M,).
+        upper: ``u >= 0``, shape (M,).
+        solution: where to start, then the minimum, shape (M,).
+        place: whether each unknown is free or at a bound, shape (M,).
+        slope: of the cost, shape (M,).
+        step: of the solution, shape (M,).
+        matrix: Cholesky factor in the space of the rows, shape (R, R).
+        residual: of the rows, shape (R,).
     """
-    n = linear.size
-    place = np.zeros(n, np.int64)
-    gradient, step = np.empty(n), np.empty(n)
-    for i in range(n):
-        solution[i] = min(max(solution[i], 0.0), upper[i])
-        if upper[i] <= 0.0:
-            place[i] = _LOW
-    for _ in range(10 * n + 10):
-        for i in range(n):
-            gradient[i] = -linear[i]
-            for j in range(n):
-                gradient[i] += hessian[i, j] * solution[j]
-        _solve_free(hessian, gradient, place, step)
-        share, blocking, side = 1.0, -1, _FREE
-        for i in range(n):
-            if place[i] != _FREE or step[i] == 0.0:
-                continue
-            bound = upper[i] if step[i] > 0.0 else 0.0
-            reach = (bound - solution[i]) / step[i]
-            if reach < share:
-                share, blocking = max(reach, 0.0), i
-                side = _HIGH if step[i] > 0.0 else _LOW
-        for i in range(n):
-            solution[i] += share * step[i]
-        if blocking >= 0:
-            place[blocking] = side
-            solution[blocking] = upper[blocking] if side == _HIGH else 0.0
-            continue
-        loosest = _loosest(hessian, linear, upper, solution, place)
-        if loosest < 0:
-            return
-        place[loosest] = _FREE
+
+    rows: FloatArray
+    weights: FloatArray
+    goals: FloatArray
+    damping: FloatArray
+    linear: FloatArray
+    upper: FloatArray
+    solution: FloatArray
+    place: NDArray[np.int64]
+    slope: FloatArray
+    step: FloatArray
+    matrix: FloatArray
+    residual: FloatArray
+
+
+def new_box(rows: int, unknowns: int) -> Box:
+    """Return a problem whose weights are 1, without upper bounds, and zero elsewhere."""
+    each = np.zeros((5, unknowns))
+    return Box(
+        rows=np.zeros((rows, unknowns)),
+        weights=np.ones(rows),
+        goals=np.zeros(rows),
+        damping=each[0].copy(),
+        linear=each[1].copy(),
+        upper=np.full(unknowns, np.inf),
+        solution=each[2].copy(),
+        place=np.zeros(unknowns, np.int64),
+        slope=each[3].copy(),
+        step=each[4].copy(),
+        matrix=np.zeros((rows, rows)),
+        residual=np.zeros(rows),
+    )
 
 
 @lean
-def _loosest(
-    hessian: FloatArray,
-    linear: FloatArray,
-    upper: FloatArray,
-    solution: FloatArray,
-    place: NDArray[np.int64],
-) -> int:
-    """Return the bound whose multiplier most clearly has the wrong sign, -1 if none has."""
-    worst, loosest = -1e-12, -1
-    for i in range(linear.size):
-        if place[i] == _FREE or upper[i] <= 0.0:
-            continue
-        slope = -linear[i]
-        for j in range(linear.size):
-            slope += hessian[i, j] * solution[j]
-        multiplier = slope if place[i] == _LOW else -slope
-        if multiplier < worst:
+def box_least_squares(box: Box) -> None:
+    """Minimize the cost, from where the solution is."""
+    solution, upper, step, place = box.solution, box.upper, box.step, box.place
+    m = solution.size
+    for i in range(m):
+        solution[i] = min(max(solution[i], 0.0), upper[i])
+        at_bound = _LOW if solution[i] <= 0.0 else _HIGH
+        place[i] = _FREE if 0.0 < solution[i] < upper[i] else at_bound
+    full = False  # whether the last step was not stopped by a bound
+    for _ in range(10 * m + 10):
+        _find_slope(box)
+        if full and not _release(box):
+            return
+        _find_step(box)
+        full, share, blocking = True, 1.0, 0
+        for i in range(m):
+            if step[i] != 0.0:
+                reach = ((upper[i] if step[i] > 0.0 else 0.0) - solution[i]) / step[i]
+                if reach < share:
+                    full, share, blocking = False, max(reach, 0.0), i
+        for i in range(m):
+            solution[i] += share * step[i]
+        if not full:
+            place[blocking] = _HIGH if step[blocking] > 0.0 else _LOW
+            solution[blocking] = upper[blocking] if step[blocking] > 0.0 else 0.0
+
+
+@lean
+def _find_slope(box: Box) -> None:
+    n, m = box.rows.shape
+    for r in range(n):
+        value = -box.goals[r]
+        for i in range(m):
+            value += box.rows[r, i] * box.solution[i]
+        box.residual[r] = box.weights[r] * value
+    for i in range(m):
+        value = box.damping[i] * box.solution[i] + box.linear[i]
+        for r in range(n):
+            value += box.rows[r, i] * box.residual[r]
+        box.slope[i] = value
+
+
+@lean
+def _release(box: Box) -> bool:
+    """Free the unknown whose multiplier has the wrong sign the most; return whether one has."""
+    worst, loosest = -_TOLERANCE, -1
+    for i in range(box.slope.size):
+        multiplier = box.slope[i] if box.place[i] == _LOW else -box.slope[i]
+        if box.place[i] != _FREE and box.upper[i] > 0.0 and multiplier < worst:
             worst, loosest = multiplier, i
-    return loosest
+    if loosest >= 0:
+        box.place[loosest] = _FREE
+    return loosest >= 0
+
+
+@lean
+def _find_step(box: Box) -> None:
+    """Write the step of the free unknowns to their minimum, zero for the others.
+
+    ``d step = b' y - slope`` with ``(1/w + b 1/d b') y = b 1/d slope``.
+    """
+    y, matrix = box.residual, box.matrix
+    n, m = box.rows.shape
+    for r in range(n):
+        y[r] = matrix[r, :] = 0.0
+        matrix[r, r] = 1.0 / box.weights[r]
+    for i in range(m):
+        if box.place[i] == _FREE:
+            for r in range(n):
+                scaled = box.rows[r, i] / box.damping[i]
+                y[r] += scaled * box.slope[i]
+                for s in range(r + 1):
+                    matrix[r, s] += scaled * box.rows[s, i]
+    _solve(matrix, y)
+    for i in range(m):
+        value = -box.slope[i]
+        for r in range(n):
+            value += box.rows[r, i] * y[r]
+        box.step[i] = value / box.damping[i] if box.place[i] == _FREE else 0.0
+
+
+@lean
+def _solve(matrix: FloatArray, y: FloatArray) -> None:
+    """Solve ``matrix x = y`` in place by Cholesky's rule; only the lower triangle counts."""
+    n = y.size
+    for r in range(n):
+        for s in range(r + 1):
+            value = matrix[r, s]
+            for k in range(s):
+                value -= matrix[r, k] * matrix[s, k]
+            matrix[r, s] = np.sqrt(max(value, 1e-300)) if r == s else value / matrix[s, s]
+        for k in range(r):
+            y[r] -= matrix[r, k] * y[k]
+        y[r] /= matrix[r, r]
+    for r in range(n - 1, -1, -1):
+        for k in range(r + 1, n):
+            y[r] -= matrix[k, r] * y[k]
+        y[r] /= matrix[r, r]

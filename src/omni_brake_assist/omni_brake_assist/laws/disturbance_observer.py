@@ -7,7 +7,7 @@ the loop inside it.
 
 import math
 
-from omni_brake_assist.laws.allocation_state import Constants, Memory, Wheels
+from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.law import Motion
 from omni_platform.kernels import lean
 
@@ -18,12 +18,12 @@ _MASS_RANGE = 5.0  # largest factor between estimated and nominal mass [1]
 
 
 @lean
-def observe_body(law: Constants, memory: Memory, motion: Motion, wheels: Wheels, dt: float) -> None:
+def observe_body(law: Constants, memory: Memory, motion: Motion, dt: float) -> None:
     """Update heading, mass and disturbances by the motion of the last period."""
     body = memory.body[0]
     f_x, f_y, moment = 0.0, 0.0, 0.0
     for i in range(law.rim.size):
-        force = -wheels.sign[i] * memory.wheel[i].force
+        force = -memory.wheel[i].sign * memory.wheel[i].force
         f_x += force * law.n_x[i]
         f_y += force * law.n_y[i]
         moment += force * law.lever[i]

@@ -8,13 +8,11 @@ lag is inverted.
 
 import math
 
-import numpy as np
-
-from omni_brake_assist.laws.allocation_state import Constants, Memory, Wheels
-from omni_brake_assist.laws.braking_qp import Task, cost
+from omni_brake_assist.laws.allocation_state import Constants, Memory
+from omni_brake_assist.laws.braking_qp import DECELERATION, SIDE, YAW, cost
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import QUEUE, BrakedWheel, asked_at, lagged, turn_on
-from omni_platform.kernels import kernel, lean
+from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 LEAST_ENABLE = 0.01
@@ -23,17 +21,11 @@ LEAST_ENABLE = 0.01
 _DEEP = 0.02  # cost of wheels slower than at the target slip, which decides between equal forces
 
 
-@kernel
+@lean
 def control_slip(
-    law: Constants,
-    memory: Memory,
-    motion: Motion,
-    wheels: Wheels,
-    task: Task,
-    dt: float,
-    enable: FloatArray,
+    law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
 ) -> None:
-    """Write the enables of all wheels that are not locked."""
+    """Write the enables; locked wheels are braked."""
     body, brake, n = memory.body[0], law.brake, enable.size
     most = brake.max_torque * motion.pedal
     delay = body.dead_time / dt
@@ -42,14 +34,15 @@ def control_slip(
     slowing = body.deceleration / (speed + 1e-3)  # relative rate of all speeds [1/s]
     horizon = math.ceil((law.slip_time + brake.time_constant) / dt - 1e-9)
     valves = brake.pressure_step >= 1.0
-    forces, deep = np.zeros((2, n)), np.zeros((2, n))
+    enable[:] = 1.0
+    memory.forces[:] = memory.deep[:] = 0.0
     for i in range(n):
-        if wheels.locked[i]:
-            continue
         wheel, rim = memory.wheel[i], law.rim[i]
+        if wheel.locked:
+            continue
         model = BrakedWheel(wheel.capacity, law.target_slip, rim, law.radius[i], law.inertia)
-        hub = wheels.hub[i] / (1.0 + slowing * (body.dead_time + dt))
-        spin, torque = wheels.speed[i], wheel.torque
+        hub = wheel.hub / (1.0 + slowing * (body.dead_time + dt))
+        spin, torque = wheel.speed, wheel.torque
         for k in range(min(math.ceil(delay - 1e-9), QUEUE)):
             asked = asked_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
             torque, mean = lagged(brake, torque, asked, dt)
@@ -62,9 +55,9 @@ def control_slip(
                     asked = most * state if k == 0 else 0.0
                     torque_k, mean = lagged(brake, torque_k, asked, dt)
                     speed_k, force = turn_on(model, speed_k, mean, hub, dt)
-                    forces[state, i] += force / horizon
+                    memory.forces[state, i] += force / (horizon * wheel.capacity)
                 missing = max(1.0 - speed_k / goal, 0.0)
-                deep[state, i] = _DEEP / n * missing * missing
+                memory.deep[state, i] = _DEEP / n * missing * missing
             continue
         # A tire must deflect before it transmits its force; it deflects sooner if it slides faster.
         push = law.relaxation_speed * (1.0 - min(wheel.force / wheel.capacity, 1.0))
@@ -74,8 +67,8 @@ def control_slip(
             need = rim * wheel.capacity + law.inertia * (spin - goal) / (
                 law.slip_time + body.dead_time
             )
-        if wheel.demand < wheel.capacity or not wheels.known[i]:
-            need = min(need, rim * wheel.demand + law.inertia * spin * slowing)
+        if wheel.demand < 1.0 or not wheel.known:
+            need = min(need, rim * wheel.demand * wheel.capacity + law.inertia * spin * slowing)
         if brake.time_constant > 0.0:
             need = torque - (need - torque) / math.expm1(-dt / brake.time_constant)
         enable[i] = min(max(need / most, 0.0), 1.0)
@@ -84,32 +77,48 @@ def control_slip(
                 math.floor(enable[i] / brake.pressure_step + 0.5) * brake.pressure_step, 1.0
             )
     if valves:
-        _choose_valves(task, forces, deep, enable)
+        _choose_valves(memory, enable)
 
 
-@kernel
-def _choose_valves(task: Task, forces: FloatArray, deep: FloatArray, enable: FloatArray) -> None:
+@lean
+def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Open the valves whose predicted forces cost least in terms of the QP.
 
     From all valves open, the best single change is made until none lowers the cost.
     """
-    n = enable.size
-    enable[:] = 1.0
-    # Not `rows @ forces`: its first call would import SciPy's BLAS, 0.3 s in mid-stop.
-    sums, other = np.sum(task.rows * forces[1], axis=1), np.sum(deep[1])
-    best = cost(task, sums) + other
+    qp, forces, deep, n = memory.qp, memory.forces, memory.deep, enable.size
+    braking = yaw = side = other = 0.0
+    for i in range(n):
+        braking += qp.rows[DECELERATION, i] * forces[1, i]
+        yaw += qp.rows[YAW, i] * forces[1, i]
+        side += qp.rows[SIDE, i] * forces[1, i]
+        other += deep[1, i]
+    best = cost(qp, braking, yaw, side) + other
     for _ in range(2 * n):
         changed = -1
         for i in range(n):
             on = int(enable[i])
-            trial = sums + task.rows[:, i] * (forces[1 - on, i] - forces[on, i])
-            value = cost(task, trial) + other + deep[1 - on, i] - deep[on, i]
+            force = forces[1 - on, i] - forces[on, i]
+            value = (
+                other
+                + deep[1 - on, i]
+                - deep[on, i]
+                + cost(
+                    qp,
+                    braking + qp.rows[DECELERATION, i] * force,
+                    yaw + qp.rows[YAW, i] * force,
+                    side + qp.rows[SIDE, i] * force,
+                )
+            )
             if value < best:
                 best, changed = value, i
         if changed < 0:
             return
         on = int(enable[changed])
-        sums += task.rows[:, changed] * (forces[1 - on, changed] - forces[on, changed])
+        force = forces[1 - on, changed] - forces[on, changed]
+        braking += qp.rows[DECELERATION, changed] * force
+        yaw += qp.rows[YAW, changed] * force
+        side += qp.rows[SIDE, changed] * force
         other += deep[1 - on, changed] - deep[on, changed]
         enable[changed] = 1.0 - on
 

@@ -125,7 +125,7 @@ def test_a_stop_from_walking_speed_is_short_and_turns_less(vehicle: str) -> None
     alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
     assert run.stopping_distance <= 1.05 * alone.stopping_distance
     # Tires must deflect first: a heading kept from the start costs 1.06 to 1.07 times the way.
-    assert run.orientation_change < 0.6 * alone.orientation_change
+    assert run.orientation_change < 0.65 * alone.orientation_change
 
 
 @pytest.mark.parametrize("direction", [0, 15, 90, 120, 180])
