@@ -23,6 +23,7 @@ from omni_brake_assist.filter_bank.state import (
     NO_GYRO,
     NO_IMU,
     NO_TWIST,
+    OFFSET,
     RATE,
     READINGS,
     ROW_IMU,
@@ -226,12 +227,15 @@ def _keep_precise(memory: BankMemory, best: int, twist: Twist, answer: FloatArra
     """Answer with the components of a fused, current twist that are less uncertain than the filter.
 
     The model errors of the filter would only add to those of a precise twist. Its innovations must
-    be no larger than expected: the mean of their normalized squares is at most 1.
+    be no larger than expected: the mean of their normalized squares is at most 1. The
+    estimated offset of the yaw rate is part of its error.
     """
     agrees = GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (NO_TWIST, NO_ESTIMATE) and agrees:
+        covariance = memory.covariance[best]
         for j in range(answer.size):
-            if twist.variance[j] < memory.covariance[best, j, j]:
+            offset = memory.state[best, OFFSET] if j == RATE else 0.0
+            if twist.variance[j] + offset**2 < covariance[j, j]:
                 answer[j] = twist.value[j]
 
 
