@@ -274,7 +274,8 @@ def test_allocation_survives_an_encoder_fault(
 
 
 FAST_TURN = (
-    *("maneuver.speed=8", "maneuver.direction_deg=80", "maneuver.yaw_rate_deg=-90"),
+    # At 80 deg the smallest error decides whether `allocation` stops straight or turns by 18 deg.
+    *("maneuver.speed=8", "maneuver.direction_deg=70", "maneuver.yaw_rate_deg=-90"),
     "maneuver.brake_time=0.5",
 )
 

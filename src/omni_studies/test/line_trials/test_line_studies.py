@@ -125,7 +125,7 @@ def test_the_twist_is_as_accurate_as_it_says(
     monkeypatch.setattr(covariance, "_MOTIONS", motions)
     metrics = study("covariance", tmp_path, "--starts", "6").metrics
     for ground in ("cork", "stone"):
-        assert metrics[f"measured_share.generic_{ground}"].value == 1.0
+        assert metrics[f"measured_share.generic_{ground}"].value > 0.98
         # 18 starts scatter by some 10 %; with errors taken for independent it would be 0.1 to 4.
         # The stated variances are too large, by a factor of two on stone.
         assert 0.4 < metrics[f"normalized_error_squared.generic_{ground}"].value < 1.5
