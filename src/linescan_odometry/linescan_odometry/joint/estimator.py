@@ -37,6 +37,7 @@ _MEMORY = 50.0  # batches; memory of the estimate of the pattern
 _NOISE = 12.0  # nats; log-likelihood that noise alone seldom reaches
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = 0.5  # second-best log-likelihood over the best one; above it the peak is ambiguous
+_RESOLVED = 4.0  # px per line; candidates this far apart are separate peaks
 _FEWEST = 7.5  # independent moving features: the edge of a shadow has up to seven
 _CHI_SQUARE = 25.0  # of near against far lines: 5 standard deviations
 _LEAST_CONTRAST = 0.03  # gradients over noise: fainter ones over wood may have another motion
@@ -145,11 +146,9 @@ class JointEstimator:
             if not best.found:
                 return Estimate(choice.displacement, math.inf, "no maximum of the likelihood", rest)
             d, a, removed = best.displacement, best.change, pattern
-        # At rest noise alone is left, also in few features.
         variance = best.variance
-        if not moves and not math.isfinite(variance):
-            variance = best.white_variance
-        if not reason and moves and (best.features < _FEWEST or not math.isfinite(variance)):
+        few = moves and best.features < _FEWEST
+        if not reason and (few or not math.isfinite(variance)):
             reason = f"dominated by {best.features:.1f} features"
         if not reason and moves and best.chi_square > _CHI_SQUARE:
             reason = "two motions"
@@ -183,7 +182,9 @@ class JointEstimator:
             own, other, _ = contest(products, layout, removed, found[best], found[i], _LIKELY)
             if other > own:
                 best = int(i)
-        ambiguous = False
+        # Beyond the overlap noise has such rivals, which a single distance between lines can miss.
+        apart = abs(found - found[best]) >= _RESOLVED
+        ambiguous = float(np.max(evidence, where=apart, initial=0.0)) > _RATIO * evidence[best]
         for i, rival in enumerate(found):
             own, other, between = contest(products, layout, removed, found[best], rival, _LIKELY)
             # Where the displacement between them is as likely, both are one peak.

@@ -50,7 +50,6 @@ class Fit(NamedTuple):
         coherence: coherence of neighboring lines, weighted by power [1].
         details: effective number of independent values of the texture in a line.
         contrast: energy of the gradients that neighboring lines share over that of the noise [1].
-        white_variance: variance of the displacement if the model is exact [px^2].
         chi_square: squared difference between the displacement by neighboring lines alone and this
             one, over its variance [1]: large where two motions overlap.
     """
@@ -63,7 +62,6 @@ class Fit(NamedTuple):
     coherence: float
     details: float
     contrast: float
-    white_variance: float
     chi_square: float
 
 
@@ -395,7 +393,7 @@ def fit(
         last: whether to compute variance and features too.
     """
     m, n = lines.shape
-    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    nothing = Fit(False, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
     kappa = np.arange(m) - 0.5 * (m - 1)
     half = 0.5 * kappa**2
     for step in range(_STEPS + 1):
@@ -425,7 +423,7 @@ def fit(
             displacement += min(max(by_d, -_LARGEST_STEP[0]), _LARGEST_STEP[0])
             change += min(max(by_a, -_LARGEST_STEP[1]), _LARGEST_STEP[1])
     if not last:
-        return Fit(True, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Fit(True, displacement, change, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
     weight = np.zeros(cut.spectra.shape[1])
     total, square = 0.0, 1e-30
     for b in range(len(edges) - 1):
@@ -449,7 +447,7 @@ def fit(
     details = 2.0 * total * total / square * n / cut.length
     return Fit(
         True, displacement, change, variance, features, coherence, details, contrast,
-        j_aa / determinant, chi_square,
+        chi_square,
     )  # fmt: skip
 
 
