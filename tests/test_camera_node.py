@@ -127,7 +127,7 @@ def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
         listener.wait(lambda: all(listener.node.count_publishers(topic) for topic in topics))
         # All films begin with the node that hears them.
         group.start(graph.odometry(configuration, tmp_path, lockstep=True, listeners=1))
-        listener.wait(lambda: len(listener.measured()) > 10)
+        listener.wait(lambda: len(listener.measured()) > 5)
         found = np.array([twist for twist, _ in listener.measured()])
         assert np.median(found, axis=0) == pytest.approx(TWIST, abs=0.01)
         assert set(listener.infos) == set(CAMERAS)

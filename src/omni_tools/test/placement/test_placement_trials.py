@@ -37,7 +37,7 @@ def test_predicted_errors_hold_and_the_best_placement_equals_the_default() -> No
     measured, predicted = [], []
     for sensors in (named(found.poses, VIEW), default):
         driven = drive_mix(sensors, mix, texture, NOISE, 6, seed=2)
-        assert driven.unmeasured < 0.03  # few batches are rejected
+        assert driven.unmeasured < 0.05  # few batches are rejected
         measured.append(driven.mean_error(radius))
         predicted.append(criterion.mean_error(poses_of(sensors)))
         # 6 batches in 24 orientations of 2 motions: some 5 % of scatter of their own.
