@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from omni_bringup.cli import main
+from omni_tools.brakes import fit
 
 ROOT = Path(__file__).parents[3]
 BAGS = ROOT / "bags" / "small_stop"
@@ -41,6 +45,20 @@ def test_a_precise_twist_gives_a_certain_torque(
 ) -> None:
     assert omni(BAGS / "assisted", "--twist", "ground_truth/odom", "--out", tmp_path) == 0
     assert "the torque is uncertain by" not in capsys.readouterr().out
+
+
+def test_an_uncertain_torque_is_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def uncertain(*arguments: Any) -> fit.BrakeFit:
+        found = precise(*arguments)
+        errors = np.array([0.2 * found.values[0], 0.0, 0.0])
+        return dataclasses.replace(found, standard_errors=errors)
+
+    precise = fit.fit_brakes
+    monkeypatch.setattr(fit, "fit_brakes", uncertain)
+    assert omni(BAGS / "assisted", "--twist", "ground_truth/odom", "--out", tmp_path) == 0
+    assert "the torque is uncertain by 20 %" in capsys.readouterr().out
 
 
 def test_what_does_not_suffice_is_refused(
