@@ -185,11 +185,12 @@ class JointEstimator:
         # Beyond the overlap noise has such rivals, which a single distance between lines can miss.
         apart = abs(found - found[best]) >= _RESOLVED
         ambiguous = float(np.max(evidence, where=apart, initial=0.0)) > _RATIO * evidence[best]
-        for i, rival in enumerate(found):
+        for rival in np.delete(found, best):
+            if ambiguous:
+                break
             own, other, between = contest(products, layout, removed, found[best], rival, _LIKELY)
             # Where the displacement between them is as likely, both are one peak.
-            if i != best and other > _RATIO * own and between < _RATIO * other:
-                ambiguous = True
+            ambiguous = other > _RATIO * own and between < _RATIO * other
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _static_probability(self, products: Products, layout: Layout, value: float) -> float:

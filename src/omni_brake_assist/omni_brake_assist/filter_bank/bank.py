@@ -227,8 +227,8 @@ def _keep_precise(memory: BankMemory, best: int, twist: Twist, answer: FloatArra
     """Answer with the components of a fused, current twist that are less uncertain than the filter.
 
     The model errors of the filter would only add to those of a precise twist. Its innovations must
-    be no larger than expected: the mean of their normalized squares is at most 1. The
-    estimated offset of the yaw rate is part of its error.
+    be no larger than expected: the mean of their normalized squares is at most 1. The estimated
+    offset of the yaw rate is part of its error.
     """
     agrees = GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (NO_TWIST, NO_ESTIMATE) and agrees:

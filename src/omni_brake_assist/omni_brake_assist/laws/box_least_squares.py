@@ -55,18 +55,17 @@ class Box(NamedTuple):
 
 def new_box(rows: int, unknowns: int) -> Box:
     """Return a problem whose weights are 1, without upper bounds, and zero elsewhere."""
-    each = np.zeros((5, unknowns))
     return Box(
         rows=np.zeros((rows, unknowns)),
         weights=np.ones(rows),
         goals=np.zeros(rows),
-        damping=each[0].copy(),
-        linear=each[1].copy(),
+        damping=np.zeros(unknowns),
+        linear=np.zeros(unknowns),
         upper=np.full(unknowns, np.inf),
-        solution=each[2].copy(),
+        solution=np.zeros(unknowns),
         place=np.zeros(unknowns, np.int64),
-        slope=each[3].copy(),
-        step=each[4].copy(),
+        slope=np.zeros(unknowns),
+        step=np.zeros(unknowns),
         matrix=np.zeros((rows, rows)),
         residual=np.zeros(rows),
     )
