@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from omni_ros.start import start_lightly
+
 ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
@@ -26,7 +28,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Measure the files if asked to; with xdist only in the process that gets all results."""
+    """Shorten imports; measure the files if asked to, once with xdist, where all results arrive."""
+    start_lightly()
     if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(_Stopwatch())
 
@@ -34,7 +37,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of short files below `src` as fast; put the longest files first."""
     durations = json.loads(DURATIONS.read_text())
-    took = {item: durations.get(item.location[0], 0) for item in items}
+    took = {item: durations.get(item.nodeid.partition("::")[0], 0) for item in items}
     # The longest file first: if it began last, all cores but one would wait for it.
     items.sort(key=lambda item: -took[item])
     for item in items:

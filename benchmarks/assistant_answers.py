@@ -22,7 +22,7 @@ from sensor_msgs.msg import Imu, JointState
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_platform.quantities import FloatArray
 from omni_ros import messages
@@ -90,9 +90,9 @@ def main() -> None:
     with (
         tempfile.TemporaryDirectory() as scratch,
         reserved_domain() as domain,
-        process_group(node_environment(domain)) as group,
+        ProcessGroup(node_environment(domain)) as group,
     ):
-        group.start(graph.brake_assist(configuration, Path(scratch), lockstep=False, listeners=0))
+        group.start(graph.Nodes(configuration, Path(scratch)).brake_assist(listeners=0))
         rclpy.init(domain_id=domain)
         vehicle = Vehicle(tuple(configuration.vehicle.wheels), frames)
         drive(vehicle, 60.0 * options.minutes)

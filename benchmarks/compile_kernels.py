@@ -5,8 +5,6 @@ the code of them that LLVM inlines. Run with ``./omni exec python benchmarks/com
 --json``.
 """
 
-import argparse
-import json
 import os
 import subprocess
 import sys
@@ -14,6 +12,8 @@ import tempfile
 import time
 from collections import Counter
 from typing import Any
+
+import output
 
 _COLD = "OMNI_COLD_CACHE"  # set in the process with an empty cache
 
@@ -50,10 +50,7 @@ def compile_all() -> Counter[tuple[str, str]]:
 
 def main() -> None:
     """Compile all kernels in a process with an empty cache and print the times."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--kernels", action="store_true", help="list kernels, not modules")
-    options = parser.parse_args()
+    options = output.options(__doc__, kernels=False)  # with --kernels lists kernels, not modules
     if _COLD not in os.environ:
         with tempfile.TemporaryDirectory() as cache:
             environment = {**os.environ, "NUMBA_CACHE_DIR": cache, _COLD: "1"}
@@ -62,13 +59,9 @@ def main() -> None:
     times: Counter[str] = Counter()
     for (module, kernel), seconds in compile_all().items():
         times["cpu_time." + (f"{module}.{kernel}" if options.kernels else module)] += seconds
-    total = times.total()
-    rounded = {name: round(seconds, 2) for name, seconds in times.most_common()}
-    rounded["cpu_time.all"] = round(total, 2)
-    if options.json:
-        print(json.dumps(rounded, indent=1))
-    else:
-        print("\n".join(f"{seconds:8.2f} s  {name}" for name, seconds in rounded.items()))
+    metrics: output.Metrics = {name: (seconds, "s") for name, seconds in times.most_common()}
+    metrics["cpu_time.all"] = times.total(), "s"
+    output.publish("compile_kernels", metrics, as_json=options.json)
 
 
 if __name__ == "__main__":

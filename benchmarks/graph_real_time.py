@@ -6,7 +6,6 @@ prints the simulated over the elapsed time of each (without start and stop) and 
 times.
 """
 
-import json
 import statistics
 import tempfile
 import time
@@ -36,9 +35,9 @@ def process_factor(configuration: ExperimentConfiguration) -> float:
 
 
 def main() -> None:
-    """Run the comparison and print a line per variant."""
+    """Run the comparison and print its metrics."""
     options = output.options(__doc__, repeats=5)
-    results: dict[str, float] = {}
+    metrics: output.Metrics = {}
     for variant in ("unassisted", "allocation", "assisted"):
         configuration = output.load("straight_line", variant)
         process_factor(configuration)  # loads the kernels
@@ -48,15 +47,10 @@ def main() -> None:
         ]
         graph, process = (statistics.median(column) for column in zip(*pairs, strict=True))
         ratio = statistics.median(p / g for g, p in pairs)
-        results[f"real_time_factor.{variant}"] = round(graph, 3)
-        results[f"time_over_one_process.{variant}"] = round(ratio, 3)
-        if not options.json:
-            print(
-                f"{variant:<12} real-time factor: graph {graph:.2f}, one process {process:.2f}; "
-                f"the graph takes {ratio:.2f} times as long"
-            )
-    if options.json:
-        print(json.dumps(results, indent=1))
+        metrics[f"real_time_factor.{variant}"] = graph, "1"
+        metrics[f"real_time_factor_of_one_process.{variant}"] = process, "1"
+        metrics[f"time_over_one_process.{variant}"] = ratio, "1"
+    output.publish("graph_real_time", metrics, as_json=options.json)
 
 
 if __name__ == "__main__":

@@ -70,15 +70,7 @@ def trial(
     Returns:
         Outcome of the run, None if the run had ended before the disturbance.
     """
-    words = ["run", EXPERIMENT, "--variant", "assisted", "--json", "--out", str(folder)]
-    words += ["--real-time"] if real_time else []
-    process = subprocess.Popen(
-        [sys.executable, "-m", "omni_bringup.cli", *words],
-        env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = started(folder, *(["--real-time"] if real_time else []), stderr=subprocess.PIPE)
     try:
         found = None
         if await_bytes(process, folder, 1 + round(share * size)):
@@ -93,6 +85,18 @@ def trial(
         return None
     distance, rotation = stop_of(folder / "assisted")
     return Outcome(process.returncode, complaint.strip(), distance, rotation)
+
+
+def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.Popen[str]:
+    """Start a run of the experiment that records into a folder."""
+    given = ("--variant", "assisted", "--json", "--out", str(folder), *words)
+    return subprocess.Popen(
+        [sys.executable, "-m", "omni_bringup.cli", "run", EXPERIMENT, *given],
+        env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
+        stdout=subprocess.DEVNULL,
+        stderr=stderr,
+        text=True,
+    )
 
 
 def recorded(folder: Path) -> int:
@@ -112,15 +116,8 @@ def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> bool
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
     """Run the experiment to its end and return distance and rotation, see `stop_of`."""
-    subprocess.run(
-        [
-            *(sys.executable, "-m", "omni_bringup.cli", "run", EXPERIMENT, "--json"),
-            *("--variant", "assisted", "--out", str(folder), *words),
-        ],
-        env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
-        stdout=subprocess.DEVNULL,
-        check=True,
-    )
+    if started(folder, *words).wait() != 0:
+        raise RuntimeError(f"the undisturbed run {folder} failed")
     return stop_of(folder / "assisted")
 
 

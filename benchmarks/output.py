@@ -17,11 +17,12 @@ Metrics = dict[str, tuple[Any, ...]]
 
 
 def options(words: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the parsed command line: ``--json`` and an option for each default value."""
+    """Return the parsed command line: ``--json`` and an option for each default; False: a flag."""
     parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for name, default in defaults.items():
-        parser.add_argument(f"--{name}", type=type(default), default=default)
+        kind: Any = {"action": "store_true"} if default is False else {"type": type(default)}
+        parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)
     return parser.parse_args()
 
 

@@ -9,11 +9,11 @@ that of a separate process, which loads a ground of 2400 dpi from the cache, set
 turns them once around. The first run generates the ground in the cache.
 """
 
-import argparse
 import math
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import output
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
-from omni_sim.camera.footprint.reference import integrate_exactly
 from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import KINDS, GroundTexture, TextureConfiguration, generate_texture
 
@@ -59,6 +58,9 @@ def throughput(
     array.render({"one": poses})
     best = output.fastest(lambda: array.render({"one": poses}), 15)
     camera = array.cameras["one"]
+    sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
+    from exact_footprint import integrate_exactly
+
     picked = poses[:: lines // 3]
     errors = [
         gray
@@ -95,10 +97,10 @@ def turn_around(kind: str, names: list[str]) -> float:
 
 def peak_memory(kind: str, names: list[str]) -> float:
     """Return the result of `turn_around` in a new process."""
-    command = [sys.executable, __file__, "--ground", kind, "--turn-around", *names]
+    command = [sys.executable, __file__, "--ground", kind, "--turn-around", ",".join(names)]
     for _ in range(2):  # the first process generates the ground and compiles, if necessary
-        output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
-    return float(output)
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return float(done.stdout)
 
 
 def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
@@ -126,18 +128,12 @@ def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
 
 def main() -> None:
     """Measure and print all metrics."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--json", action="store_true", help="print one JSON document")
-    parser.add_argument("--ground", choices=KINDS, default="cork")
-    parser.add_argument("--texels", type=int, default=4096)
-    parser.add_argument("--dpi", type=float, default=0.0, help="in place of texels")
-    parser.add_argument("--turn-around", nargs="+", choices=SENSORS, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.turn_around:
-        print(turn_around(arguments.ground, arguments.turn_around))
+    options = output.options(__doc__, ground="cork", texels=4096, dpi=0.0, turn_around="")
+    if options.turn_around:
+        print(turn_around(options.ground, options.turn_around.split(",")))
         return
-    metrics = measure(arguments.ground, arguments.texels, arguments.dpi)
-    output.publish("render_lines", metrics, as_json=arguments.json)
+    metrics = measure(options.ground, options.texels, options.dpi)
+    output.publish("render_lines", metrics, as_json=options.json)
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ def measure(repetitions: int) -> output.Metrics:
             lines = record(pixels, LINES + 1, dtype)
             shift = np.empty(LINES, np.int64)
             similarity, displacement, variance = np.empty((3, LINES))
-            search = METRICS["pearson"](pixels, pixels // 2)
+            search = METRICS["pearson"](pixels // 2)
             refiner = SubpixelRefiner(pixels)
 
             def both() -> None:
@@ -107,12 +107,12 @@ def other_searches(repetitions: int) -> output.Metrics:
             for window, case in ((0, name), (32, f"{name}_window")):
                 if case == "pearson":
                     continue
-                search = make_search(name, pixels, pixels // 2, window)
+                search = make_search(name, pixels // 2, window)
                 # Rank correlation is slow, so it has fewer repetitions.
                 count = max(3, repetitions // (20 if name == "spearman" else 2))
                 (spent,) = median_times(count, lambda: search.match(lines, shift, similarity))  # noqa: B023
                 metrics[f"search_rate.{pixels}px_{case}"] = LINES / spent, "1/s"
-        full = METRICS["pearson"](pixels, pixels // 2)
+        full = METRICS["pearson"](pixels // 2)
         (direct,) = median_times(3, lambda: pdist_search(lines[0], lines[1]))  # noqa: B023
         (fast,) = median_times(repetitions, lambda: full.match(lines, shift, similarity))  # noqa: B023
         metrics[f"ratio_to_pdist.{pixels}px"] = LINES * direct / fast, "1", 1000.0
@@ -205,7 +205,7 @@ def compared_with_opencv(repetitions: int) -> output.Metrics:
     metrics: output.Metrics = {}
     for pixels, count, limit in ((1024, 25, 2.5), (335, 30, 5.0), (128, 156, 5.0)):
         lines = record(pixels, count + 1, np.uint8)
-        own = METRICS["pearson"](pixels, pixels // 2)
+        own = METRICS["pearson"](pixels // 2)
         theirs = MatchTemplateSearch(pixels, len(lines))
         shift, other, similarity = np.empty(count, int), np.empty(count, int), np.empty(count)
         fast, slow = median_times(

@@ -47,13 +47,13 @@ def node_of(name: str, scratch: Path) -> NodeProcess:
     endless = ("simulation.duration_limit=600", "maneuver.brake_time=500")
     configuration = output.load("straight_line", "assisted", *output.BLIND, *endless)
     if name == "simulator":
-        return graph.simulator(configuration, scratch, lockstep=False, listeners=0)
+        return graph.Nodes(configuration, scratch).simulator(listeners=0)
     if name == "brake_assist":
-        return graph.brake_assist(configuration, scratch, lockstep=False, listeners=0)
+        return graph.Nodes(configuration, scratch).brake_assist(listeners=0)
     optical = output.load("straight_line", "assisted")
     if name == "recorder":
-        return graph.recorder(optical, scratch / "bag", scratch)
-    process = graph.odometry(optical, scratch, lockstep=False, listeners=1)
+        return graph.Nodes(optical, scratch).recorder(scratch / "bag")
+    process = graph.Nodes(optical, scratch).odometry(listeners=1)
     # Without a subscriber the node would wait for one.
     return dataclasses.replace(process, arguments=[*process.arguments, "-p", "subscribers:=0"])
 

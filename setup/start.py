@@ -114,11 +114,11 @@ def hand_over(
             environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
             # Without named files, all tests run on all cores, file by file, because the tests of a
-            # file share its recorded runs. There is one worker more than cores, as workers often
+            # file share its recorded runs. There are two workers more than cores, as workers often
             # wait for other processes.
             named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
             if not named and not {"-n", "-k", "--pdb"} & set(words):
-                workers = str(len(os.sched_getaffinity(0)) + 1)
+                workers = str(len(os.sched_getaffinity(0)) + 2)
                 command += ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder"]
             command += pytest_arguments(words[1:], workspace.root)
         else:

@@ -16,7 +16,7 @@ from rclpy.node import Node
 class Bystander:
     """A node in a ROS domain of other processes; derived classes publish and listen with it."""
 
-    patience = 30.0  # [s] only ends a test that hangs
+    round_timeout = 30.0  # [s] only ends a test that hangs
     pause = 0.02  # [s] at most, between two looks at a condition
 
     def __init__(self, name: str, domain: int) -> None:
@@ -33,7 +33,7 @@ class Bystander:
 
     def wait(self, condition: Callable[[], object]) -> None:
         """Listen until the condition holds."""
-        deadline = time.monotonic() + self.patience
+        deadline = time.monotonic() + self.round_timeout
         while not condition():
             assert time.monotonic() < deadline, f"timed out; {self.description()}"
             self._executor.spin_once(timeout_sec=self.pause)

@@ -66,12 +66,5 @@ def run_experiment(tmp_path_factory: pytest.TempPathFactory) -> RunExperiment:
 
 
 @pytest.fixture(scope="session")
-def straight_line(run_experiment: RunExperiment) -> FinishedRun:
-    """The standard experiment, without and with the assistant."""
-    variants = ("--variant", "unassisted", "--variant", "assisted")
-    return run_experiment("straight_line", *variants)
-
-
-@pytest.fixture(scope="session")
 def library() -> ExperimentLibrary:
     return ExperimentLibrary(WORKSPACE / "config")

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
+import typing
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
+import pytest
 from omni_process import WORKSPACE
+
+from omni_platform.configuration import Configuration, declared_parameters, without_none
 
 MOST_MODULES = 15  # side by side in a folder, apart from what makes a node of a package
 PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, found by its name
@@ -21,6 +26,7 @@ FOLDER_CIRCLES = {
 }
 # Packages whose modules may use ROS beside the nodes; `cost` measures, which takes a clock.
 OF_ROS = {"omni_ros", "omni_recording", "omni_bringup"}
+OF_LAUNCH = {"omni_bringup.launching"}  # needs the launch package, which not every machine has
 
 
 def modules() -> dict[str, Path]:
@@ -48,7 +54,10 @@ def imported(path: Path) -> set[str]:
     return names
 
 
-IMPORTED = {name: imported(path) for name, path in MODULES.items()}
+@pytest.fixture(scope="module")
+def imports() -> dict[str, set[str]]:
+    """Return what each module imports."""
+    return {name: imported(path) for name, path in MODULES.items()}
 
 
 def arrows_of_the_map() -> dict[str, set[str]]:
@@ -65,11 +74,11 @@ def knows_ros(name: str) -> bool:
     return package == "omni_ros" or module.endswith("_node") or name.endswith(".messages")
 
 
-def test_imports_are_the_arrows_of_the_map() -> None:
+def test_imports_are_the_arrows_of_the_map(imports: dict[str, set[str]]) -> None:
     drawn = arrows_of_the_map()
     assert drawn.keys() == {name.split(".")[0] for name in MODULES}
     used: dict[str, set[str]] = {name: set() for name in drawn}
-    for name, names in IMPORTED.items():
+    for name, names in imports.items():
         package = name.split(".")[0]
         others = {other.split(".")[0] for other in names} & drawn.keys() - {package}
         used[package] |= others
@@ -79,8 +88,10 @@ def test_imports_are_the_arrows_of_the_map() -> None:
     assert_no_circle(used)
 
 
-def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded() -> None:
-    assert_no_circle({name: names & MODULES.keys() - {name} for name, names in IMPORTED.items()})
+def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded(
+    imports: dict[str, set[str]],
+) -> None:
+    assert_no_circle({name: names & MODULES.keys() - {name} for name, names in imports.items()})
     crowds = Counter(
         path.parent.relative_to(WORKSPACE / "src").as_posix().partition("/")[2]
         for path in MODULES.values()
@@ -89,9 +100,9 @@ def test_nothing_is_imported_in_a_circle_and_no_folder_is_crowded() -> None:
     assert {folder for folder, n in crowds.items() if n > MOST_MODULES} <= PLUG_INS
 
 
-def test_folders_inside_a_package_do_not_run_in_circles() -> None:
+def test_folders_inside_a_package_do_not_run_in_circles(imports: dict[str, set[str]]) -> None:
     uses: dict[str, set[str]] = {unit(name): set() for name in MODULES}
-    for name, names in IMPORTED.items():
+    for name, names in imports.items():
         uses[unit(name)] |= {unit(other) for other in names & MODULES.keys()} - {unit(name)}
     assert_no_circle({name: used - FOLDER_CIRCLES.get(name, set()) for name, used in uses.items()})
     for name, used in FOLDER_CIRCLES.items():
@@ -104,6 +115,29 @@ def unit(name: str) -> str:
     return ".".join(path.parts[1:-1]) if len(path.parts) > 3 else name
 
 
+def test_every_number_of_a_configuration_has_bounds() -> None:
+    """So that no permitted value overflows; the integers of seeds are limited to 64 bits."""
+    for name in MODULES:
+        if name not in OF_LAUNCH:
+            importlib.import_module(name)
+    unbounded = {
+        f"{cls.__module__}.{cls.__name__}.{name}"
+        for cls in subclasses(Configuration)
+        for name, kind, info in declared_parameters(cls)
+        if {int, float} & {*typing.get_args(without_none(kind)), without_none(kind)}
+        if info.maximum is None or (info.minimum is None and info.above is None)
+        if name != "seed" and cls.__module__.startswith(tuple(arrows_of_the_map()))
+    }
+    # These options are checked by the bounds of `omni_tools.vehicles.estimates.Measured`.
+    assert {name for name in unbounded if ".new_vehicle.Options." not in name} == set()
+
+
+def subclasses(cls: type[Configuration]) -> Iterator[type[Configuration]]:
+    """Yield all classes derived from a configuration."""
+    for derived in cls.__subclasses__():
+        yield from (derived, *subclasses(derived))
+
+
 def assert_no_circle(graph: Mapping[str, set[str]]) -> None:
     try:
         TopologicalSorter(graph).prepare()
@@ -111,11 +145,11 @@ def assert_no_circle(graph: Mapping[str, set[str]]) -> None:
         raise AssertionError(f"a circle: {' <- '.join(error.args[1])}") from None
 
 
-def test_cores_know_no_ros_and_no_clock() -> None:
+def test_cores_know_no_ros_and_no_clock(imports: dict[str, set[str]]) -> None:
     for name in MODULES:
         if knows_ros(name):
             continue
-        roots = {other.split(".")[0] for other in IMPORTED[name]}
+        roots = {other.split(".")[0] for other in imports[name]}
         assert not {root for root in roots if root == "rclpy" or root.endswith("_msgs")}, name
         # Measuring what a simulation costs takes a clock.
         if not name.startswith("omni_bringup.") and not name.endswith(".cost"):

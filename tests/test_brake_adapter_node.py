@@ -9,9 +9,9 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 from bystander import Bystander
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64MultiArray
+from std_msgs.msg import Bool, Float64, Float64MultiArray
 
 from omni_bringup.graph.domain import reserved_domain
 from omni_ros.environment import node_environment
@@ -104,7 +104,9 @@ def test_torque_drives_brake_by_sign_and_drive_again() -> None:
         rest.enables = (1.0, 0.0)
         rest.until(-8.0, 0.0)
         rest.wait(lambda: rest.pedals[-1] == 1.0)
-        rest.commanded, rest.enables = 0.5, (1.0, 1.0)
+        rest.commanded, rest.enables = float("nan"), (1.0, 1.0)
+        rest.until(-8.0, 8.0)  # a command that is not a number brakes
+        rest.commanded = 0.5
         rest.until(3.0, -3.0)
         rest.enables = None  # the assistant has died
         rest.until(-8.0, 8.0)
@@ -137,3 +139,31 @@ def test_velocity_drives_stop_along_their_ramp_when_the_emergency_stop_is_presse
         rest.pressed, rest.enables = False, (0.0, 1.0)
         rest.commanded = 0.0
         rest.until(5.0, 0.0)  # a released wheel is commanded its own speed
+
+
+def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> None:
+    with vehicle(True, kind="proportional", pedal="float", estop=False) as rest:
+        pedal = rest.node.create_publisher(Float64, "pedal_input", RELIABLE)
+        demand = Float64(data=0.8)
+        rest.node.create_timer(0.01, lambda: pedal.publish(demand))
+        rest.until(0.8, 0.8)
+        rest.enables = (0.5, 0.0)
+        rest.until(0.4, 0.0)
+        rest.wait(lambda: rest.pedals[-1] == 0.8)
+        demand.data = 1.5  # no demand is beyond the full one
+        rest.until(0.5, 0.0)
+        rest.enables = None
+        rest.until(1.0, 1.0)
+
+
+def test_a_stamped_command_of_zero_brakes() -> None:
+    with vehicle(True, kind="torque", max_torque=8.0, pedal="twist_stamped") as rest:
+        rest.node.destroy_publisher(rest.twist)  # a topic has one type
+        rest.twist = rest.node.create_publisher(Twist, "unheard", RELIABLE)
+        stamped = rest.node.create_publisher(TwistStamped, "cmd_vel", RELIABLE)
+        command = TwistStamped()
+        command.twist.angular.z = 0.2
+        rest.node.create_timer(0.01, lambda: stamped.publish(command))
+        rest.until(3.0, -3.0)
+        command.twist.angular.z = 0.0
+        rest.until(-8.0, 8.0)

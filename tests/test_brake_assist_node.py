@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
@@ -89,7 +89,7 @@ class Vehicle(Bystander):
 
     def swerve_until_assisted(self) -> dict[str, float]:
         """Brake until brakes are let go; on a busy machine trust may be lost and earned anew."""
-        deadline = time.monotonic() + self.patience
+        deadline = time.monotonic() + self.round_timeout
         enable: dict[str, float] = {}
         # The state comes on a topic of its own, before or after the enables.
         while 0.0 not in enable.values() or self.states[-1:] != ["assisting"]:
@@ -109,8 +109,8 @@ def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]
         "assisted",
         ["brake_assist.fault_detection=false"],
     )
-    process = graph.brake_assist(configuration, tmp_path, lockstep=request.param)
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    process = graph.Nodes(configuration, tmp_path, lockstep=request.param).brake_assist()
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         with closing(Vehicle(domain, tuple(configuration.vehicle.wheels))) as vehicle:
             vehicle.wait(lambda: vehicle.pedal.get_subscription_count() == 1)

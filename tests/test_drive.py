@@ -117,7 +117,7 @@ def page(drive: Drive) -> Iterator[Page]:
 class Onlooker(Bystander):
     """A node in the same domain, as a terminal with ``ros2`` would be."""
 
-    patience = PATIENCE
+    round_timeout = PATIENCE
     pause = HEARTBEAT
 
     def __init__(self, domain: int) -> None:

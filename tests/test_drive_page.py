@@ -69,7 +69,8 @@ def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path
         assert shown is not None, card
         distance = float(shown[1]) * (0.01 if shown[2] else 1.0)
         measured = metrics[f"stopping_distance.drive/stop_{number}"]["value"]
-        # Both begin at the stamp of the pedal; the page shows a thirtieth of a second of rest.
+        # Both begin at the stamp of the pedal and end half a second after the first stamp at rest,
+        # on the page up to a thirtieth of a second later.
         assert distance == pytest.approx(measured, abs=0.02)
     assert metrics["assisting_share.drive/stop_2"]["value"] == 0.0
     page = tmp_path / "report.html"

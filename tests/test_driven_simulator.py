@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds
@@ -69,11 +69,11 @@ def teleoperator(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Tel
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "small_stop", "assisted", overrides
     )
-    process = graph.simulator(configuration, tmp_path, lockstep=False, listeners=0)
+    process = graph.Nodes(configuration, tmp_path).simulator(listeners=0)
     stamped = str(request.param is TwistStamped).lower()
     driven = ["-p", "driver:=cmd_vel", "-p", f"stamped_cmd_vel:={stamped}"]
     process = dataclasses.replace(process, arguments=[*process.arguments, *driven])
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         with closing(Teleoperator(domain, request.param)) as teleoperator:
             teleoperator.wait(lambda: teleoperator.stamp > 0)

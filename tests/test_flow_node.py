@@ -14,7 +14,7 @@ from omni_process import WORKSPACE
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.sensors import FlowSensor, sensor_matrix
 from omni_platform.signals import Flow
@@ -68,9 +68,9 @@ class Boards(Bystander):
 
 def test_drivers_are_received_and_one_that_fails_is_named(tmp_path: Path) -> None:
     configuration = ExperimentLibrary(WORKSPACE / "config").load("flow_sensors", "assisted")
-    process = graph.odometry(configuration, tmp_path, lockstep=True, listeners=1)
+    process = graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1)
     sensors = dict(configuration.flow_sensors)
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         with closing(Boards(domain, sensors)) as boards:
             publishers = boards.publishers.values()

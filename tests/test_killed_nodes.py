@@ -32,7 +32,7 @@ def benchmark() -> Any:
 @pytest.mark.parametrize(
     ("node", "action", "real_time", "words"),
     [
-        ("simulator", "terminate", False, "the simulator was asked to stop at"),
+        ("simulator", "terminate", False, "the simulator was stopped at"),
         ("simulator", "halt", False, "the simulator was halted"),
         ("simulator", "resume", False, "simulator was halted by a signal"),
         ("linescan_odometry", "resume", False, "linescan_odometry was halted by a signal"),

@@ -16,6 +16,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import sysconfig
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO
@@ -98,7 +99,15 @@ class Workspace:
         shutil.copy(Path(sys.prefix) / "pyvenv.cfg", venv)
         (venv / "bin" / "python").symlink_to(os.path.realpath(sys.executable))
         shutil.copy(Path(sys.prefix) / "bin" / "colcon", venv / "bin")
-        (venv / "lib").symlink_to(Path(sys.prefix) / "lib")
+        # All clones import the same files of the libraries, and share their bytecode.
+        own = sysconfig.get_path("purelib")
+        site = venv / Path(own).relative_to(sys.prefix)
+        site.mkdir(parents=True)
+        (site / "borrowed.pth").write_text(f"import site; site.addsitedir({own!r})\n")
+        bytecode = self.root.parents[1] / "bytecode"
+        bytecode.mkdir(exist_ok=True)
+        (self.root / ".cache").mkdir()
+        (self.root / ".cache" / "bytecode").symlink_to(bytecode)
         workspace = places.Workspace(self.root, None)
         libraries = [str(venv / "lib")]
         places.write_stamp(

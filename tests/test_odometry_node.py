@@ -19,7 +19,7 @@ from sensor_msgs.msg import Image
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import header, to_nanoseconds
@@ -91,11 +91,11 @@ def cameras(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Cameras]
     """Cameras before a real odometry process, in a ROS domain of its own."""
     best_effort = getattr(request, "param", False)
     configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
-    process = graph.odometry(configuration, tmp_path, lockstep=True, listeners=1)
+    process = graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1)
     given = ["-p", f"best_effort_cameras:={str(best_effort).lower()}"]
     process = dataclasses.replace(process, arguments=[*process.arguments, *given])
     sensors = configuration.odometry.sensors
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         pixels = next(iter(sensors.values())).pixels
         qos = qos_profile_sensor_data if best_effort else RELIABLE

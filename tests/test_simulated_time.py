@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_recording.folder import bag_summary, open_bag
 from omni_ros.environment import node_environment
@@ -47,13 +47,14 @@ class Listener(Bystander):
 def test_nodes_publish_and_record_without_a_clock(tmp_path: Path) -> None:
     configuration = ExperimentLibrary(WORKSPACE / "config").load("flow_sensors", "assisted")
     folder = tmp_path / "bag"
+    nodes = graph.Nodes(configuration, tmp_path)
     processes = [
         # Stamps of two clocks may be recorded, and no node waits.
-        (graph.recorder(configuration, folder, tmp_path, chosen=DIAGNOSTICS), "strict:=false"),
-        (graph.odometry(configuration, tmp_path, lockstep=False), "subscribers:=0"),
-        (graph.brake_assist(configuration, tmp_path, lockstep=False), "subscribers:=0"),
+        (nodes.recorder(folder, chosen=DIAGNOSTICS), "strict:=false"),
+        (nodes.odometry(), "subscribers:=0"),
+        (nodes.brake_assist(), "subscribers:=0"),
     ]
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         started = []
         for process, given in processes:
             arguments = [*process.arguments, "-p", "use_sim_time:=true", "-p", given]

@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import RunningProcess, process_group
+from omni_bringup.graph.process_group import ProcessGroup, RunningProcess
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state
@@ -64,8 +64,8 @@ def assistant(tmp_path: Path) -> Iterator[Assistant]:
             "simulation.duration_limit=60",
         ],
     )
-    process = graph.simulator(configuration, tmp_path, lockstep=False, listeners=0)
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    process = graph.Nodes(configuration, tmp_path).simulator(listeners=0)
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         running = group.start(process)
         with closing(Assistant(domain, tuple(configuration.vehicle.wheels), running)) as assistant:
             assistant.wait(lambda: assistant.stamp > 0)
@@ -77,10 +77,10 @@ def test_a_subscriber_with_a_deadline_is_notified_of_a_simulator_that_hangs(tmp_
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line", "assisted", overrides
     )
-    process = graph.simulator(configuration, tmp_path, lockstep=False, driven=True, listeners=0)
+    process = graph.Nodes(configuration, tmp_path).simulator(driven=True, listeners=0)
     offered = ["-p", "qos_overrides./brake/pedal.publisher.deadline:=300000000"]
     process = dataclasses.replace(process, arguments=[*process.arguments, *offered])
-    with reserved_domain() as domain, process_group(node_environment(domain)) as group:
+    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         running = group.start(process)
         with closing(Valve(domain)) as valve:
             valve.wait(lambda: valve.pedals > 50)

@@ -109,9 +109,9 @@ def test_a_person_on_a_terminal_is_asked(
         (["run", "--replace", "brake_asist=external"], "did you mean 'brake_assist=external'"),
         (["replay", str(WORKSPACE / "bags/small_stop/assisted"), "--nodes", "brake_asist"],
          "did you mean 'brake_assist'"),
-        (["new-vehicle", "mine", "--length", "1"], "--width: is required"),
+        (["new-vehicle", "mine", "--length", "1"], ": --width: is required"),
         (["new-vehicle", "mine", "--wheel-radius", "9", "--length", "1", "--width", "1",
-          "--mass", "9"], "--wheel-radius"),
+          "--mass", "9"], ": --wheel-radius"),
     ],
 )  # fmt: skip
 def test_a_misspelled_name_is_answered_with_the_likely_one(

@@ -16,7 +16,7 @@ from std_msgs.msg import String
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import process_group
+from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import to_nanoseconds
@@ -55,10 +55,10 @@ def onlooker(tmp_path: Path) -> Iterator[Onlooker]:
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line", "assisted", overrides
     )
-    process = graph.simulator(configuration, tmp_path, lockstep=False, driven=True, listeners=0)
+    process = graph.Nodes(configuration, tmp_path).simulator(driven=True, listeners=0)
     with (
         reserved_domain() as domain,
-        process_group(node_environment(domain)) as group,
+        ProcessGroup(node_environment(domain)) as group,
         closing(Onlooker(domain)) as onlooker,
     ):
         for robot in ROBOTS:

@@ -1,4 +1,4 @@
-"""Groups the batches of several line cameras by time."""
+"""Grouping of the line batches of several cameras by time."""
 
 from __future__ import annotations
 
@@ -8,19 +8,21 @@ from collections.abc import Iterable, Mapping
 from linescan_odometry.odometry import LineBatch, OdometryConfiguration
 from omni_platform.signals import Flow
 
-_PATIENCE = 2  # batches that the others may deliver while one camera is waited for
+_MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
 
 
 class BatchCollector:
     """Groups batches by their stamps; cameras may deliver in any order.
 
-    Batches form a group if their stamps differ by at most the skew. The group waits for a camera
-    until another one has delivered two further batches; then it is returned without this camera,
-    and later groups do not wait for it until it delivers again. A batch that is too late for its
-    group is dropped: the odometry detects a gap in the lines and restarts their chain.
+    Batches form a group if their stamps differ by at most the skew. The group waits for a missing
+    camera until another camera has delivered two further batches. It is then returned without this
+    camera, and later groups do not wait for the camera until it delivers again. A batch that
+    arrives after its group was returned is dropped; the odometry detects the gap in the lines and
+    restarts the chain of lines.
 
-    Followers, such as flow sensors in addition to cameras, have their own rate and form no group. A
-    group waits for them in the same way if their next measurement is due within its time.
+    Flow sensors that are used together with cameras are followers: they have their own rate and do
+    not start groups. A group waits for a follower, with the same limit, if the follower's next
+    measurement is due before the end of the group.
     """
 
     def __init__(
@@ -29,12 +31,12 @@ class BatchCollector:
         maximum_skew: float,
         followers: Mapping[str, float] | None = None,
     ) -> None:
-        """Prepare for these cameras.
+        """Create a collector without batches.
 
         Args:
-            sensors: names; a group lists its batches in this order.
+            sensors: names of the sensors; a group lists its batches in this order.
             maximum_skew: largest difference of stamps within a group [s].
-            followers: measurements per second of each sensor with a rate of its own, by name.
+            followers: rate [1/s] of each sensor that has its own rate, by name.
         """
         self._skew_ns = round(1e9 * maximum_skew)
         self._pending: dict[str, deque[LineBatch | Flow]] = {name: deque() for name in sensors}
@@ -42,11 +44,11 @@ class BatchCollector:
         self._following: dict[str, deque[Flow]] = {name: deque() for name in self._periods}
         self._last_ns: dict[str, int] = {}  # newest stamp of each sensor
         self._silent: set[str] = set()
-        self._handed_on_ns: int | None = None  # newest stamp of the groups so far
+        self._handed_on_ns: int | None = None  # newest stamp of the groups returned so far
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Return the collector of an odometry; without cameras, flow sensors form the groups."""
+        """Return the collector for an odometry; without cameras, flow sensors start the groups."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:
@@ -56,11 +58,11 @@ class BatchCollector:
         return cls(leading, configuration.maximum_skew, followers)
 
     def add(self, sensor: str, batch: LineBatch | Flow) -> list[dict[str, LineBatch | Flow]]:
-        """Add a batch and return the complete groups, oldest first.
+        """Add a batch and return the groups that are now complete, oldest first.
 
         Args:
             sensor: name of a camera or flow sensor.
-            batch: lines of the camera, or measurement of the flow sensor.
+            batch: lines of a camera, or measurement of a flow sensor.
 
         Raises:
             KeyError: the sensor is unknown.
@@ -74,7 +76,7 @@ class BatchCollector:
             return self._ready()
         queue = self._pending[sensor]
         if batch.stamp_ns <= self._last_ns.get(sensor, batch.stamp_ns - 1):
-            self._start_anew()  # its time went back: a recording that is played again
+            self._start_anew()  # its stamp went back: the recording is played again
         self._last_ns[sensor] = batch.stamp_ns
         self._silent.discard(sensor)
         if self._handed_on_ns is not None and batch.stamp_ns <= self._handed_on_ns:
@@ -97,7 +99,7 @@ class BatchCollector:
         self._handed_on_ns = None
 
     def _take_group(self) -> dict[str, LineBatch | Flow]:
-        """Return the oldest group if it is complete, else an empty one."""
+        """Return the oldest group if it is complete, otherwise an empty dictionary."""
         oldest = {name: queue[0] for name, queue in self._pending.items() if queue}
         awaited = self._pending.keys() - oldest.keys() - self._silent
         backlog = max(len(queue) for queue in self._pending.values())
@@ -110,11 +112,11 @@ class BatchCollector:
         awaited |= {
             name
             for name, period_ns in self._periods.items()
-            # The next measurement is due.
+            # The follower's next measurement is due before the end of the group.
             if self._last_ns.get(name, from_ns - period_ns) + period_ns
             <= (until_ns if choices[name] is None else newest_ns)
         } - self._silent
-        if awaited and backlog <= _PATIENCE:
+        if awaited and backlog <= _MOST_AHEAD:
             return {}
         self._silent |= awaited
         group = {name: batch for name, batch in oldest.items() if batch.stamp_ns <= until_ns}
@@ -132,7 +134,7 @@ class BatchCollector:
         return group
 
     def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
-        """Return a follower's last measurement before the end of a group, else the first after."""
+        """Return a follower's last measurement within a group, or the first one after the group."""
         near = [flow for flow in self._following[name] if from_ns <= flow.stamp_ns <= until_ns]
         before = [flow for flow in near if flow.stamp_ns <= newest_ns]
         return before[-1] if before else (near[0] if near else None)

@@ -1,34 +1,35 @@
-"""Joins the batches of one sensor to a chain of consecutive lines, and checks their time.
+"""Joining of one sensor's batches into a chain of consecutive lines, with a check of their stamps.
 
-The line period follows from the stamps of the newest lines and the number of lines in between. If
-it differs from the configured one, lines were lost or repeated, or the line rate is wrong; in each
-case the velocity has the same relative error. A missing batch is no such fault: the lines of the
-next one are still consecutive.
+The line period is computed from the stamps of the newest lines and the number of lines between
+them. If the period differs from the configured one, lines were lost or repeated, or the line rate
+is wrong. In each case the velocity has the same relative error as the period. A missing batch is no
+such fault, because the lines of the next batch are still consecutive.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from linescan_odometry.measurements import LineBatch, Lines, Unmeasured
+from linescan_odometry.measurements import Unmeasured
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch, Lines
 
-_ANEW = 10.0  # batches; stamps this much older mean that a recording is played again
-_WHOLE = 0.75  # share of a batch; a longer gap is a missing batch
+_ANEW = 10.0  # batches; stamps that are older by this much mean that a recording is played again
+_WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 
 
 class LineChain:
-    """Stores the last line of a batch for comparison with the first line of the next one.
+    """Stores the last line of a batch, for comparison with the first line of the next batch.
 
     Attributes:
-        stretch: relative deviation of the last batch's time from its number of lines, and so the
-            possible relative error of its velocity [1]; 0 if it is within the tolerance.
-        remark: description of this deviation; empty if it is within the tolerance.
-        joined: whether the last batch followed the one before.
+        stretch: relative deviation of the measured duration of the last batch from its number of
+            lines [1]; 0 within the tolerance. The velocity may have the same relative error.
+        remark: description of this deviation; empty within the tolerance.
+        joined: whether the last batch followed the previous one without a gap.
     """
 
     def __init__(self, sensor: LineSensor) -> None:
-        """Start with no line."""
+        """Create an empty chain."""
         self._pixels = sensor.pixels
         self._rate = sensor.line_rate
         self._period_ns = 1e9 / sensor.line_rate
@@ -38,20 +39,20 @@ class LineChain:
         self.stretch = 0.0
         self.remark = ""
         self.joined = False
-        self._late = 0.0  # decaying sum of the delays of earlier batches [lines]
+        self._late = 0.0  # decaying sum of the delays of earlier batches [line periods]
 
     def reset(self) -> None:
-        """Forget the last line."""
+        """Discard the last line."""
         self._last_row = -1
         self._last_ns = None
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Return two or more consecutive lines, oldest first; see `join`.
+        """Check a batch and return two or more consecutive lines, oldest first; see `join`.
 
         Args:
-            batch: a batch of the camera, in the order of delivery.
-            restart: called if the lines do not follow those of the batch before.
+            batch: batch of the camera; batches must be given in the order of delivery.
+            restart: called if the lines do not follow those of the previous batch.
 
         Raises:
             Unmeasured: the batch is faulty, or there are fewer than two lines.
@@ -65,29 +66,29 @@ class LineChain:
             restart()
             raise Unmeasured(fault)
         if count == 0:
-            raise Unmeasured("the batch holds no line")
+            raise Unmeasured("the batch contains no line")
         lines = self.join(batch)
         if len(lines) == count:
             restart()
         if len(lines) < 2:
-            raise Unmeasured("a single line with none before it to compare with")
+            raise Unmeasured("a single line without a previous line to compare it with")
         return lines
 
     def join(self, batch: LineBatch) -> Lines:
-        """Return the last line of the batch before, followed by the lines of a batch.
+        """Return the last line of the previous batch, followed by the lines of this batch.
 
-        That last line is omitted if the batches are not consecutive: at the start and after a
-        missing batch.
+        The last line of the previous batch is omitted if the two are not consecutive: at the start
+        and after a missing batch.
 
         Args:
-            batch: at least one line of the configured number of pixels.
+            batch: at least one line, with the configured number of pixels.
 
         Returns:
             m or m + 1 lines, oldest first; the next call overwrites the array.
 
         Raises:
-            Unmeasured: the stamp is older than that of the batch before, or the lines repeat that
-                batch.
+            Unmeasured: the stamp is older than that of the previous batch, or the batch repeats the
+                lines of the previous one.
         """
         lines = batch.lines
         count = len(lines)
@@ -107,10 +108,10 @@ class LineChain:
             repeated = np.array_equal(last, lines[-1]) and not np.array_equal(lines[-2], lines[-1])
             if repeated:
                 self._last_ns = batch.stamp_ns
-                raise Unmeasured("time: the lines of the batch before came again")
+                raise Unmeasured("time: the lines of the previous batch were repeated")
         late = 0.0 if elapsed is None else elapsed - count
-        alike = last is not None and last.dtype == lines.dtype
-        joined = alike and abs(late) < 0.5
+        same_type = last is not None and last.dtype == lines.dtype
+        joined = same_type and abs(late) < 0.5
         self.joined = joined
         self._keep(lines, joined=joined)
         self._last_ns = batch.stamp_ns
@@ -124,19 +125,28 @@ class LineChain:
         return self._buffer[0 if joined else 1 : count + 1]
 
     def _contradicts(self, late: float, elapsed: float, count: int, *, joined: bool) -> bool:
-        """Return whether the time does not fit the number of lines; a missing batch is no fault."""
+        """Return whether the time since the last batch contradicts the number of lines.
+
+        A complete batch that is missing or was delivered twice is no contradiction.
+
+        Args:
+            late: `elapsed` minus `count` [line periods].
+            elapsed: time since the last batch [line periods].
+            count: number of lines in the batch.
+            joined: whether the batch follows the previous one without a gap.
+        """
         if joined:
             self._late += late
             drifted = abs(self._late) >= 1.0
-            # Jitter of the stamps averages out, a wrong rate accumulates.
+            # Errors by jitter of the stamps cancel over time; those by a wrong rate accumulate.
             self._late *= 0.9
             return drifted
         self._late = 0.0
-        again = elapsed == 0.0  # the batch came twice, which is no fault
+        again = elapsed == 0.0  # the batch was delivered twice, which is no fault
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Store a batch from row 1 on; if `joined`, row 0 keeps the last line before it."""
+        """Store the lines from row 1 on; if `joined`, the previous last line moves to row 0."""
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:

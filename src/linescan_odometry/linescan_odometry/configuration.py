@@ -17,153 +17,70 @@ from omni_platform.configuration import (
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
-"""Estimators of displacements by name."""
+"""Methods that estimate displacements, by name."""
 
 
 class OdometryConfiguration(Configuration):
     """Parameters of displacement search, filters and twist estimation."""
 
-    sensors: Mapping[str, LineSensor] = parameter(
-        description="Line cameras on the platform: three or more, or two with a constraint of the "
-        "kinematics; fewer or none in addition to flow sensors"
-    )
-    flow_sensors: Mapping[str, FlowSensor] = section(
-        dict,
-        description="Optical-flow sensors on the platform, each of which counts as two cameras",
-    )
-    method: str = parameter(
-        "joint",
-        description="Estimator of displacements: `joint`, the likelihood of whole batches together "
-        "with the fixed pattern of the camera; `pairs`, pairs of lines and the median of section "
-        "4.4 alone",
-        choices=METHODS,
-    )
-    metric: str = parameter(
-        "pearson",
-        description="Distance between lines (section 4.3.2)",
-        choices=tuple(METRICS),
-    )
-    shift_divisor: float = parameter(
-        2.0,
-        description="k: the shift search is limited to pixels / k",
-        minimum=1.1,
-        maximum=64.0,
-    )
-    search_window: int = parameter(
-        0,
-        description="Half width of the search around the last displacement; beyond it, or with a "
-        "poor peak, the full search follows; 0 for the full search always",
-        unit="px",
-        minimum=0,
-        maximum=16384,
-    )
-    prior_weight: float = parameter(
-        0.0,
-        description="Relative increase of the distance between lines at the shift limit away from "
-        "the displacement before (section 4.6); 0 for none",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    flat_field_tables: str = parameter(
-        "",
-        description="Folder of the tables that `omni lines reference` made of dark and white "
-        "references or of a drive, a file <sensor>.npz for each camera that has one; empty for "
-        "none",
-    )
-    minimum_correlation: float = parameter(
-        0.4,
-        description="Pearson's correlation at the peak below which a line pair is not used",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    peak_recovery: int = parameter(
-        4,
-        description="Distance from the whole pixel within which a peak displaced by noise is "
-        "searched again on smoothed lines; 0 for no recovery",
-        unit="px",
-        minimum=0,
-        maximum=16,
-    )
-    median_lines: int = parameter(
-        10,
-        description="n: consecutive displacements whose median rejects outliers (section 4.6)",
-        minimum=1,
-        maximum=10000,
-    )
-    median_tolerance: float = parameter(
-        1.5,
-        description="Distance from the median beyond which a displacement is an outlier",
-        unit="px",
-        above=0.0,
-        maximum=100.0,
-    )
-    minimum_inlier_share: float = parameter(
-        0.5,
-        description="Share of usable line pairs below which a sensor has not measured",
-        above=0.0,
-        maximum=1.0,
-    )
-    maximum_acceleration: float = parameter(
-        50.0,
-        description="Largest plausible acceleration along a sensor's axis; 0 for no limit",
-        unit="m/s^2",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    maximum_speed: float = parameter(
-        20.0,
-        description="Largest speed of the vehicle, which increases the covariance of the pose "
-        "while the twist is not measured",
-        unit="m/s",
-        above=0.0,
-        maximum=1000.0,
-    )
-    maximum_yaw_rate: float = parameter(
-        10.0,
-        description="Largest yaw rate of the vehicle, which increases the variance of the yaw "
-        "while the twist is not measured",
-        unit="rad/s",
-        above=0.0,
-        maximum=1000.0,
-    )
-    cover_detection: bool = parameter(
-        True,
-        description="Whether a camera counts as covered, or as misled by an oblique texture, "
-        "if its view stays the same while the platform moves across its axis; "
-        "switch it off for grounds with stripes along the path",
-    )
-    contradiction_limit: float = parameter(
-        8.0,
-        description="Standard deviations by which a sensor may contradict the others before it is "
-        "left out (five sensors and more) or the covariance grows (four); 0 for no limit",
-        minimum=0.0,
-        maximum=1000.0,
-    )
-    maximum_skew: float = parameter(
-        0.005,
-        description="Largest difference between the stamps of batches that belong together",
-        unit="s",
-        above=0.0,
-        maximum=10.0,
-    )
-    minimum_lever: float = parameter(
-        0.02,
-        description="Smallest effective lever (RMS) of the sensors for the yaw rate",
-        unit="m",
-        above=0.0,
-        maximum=10.0,
-    )
-    kinematics: KinematicsConfiguration = section(
-        KinematicsConfiguration,
-        description="Degree of freedom that the vehicle does not have while its wheels grip",
-    )
-    sideslip: Mapping[str, SideslipWheel] = section(
-        dict, description="Wheels whose sideslip angle is measured"
-    )
+    sensors: Mapping[str, LineSensor] = parameter()
+    """Line cameras on the platform: at least three, or two with a kinematic constraint; fewer or
+    none if there are flow sensors"""
+    flow_sensors: Mapping[str, FlowSensor] = section(dict)
+    """Optical-flow sensors on the platform; each of them replaces two cameras"""
+    method: str = parameter("joint", choices=METHODS)
+    """Method that estimates displacements: `joint` is the maximum likelihood of whole batches,
+    together with the camera's fixed pattern; `pairs` uses only line pairs and the median of
+    section 4.4"""
+    metric: str = parameter("pearson", choices=tuple(METRICS))
+    """Distance measure between lines (section 4.3.2)"""
+    shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
+    """k: the search is limited to shifts of pixels / k"""
+    search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
+    """Half width of the search range around the last displacement. The full search follows if
+    the best match is outside the range or is poor; 0 to use the full search always"""
+    prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
+    """Relative increase of the distance measure at a shift that differs from the last
+    displacement by the shift limit (section 4.6); 0 for no increase"""
+    flat_field_tables: str = parameter("")
+    """Folder with the tables that `omni lines reference` computed from dark and white references
+    or from a drive, a file <sensor>.npz for each camera with a table; empty for no tables"""
+    minimum_correlation: float = parameter(0.4, minimum=0.0, maximum=1.0)
+    """A line pair is not used if Pearson's correlation at its peak is lower"""
+    median_lines: int = parameter(10, minimum=1, maximum=10000)
+    """n: consecutive displacements whose median rejects outliers (section 4.6)"""
+    median_tolerance: float = parameter(1.5, unit="px", above=0.0, maximum=100.0)
+    """Distance from the median beyond which a displacement is an outlier"""
+    minimum_inlier_share: float = parameter(0.5, above=0.0, maximum=1.0)
+    """Share of usable line pairs below which a batch has no measurement"""
+    maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
+    """Largest plausible acceleration along a sensor's axis; 0 for no limit"""
+    maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)
+    """Largest speed of the vehicle, by which the covariance of the pose grows while no twist is
+    measured"""
+    maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=1000.0)
+    """Largest yaw rate of the vehicle, by which the variance of the yaw angle grows while no
+    twist is measured"""
+    cover_detection: bool = parameter(True)
+    """Whether a camera counts as covered, or its measurement as false because of an oblique
+    texture, if its view does not change while the platform moves across its axis; switch it off
+    for grounds with stripes along the path"""
+    contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
+    """Largest contradiction between a sensor and the others, in standard deviations. Beyond it,
+    the sensor is excluded (five or more sensors) or the covariance is increased (four sensors);
+    0 for no limit"""
+    maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
+    """Largest difference between the stamps of batches that are used together"""
+    minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
+    """Smallest effective lever arm (RMS) with which the sensors measure the yaw rate"""
+    kinematics: KinematicsConfiguration = section(KinematicsConfiguration)
+    """Kinematic constraint: the motion that the vehicle does not make while its wheels grip"""
+    sideslip: Mapping[str, SideslipWheel] = section(dict)
+    """Wheels whose sideslip angle is measured"""
 
     @property
     def all_sensors(self) -> dict[str, Mount]:
-        """Line cameras, then flow sensors, by name."""
+        """All sensors by name: line cameras, then flow sensors."""
         return {**self.sensors, **self.flow_sensors}
 
     def shift_limit(self, sensor: LineSensor) -> int:
@@ -171,7 +88,7 @@ class OdometryConfiguration(Configuration):
         return int(sensor.pixels / self.shift_divisor)
 
     def check_consistency(self) -> None:
-        """Refuse placements and line lengths that do not determine a twist.
+        """Check that placements and line lengths suffice for a twist.
 
         Raises:
             ConfigurationError: a placement or length is invalid; names the sensors.
@@ -194,7 +111,7 @@ class OdometryConfiguration(Configuration):
                 )
 
     def check_placement(self) -> None:
-        """Refuse sensors that do not measure every motion.
+        """Check that the sensors together measure every planar motion.
 
         Raises:
             ConfigurationError: the placement is singular; names the sensors.
@@ -202,7 +119,8 @@ class OdometryConfiguration(Configuration):
         both = self.sensors.keys() & self.flow_sensors.keys()
         if both:
             raise ConfigurationError(
-                f"flow_sensors.{min(both)}", "is the name of a line camera too; choose another one"
+                f"flow_sensors.{min(both)}",
+                "is also the name of a line camera; choose another name",
             )
         check_placement(self.all_sensors, self.minimum_lever, self.kinematics.axle)
 

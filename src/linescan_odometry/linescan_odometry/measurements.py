@@ -11,34 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import LineBatch, LineBatchError, Lines
-
-__all__ = [
-    "UNMEASURED_VARIANCE",
-    "Displacement",
-    "FlowReading",
-    "LineBatch",
-    "LineBatchError",
-    "Lines",
-    "SensorReading",
-    "TwistEstimate",
-    "Unmeasured",
-]
+from omni_platform.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
 """Variance of a velocity that was not measured, (1 km/s)^2."""
 
 
 class Displacement(NamedTuple):
-    """Displacement of the lines of a batch.
+    """Displacement over the lines of a batch.
 
     Attributes:
         value: mean displacement per line, along the camera's +axis [px].
         variance: variance of the mean displacement [px^2].
-        correlation: coherence of neighboring lines, or mean similarity of pairs, 1 is perfect.
-        share: share of the line pairs that were used, 0..1.
-        rest: lines without the fixed pattern of the camera, shape (m + 1, n); None if unknown.
-        details: effective number of independent details of the ground in the view.
+        correlation: coherence of neighboring lines, or mean similarity of line pairs, up to 1.
+        share: share of the line pairs that were used, 0 to 1.
+        rest: lines without the camera's fixed pattern, shape (m + 1, n); None if it is unknown.
+        details: effective number of independent texture values in the view [1].
     """
 
     value: float
@@ -51,22 +39,26 @@ class Displacement(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SensorReading:
-    """Measurement of one line camera: mean velocity along its axis over a batch.
+    """Measurement of one line camera: mean velocity along the camera's axis over a batch.
 
     Attributes:
-        velocity: velocity of the sensor's position along its axis [m/s], 0 if not measured.
+        velocity: velocity of the camera's position along its axis [m/s], 0 if not measured.
         variance: variance of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
-        correlation: mean similarity of the used line pairs at their peak, 1 is perfect.
-        inlier_share: share of the line pairs that were used, 0..1.
-        measured: whether velocity and variance can be used.
-        reason: why they cannot be used; empty if they can.
-        static_time: time for which the view has not changed [s]; 0 if it has changed.
-        remark: defect of lines that can still be used; empty if there is none.
-        reference_age: age of an earlier line that the newest one was compared with [s]; 0 for none.
-        persistence: correlation of these two lines, shifted, over that of neighboring lines [1].
-        direction_variance: part of the variance caused by oblique texture [m^2/s^2].
-        details: effective number of independent details of the ground in the view.
-        unmatched: whether the lines have contrast but do not match, or contradict the motion.
+        correlation: mean similarity of the used line pairs at their peak, up to 1.
+        inlier_share: share of the line pairs that were used, 0 to 1.
+        measured: whether velocity and variance are valid.
+        reason: why they are invalid; empty if they are valid.
+        static_time: time for which the view has not changed [s]; 0 if it changed in this batch.
+        remark: description of a defect that does not make the lines unusable; empty if there is
+            none.
+        reference_age: age of the earlier line that was compared with the newest one [s]; 0 for
+            none.
+        persistence: correlation of these two shifted lines, divided by that of neighboring lines
+            [1].
+        direction_variance: part of the variance that oblique texture causes [m^2/s^2].
+        details: effective number of independent texture values in the view [1].
+        unmatched: whether the lines have contrast but do not match, or the match contradicts the
+            motion.
     """
 
     velocity: float
@@ -87,11 +79,11 @@ class SensorReading:
     def unmeasured(
         cls, reason: str, correlation: float = 0.0, inlier_share: float = 0.0
     ) -> SensorReading:
-        """Make an unmeasured reading with the reason."""
+        """Create a reading without a measurement, with the reason."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
 
-    def refuted(self, reason: str) -> SensorReading:
-        """Return the reading as unmeasured because its view contradicts the motion."""
+    def rejected(self, reason: str) -> SensorReading:
+        """Return this reading as unmeasured, because its view contradicts the motion."""
         nothing = SensorReading.unmeasured(reason, self.correlation)
         return dataclasses.replace(nothing, unmatched=True)
 
@@ -101,12 +93,12 @@ class FlowReading:
     """Measurement of one flow sensor.
 
     Attributes:
-        velocity: velocity along the axis and to the left of it [m/s], shape (2,), 0 if not
+        velocity: velocity along the sensor's axis and to the left of it [m/s], shape (2,); 0 if not
             measured.
-        covariance: covariance of the velocity [m^2/s^2], shape (2, 2), `UNMEASURED_VARIANCE` times
-            the identity if not measured.
-        measured: whether velocity and covariance can be used.
-        reason: why they cannot be used; empty if they can.
+        covariance: covariance of the velocity [m^2/s^2], shape (2, 2); if not measured, the
+            identity times `UNMEASURED_VARIANCE`.
+        measured: whether velocity and covariance are valid.
+        reason: why they are invalid; empty if they are valid.
     """
 
     velocity: FloatArray
@@ -116,24 +108,24 @@ class FlowReading:
 
     @classmethod
     def unmeasured(cls, reason: str) -> FlowReading:
-        """Make an unmeasured reading with the reason."""
+        """Create a reading without a measurement, with the reason."""
         return cls(np.zeros(2), UNMEASURED_VARIANCE * np.eye(2), False, reason)
 
     def in_words(self) -> str:
-        """Return the velocity, or why there is none."""
+        """Return the velocity as text, or the reason why it was not measured."""
         x, y = self.velocity
         return self.reason or f"{x:.3f} m/s along its axis, {y:.3f} m/s to the left of it"
 
 
 class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
-    """A batch yields no velocity; contains the unmeasured reading with the reason."""
+    """A batch yields no velocity; the exception contains an unmeasured reading with the reason."""
 
     def __init__(self, reason: str, inlier_share: float = 0.0, *, unmatched: bool = False) -> None:
         """Store the reason.
 
         Args:
-            reason: why there is no velocity.
-            inlier_share: share of the line pairs that could be used, 0..1.
+            reason: why no velocity was measured.
+            inlier_share: share of the line pairs that could be used, 0 to 1.
             unmatched: whether the lines have contrast but do not match.
         """
         super().__init__(reason)
@@ -143,23 +135,23 @@ class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
 
 @dataclasses.dataclass(frozen=True)
 class TwistEstimate:
-    """Velocity of the platform.
+    """Velocity of the platform at a time.
 
     Attributes:
-        stamp_ns: exposure of the newest line that was used [ns].
-        twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in base_link, shape (3,),
-            mean over the lines of the batches; zero if not measured.
-        covariance: covariance of the twist, shape (3, 3); `UNMEASURED_VARIANCE` times the identity
-            if not measured.
-        measured: whether enough sensors measured the motion.
-        readings: measurement of each camera by name, in the order of the configuration.
-        assumed: whether the kinematic constraint was used. If the vehicle then skids, the twist has
-            the error of the skid, which the covariance does not contain.
-        skid: how the sensors contradict the kinematic constraint; empty if they agree with it, or
-            if the constraint was used.
-        inflation: factor on the covariance that explains the residuals of the readings [1]; 1 if
+        stamp_ns: exposure time of the newest line that was used [ns].
+        twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in its own axes, mean over the
+            lines of the batches, shape (3,); zero if not measured.
+        covariance: covariance of the twist, shape (3, 3); if not measured, the identity times
+            `UNMEASURED_VARIANCE`.
+        measured: whether enough sensors had a valid measurement.
+        readings: reading of each camera by name, in the order of the configuration.
+        assumed: whether the kinematic constraint was used. If the vehicle skids then, the twist
+            contains an error that the covariance does not include.
+        skid: description of how the sensors contradict the kinematic constraint; empty if they
+            agree with it or if the constraint was used.
+        inflation: factor by which the covariance was increased to explain the residuals [1]; 1 if
             the readings are consistent.
-        flows: measurement of each flow sensor by name, in the order of the configuration.
+        flows: reading of each flow sensor by name, in the order of the configuration.
     """
 
     stamp_ns: int
@@ -174,7 +166,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Reasons of unmeasured sensors, such as ``front: no line; left: ...``, and any skid."""
+        """Reasons of unmeasured sensors, such as ``front: no line; left: ...``, and of a skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

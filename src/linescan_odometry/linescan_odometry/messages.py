@@ -1,19 +1,18 @@
-"""ROS messages to batches of lines and measurements of flow sensors."""
+"""Conversion of ROS messages to batches of lines and measurements of flow sensors."""
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
 
-from linescan_odometry.measurements import LineBatch
 from omni_platform.sensors import LineSensor
-from omni_platform.signals import Flow
+from omni_platform.signals import Flow, LineBatch
 from omni_ros.messages import LineImage, lines_of, to_nanoseconds
 
-_SAME_SCALE = 0.005  # largest relative difference of a camera's scale from the configured one
+_SAME_SCALE = 0.005  # largest relative difference between measured and configured scale of a camera
 
 
 def line_batch_of(message: Image | LineImage) -> LineBatch:
-    """Return the lines of an image; an unusable image gives a batch without lines and a reason."""
+    """Return the lines of an image; for an unusable image, a batch with a reason and no lines."""
     stamp_ns = to_nanoseconds(message.header.stamp)
     try:
         return LineBatch(stamp_ns, lines_of(message))
@@ -24,7 +23,7 @@ def line_batch_of(message: Image | LineImage) -> LineBatch:
 def flow_of(message: TwistWithCovarianceStamped) -> Flow:
     """Return the velocity that a flow sensor measured at its position, in its own axes.
 
-    A driver reports a missing measurement by NaN, or by a variance of at least 1e6.
+    A driver marks a missing measurement by NaN or by a variance of at least 1e6 m^2/s^2.
     """
     twist = message.twist.twist
     covariance = np.asarray(message.twist.covariance, np.float64).reshape(6, 6)[:2, :2]
@@ -33,7 +32,7 @@ def flow_of(message: TwistWithCovarianceStamped) -> Flow:
 
 
 def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
-    """Return how a camera's ``camera_info`` differs from its configuration; empty if it agrees.
+    """Return how a camera's ``camera_info`` differs from its configuration; empty if they agree.
 
     The scale ``k[0]`` [px/m on the ground] is compared only if the message contains one.
     """

@@ -1,9 +1,9 @@
-"""Line-scan odometry: batches of lines from line cameras to the twist of the platform.
+"""Line-scan odometry: from batches of lines of several cameras to the twist of the platform.
 
-The lines of each sensor become a velocity along its axis, by one of two methods; weighted least
-squares turn these into the twist. The twist is the mean over the batch: while the platform
-accelerates it lags by half the duration of a batch, 5 ms at 100 batches per second (0.05 m/s at
-10 m/s^2).
+One of two methods converts the lines of each sensor to a velocity along the sensor's axis. Weighted
+least squares combine these velocities to the twist. The twist is the mean over the batch, so in an
+acceleration it lags by half the duration of a batch: 5 ms at 100 batches per second, or 0.05 m/s at
+10 m/s^2.
 """
 
 import dataclasses
@@ -13,55 +13,40 @@ from pathlib import Path
 
 import numpy as np
 
+from linescan_odometry import measurements
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import (
-    UNMEASURED_VARIANCE,
-    FlowReading,
-    LineBatch,
-    LineBatchError,
-    SensorReading,
-    TwistEstimate,
-)
+from linescan_odometry.measurements import FlowReading, SensorReading, TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
-from linescan_odometry.twist.flow import monitors
+from linescan_odometry.twist.flow import FlowMonitor
 from linescan_odometry.twist.least_squares import TwistSolver
 from linescan_odometry.view.oblique_texture import ObliqueTextures
 from linescan_odometry.view.occlusion import Covers
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
-from omni_platform.signals import Flow
+from omni_platform.signals import Flow, LineBatch, LineBatchError
 
-__all__ = [
-    "Flow",
-    "FlowReading",
-    "LineBatch",
-    "LineBatchError",
-    "LineScanOdometry",
-    "OdometryConfiguration",
-    "SensorReading",
-    "TwistEstimate",
-]
+__all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
 
 _UNKNOWNS = 3  # components of the twist
-_MOST_EARLY = 4  # batches of a camera that wait for the others
-_MINIMUM_VARIANCE = 1e-12  # [m^2/s^2]; keeps the weights finite for noise-free lines
-_SMALLEST_SHARE = 1e-9  # smallest over largest variance; below, weights are lost to rounding
+_MOST_EARLY = 4  # largest number of batches with which a camera may be ahead of the others
+_MINIMUM_VARIANCE = 1e-12  # m^2/s^2; keeps the weights finite for noise-free lines
+_SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below, a weight is lost to rounding
 
 
 @dataclasses.dataclass(frozen=True)
 class _Solution:
-    """A twist and the data that it is estimated from.
+    """A twist, and the data from which it was estimated.
 
     Attributes:
         twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         covariance: covariance of the twist, shape (3, 3).
-        measured: whether each camera, each flow sensor and, last, the axle was used.
-        count: number of velocities used.
+        measured: whether each camera, each flow sensor and, in the last place, the axle was used.
+        count: number of velocities that were used.
         assumed: whether the axle was used.
-        scores: normalized residual of each sensor (and the axle) [1], shape (S,) or (S + 1,).
-        leverage: largest normalized error squared of the twist that one wrong velocity can cause,
-            divided by the square of its score [1].
-        last_variance: variance of the last velocity, that of the axle if there is one [m^2/s^2].
+        scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
+        leverage: largest normalized squared error of the twist that one wrong velocity can cause,
+            divided by its squared score [1].
+        last_variance: variance of the last velocity [m^2/s^2]: that of the axle if there is one.
     """
 
     twist: FloatArray
@@ -78,11 +63,11 @@ class LineScanOdometry:
     """Body twist from one-dimensional line cameras, optical-flow sensors, or both."""
 
     def __init__(self, configuration: OdometryConfiguration) -> None:
-        """Prepare for the sensors of the configuration.
+        """Create the odometry for the sensors of a configuration.
 
         Raises:
-            ConfigurationError: the placement of the sensors is singular, or tables of the flat
-                field cannot be used.
+            ConfigurationError: the placement of the sensors is singular, or a reference table
+                cannot be used.
         """
         self._configuration = configuration
         try:
@@ -93,7 +78,10 @@ class LineScanOdometry:
         except LineBatchError as error:
             raise ConfigurationError("flat_field_tables", str(error)) from None
         self._axle = configuration.kinematics.axle
-        self._flows = monitors(configuration.flow_sensors, configuration.maximum_acceleration)
+        self._flows = {
+            name: FlowMonitor(sensor, configuration.maximum_acceleration)
+            for name, sensor in configuration.flow_sensors.items()
+        }
         self._solver = TwistSolver(
             configuration.all_sensors, configuration.minimum_lever, self._axle
         )
@@ -105,13 +93,13 @@ class LineScanOdometry:
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Begin to process the lines of one camera before those of the others have arrived.
+        """Start to process the lines of one camera before those of the other cameras have arrived.
 
         `update` uses the result.
 
         Args:
             name: name of the camera.
-            batch: lines of the camera; each batch is given once and in order.
+            batch: lines of the camera; each batch must be given once and in order.
         """
         if name in self._sensors:
             self._early.append((batch, self._sensors[name].begin(batch)))
@@ -121,11 +109,11 @@ class LineScanOdometry:
         """Estimate the twist from the measurements since the last update.
 
         Args:
-            batches: lines of cameras and measurements of flow sensors by name; a missing
-                sensor has not measured.
+            batches: camera batches and flow measurements by sensor name; a sensor without an entry
+                has not measured.
 
         Raises:
-            LineBatchError: a name is not that of a configured sensor of this kind.
+            LineBatchError: a name does not belong to a configured sensor of this kind.
         """
         lines: dict[str, LineBatch] = {}
         flows: dict[str, Flow] = {}
@@ -135,12 +123,9 @@ class LineScanOdometry:
             elif isinstance(batch, LineBatch) and name in self._sensors:
                 lines[name] = batch
             else:
-                kind, known = (
-                    ("flow sensors", self._flows)
-                    if isinstance(batch, Flow)
-                    else ("sensors", self._sensors)
-                )
-                raise LineBatchError(f"{name!r} is not one of the {kind} {', '.join(known)}")
+                known = ", ".join(self._flows if isinstance(batch, Flow) else self._sensors)
+                kind = "flow sensors" if isinstance(batch, Flow) else "sensors"
+                raise LineBatchError(f"{name!r} is not one of the {kind} {known}")
         if batches:
             self._stamp_ns = max(batch.stamp_ns for batch in batches.values())
         readings = {name: self._read(name, lines.get(name)) for name in self._sensors}
@@ -155,16 +140,16 @@ class LineScanOdometry:
         return estimate
 
     def warm_up(self) -> None:
-        """Compile or load every kernel, so that the first update is as fast as the others.
+        """Compile or load all kernels, so that the first update is as fast as the later ones.
 
-        The state is not changed: lines of the sensors' sizes are processed by another instance.
+        The state does not change, because another instance processes lines of the sensors' sizes.
         """
         trial = LineScanOdometry(self._configuration)
         generator = np.random.default_rng(0)
         for name, sensor in self._configuration.sensors.items():
             line = generator.integers(0, 200, sensor.pixels)
-            at_rest = line + generator.integers(0, 5, (5, sensor.pixels))  # slow motion too
-            unmatched = generator.integers(0, 200, (16, sensor.pixels))  # all matched together
+            at_rest = line + generator.integers(0, 5, (5, sensor.pixels))  # includes slow motion
+            unmatched = generator.integers(0, 200, (16, sensor.pixels))  # for the whole batch
             for whole in (at_rest, unmatched):
                 for lines in (whole.astype(np.uint8), whole.astype(np.uint16)):
                     trial.update({name: LineBatch(0, lines)})
@@ -186,7 +171,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Return how much too old a batch is compared with the others, as text; empty if not."""
+        """Describe by how much a batch is older than the newest one; empty if it is recent."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.maximum_skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
@@ -194,13 +179,13 @@ class LineScanOdometry:
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
     ) -> TwistEstimate:
-        """Solve, check, exclude faulty sensors, and solve again."""
+        """Solve for the twist, check it, exclude faulty sensors, and solve again."""
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
                 if self._oblique is not None:
                     readings = readings | self._oblique.unconfirmed(self._stamp_ns, readings)
-                covariance = UNMEASURED_VARIANCE * np.eye(3)
+                covariance = measurements.UNMEASURED_VARIANCE * np.eye(3)
                 return TwistEstimate(
                     self._stamp_ns, np.zeros(3), covariance, False, readings, flows=flows
                 )
@@ -217,15 +202,15 @@ class LineScanOdometry:
                     )
                 }
             else:
-                wrong = self._covered(solution, readings) or self._misled(solution, readings)
+                wrong = self._wrong_views(readings, solution.twist)
             if not wrong:
-                return self._judged(solution, readings, flows)
+                return self._checked(solution, readings, flows)
             readings = readings | wrong
 
     def _solve(
         self, readings: Mapping[str, SensorReading], flows: Mapping[str, FlowReading]
     ) -> _Solution | None:
-        """Return the twist by the sensors that measured; None if they do not determine it."""
+        """Return the twist of the sensors that measured; None if they do not determine it."""
         each: list[SensorReading | FlowReading] = [*readings.values(), *flows.values()]
         measured = tuple(reading.measured for reading in each)
         velocity = np.array([r.velocity for r in readings.values()])
@@ -275,41 +260,34 @@ class LineScanOdometry:
         if not score > limit > 0.0 or too_few:
             return None
         if self._flows:
-            # The two errors of one flow sensor can look like those of another one.
+            # The two errors of one flow sensor can have the same effect as those of another sensor.
             rivals = np.delete(solution.scores, worst) ** 2 >= score**2 - limit**2
             if rivals.any():
                 return None
         return names[worst], f"contradicts the other sensors by {score:.3g} standard deviations"
 
-    def _covered(
-        self, solution: _Solution, readings: Mapping[str, SensorReading]
+    def _wrong_views(
+        self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the reading of an occluded sensor as unmeasured.
+        """Return occluded cameras, or else cameras over oblique textures, as unmeasured readings.
 
-        The twist must not contain faulty sensors; otherwise other sensors would seem occluded.
+        The twist must not contain faulty sensors, since other sensors would then seem occluded.
         """
-        return {} if self._covers is None else self._covers.contradicted(readings, solution.twist)
+        if self._covers is None or self._oblique is None:
+            return {}
+        occluded = self._covers.contradicted(readings, twist)
+        return occluded or self._oblique.over_oblique_texture(self._stamp_ns, readings, twist)
 
-    def _misled(
-        self, solution: _Solution, readings: Mapping[str, SensorReading]
-    ) -> dict[str, SensorReading]:
-        """Return readings over oblique textures, as unmeasured or with a larger variance."""
-        return (
-            {}
-            if self._oblique is None
-            else self._oblique.misled(self._stamp_ns, readings, solution.twist)
-        )
-
-    def _judged(
+    def _checked(
         self,
         solution: _Solution,
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
-        """Return the twist with its checks and remarks."""
+        """Return the twist after the checks, with remarks."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
-        # The faulty sensor cannot be isolated. The covariance is increased until it contains the
+        # The faulty sensor cannot be isolated. The covariance is increased until it includes the
         # error that any single faulty sensor with these residuals could cause.
         inflation = solution.leverage * score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
@@ -331,7 +309,7 @@ class LineScanOdometry:
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
-        """Return a description of a violation of the kinematic constraint, empty without one."""
+        """Describe a violation of the kinematic constraint; empty if there is none."""
         row = np.array([0.0, 1.0, axle])
         sideways = float(row @ twist)
         score = abs(sideways) / math.sqrt(max(float(row @ covariance @ row), 0.0) + variance)
@@ -345,7 +323,7 @@ class LineScanOdometry:
 
 
 def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
-    """Return the file of a camera's references and learned tables, None if it has none.
+    """Return the file with a camera's references and fixed pattern, None if it has none.
 
     Raises:
         ConfigurationError: the folder does not exist.

@@ -1,6 +1,6 @@
-"""ROS node that turns batches of lines into the body twist.
+"""ROS node that converts batches of lines to the body twist.
 
-The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
+The README of this package describes the contract: topics, types, QoS, parameters and timeouts.
 """
 
 import math
@@ -23,14 +23,8 @@ from linescan_odometry.sideslip.meter import SideslipMonitor, angles
 from linescan_odometry.twist.pose import PoseIntegrator
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor, Mount
+from omni_ros import messages
 from omni_ros.frames import FrameConfiguration, prefix_frames
-from omni_ros.messages import (
-    fixed_transform,
-    joint_state,
-    planar_odometry,
-    planar_twist_with_covariance,
-    read_line_image,
-)
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process, spin_until_stopped
 from omni_ros.qos import BEST_EFFORT, LATCHED, RELIABLE, advertise, subscribe
@@ -41,47 +35,41 @@ from omni_ros.transforms import MISSING, TransformPublisher
 _ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
 
 
-class SourceConfiguration(Configuration):
-    """Choice of the odometry."""
+class InterfaceConfiguration(Configuration):
+    """Choice of the odometry class, and the inputs and outputs of the node."""
 
     own_odometry: str = parameter("")
-    """Your own odometry class, my_module:MyOdometry, see docs/extending.md; empty for the line-scan
-    odometry"""
-
-
-class InterfaceConfiguration(Configuration):
-    """Inputs of the node and their synchronization."""
-
+    """Your own odometry class as my_module:MyOdometry, see docs/extending.md; empty for the
+    line-scan odometry"""
     best_effort_cameras: bool = parameter(False)
-    """Accept cameras whose drivers offer best effort (sensor data), and lose lines instead of
-    delaying them"""
+    """Accept cameras whose drivers publish with best effort (sensor data); lines may then be
+    lost, but are not delayed"""
     publish_tf: bool = parameter(True)
-    """Publish odom -> base_link on /tf and the cameras' frames on /tf_static, where tf2_msgs is
+    """Publish odom -> base_link on /tf and the cameras' frames on /tf_static, if tf2_msgs is
     installed"""
 
 
 class OdometryNode(Node):
-    """Collects one batch of every line camera and publishes the twist."""
+    """Collects one batch from each line camera and publishes the twist."""
 
     def __init__(self) -> None:
         super().__init__("linescan_odometry")
         self.startup = declare_configuration(self, StartupConfiguration)
         configuration = declare_configuration(self, OdometryConfiguration)
-        source = declare_configuration(self, SourceConfiguration)
-        inputs = declare_configuration(self, InterfaceConfiguration)
+        interface = declare_configuration(self, InterfaceConfiguration)
         self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
-        self._odometry = make_odometry(source.own_odometry, configuration)
+        self._odometry = make_odometry(interface.own_odometry, configuration)
         self._odometry.warm_up()
         self._collector = BatchCollector.of(configuration)
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
         self._odom = advertise(self, Odometry, "odom")
         self._pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
         self._transforms = None
-        if inputs.publish_tf:
+        if interface.publish_tf:
             self._transforms = self._make_transforms(configuration.all_sensors)
         sensors = ", ".join(configuration.all_sensors)
         self._status = StatusReporter(
-            self, Status(ERROR, f"no lines yet; one batch each is needed of {sensors}")
+            self, Status(ERROR, f"no lines yet; waiting for a batch from {sensors}")
         )
         self._sideslip = SideslipMonitor(configuration)
         self._angles = None
@@ -89,7 +77,7 @@ class OdometryNode(Node):
             self._angles = advertise(self, JointState, "odometry/sideslip")
         self.outputs = (self._twist,)
         self.further_outputs = (self._odom, *(() if self._angles is None else (self._angles,)))
-        qos = BEST_EFFORT if inputs.best_effort_cameras else RELIABLE
+        qos = BEST_EFFORT if interface.best_effort_cameras else RELIABLE
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
             topic, taken = f"line_scan/{name}/lines", partial(self._on_lines, name)
@@ -102,7 +90,7 @@ class OdometryNode(Node):
 
     def _on_lines(self, sensor: str, wire: bytes) -> None:
         try:
-            batch = line_batch_of(read_line_image(wire))
+            batch = line_batch_of(messages.read_line_image(wire))
         except (ValueError, RuntimeError) as error:
             self.get_logger().warning(
                 f"line_scan/{sensor}/lines: ignored a message that is no valid image: {error}",
@@ -122,11 +110,13 @@ class OdometryNode(Node):
 
     def _publish(self, estimate: TwistEstimate) -> None:
         sideslip = self._sideslip.measure(estimate)
-        if self._angles is not None:  # before the twist, which others may be waiting for
+        if self._angles is not None:  # published before the twist, for which other nodes may wait
             self._angles.publish(
-                joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
+                messages.joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
             )
-        twist = planar_twist_with_covariance(estimate.stamp_ns, estimate.twist, estimate.covariance)
+        twist = messages.planar_twist_with_covariance(
+            estimate.stamp_ns, estimate.twist, estimate.covariance
+        )
         prefix_frames(twist, self._prefix)
         self._twist.publish(twist)
         self._publish_pose(estimate)
@@ -135,7 +125,9 @@ class OdometryNode(Node):
     def _publish_pose(self, estimate: TwistEstimate) -> None:
         twist, covariance = estimate.twist, estimate.covariance
         pose = self._pose.update(estimate.stamp_ns, twist, covariance)
-        odometry = planar_odometry(pose.stamp_ns, pose.value, pose.covariance, twist, covariance)
+        odometry = messages.planar_odometry(
+            pose.stamp_ns, pose.value, pose.covariance, twist, covariance
+        )
         prefix_frames(odometry, self._prefix)
         self._odom.publish(odometry)
         if self._transforms is not None:
@@ -143,7 +135,7 @@ class OdometryNode(Node):
 
     def _make_transforms(self, sensors: Mapping[str, Mount]) -> TransformPublisher:
         fixed = [
-            fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
+            messages.fixed_transform(name, np.array([sensor.x, sensor.y, sensor.heading]))
             for name, sensor in sensors.items()
         ]
         for transform in fixed:
@@ -156,7 +148,7 @@ class OdometryNode(Node):
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Update the status of the sensors."""
         each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
-        # The state to report: cameras that measured, constraint, skid, wheels that are measured.
+        # State to report: which cameras measured, constraint, skid, which wheels are measured.
         key = (
             *(reading.measured for reading in each.values()),
             estimate.assumed,
@@ -190,9 +182,9 @@ class OdometryNode(Node):
 
 
 def run(node: OdometryNode, spinner: Spinner) -> None:
-    """Estimate the twist until a signal asks to stop."""
+    """Spin the node until a signal requests shutdown."""
     node.startup.await_subscribers(node.outputs, spinner)
-    # Some of the subscribers found at the start may be those of pose and angles.
+    # Pose and angles are optional: wait only for the subscribers that already exist.
     for publisher in node.further_outputs:
         listeners = node.count_subscribers(publisher.topic_name)
         node.startup.await_subscribers((publisher,), spinner, listeners)

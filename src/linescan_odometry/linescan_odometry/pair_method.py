@@ -1,8 +1,9 @@
-"""The method of section 4.4: full search for the shift of each line pair, and median of n.
+"""The method of section 4.4: full search for the shift of each line pair, then median filter.
 
-Every line is compared with the one before it at all shifts up to the limit, by one of six metrics;
-the peak is refined to a fraction of a pixel. A displacement that the platform cannot have made, or
-that is far from the median of its neighbors (section 4.6), is left out, and the rest is averaged.
+Each line is compared with the previous one at all shifts up to the limit, with one of six metrics,
+and the peak is refined to a fraction of a pixel. Displacements that are impossible for the
+platform, or far from the median of their neighbors (section 4.6), are excluded. The others are
+averaged.
 """
 
 import numpy as np
@@ -12,30 +13,30 @@ from linescan_odometry.matching.median import average, find_inliers
 from linescan_odometry.matching.pairs import PairDisplacements, PairMatcher
 from linescan_odometry.matching.search import make_search
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.measurements import Displacement, Lines, Unmeasured
+from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import Lines
 
 
 class PairsMethod:
     """Measures displacements by pairs of lines."""
 
     def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
-        """Prepare the stages.
+        """Create the stages of the method.
 
         Args:
-            sensor: the camera.
+            sensor: configuration of the camera.
             configuration: configuration of the odometry.
         """
         self._settings = configuration
         search = make_search(
             configuration.metric,
-            sensor.pixels,
             configuration.shift_limit(sensor),
             configuration.search_window,
             configuration.prior_weight,
         )
-        refiner = SubpixelRefiner(sensor.pixels, configuration.peak_recovery)
+        refiner = SubpixelRefiner(sensor.pixels)
         self._matcher = PairMatcher(search, refiner, configuration.minimum_correlation)
 
     def reset(self) -> None:
@@ -54,12 +55,12 @@ class PairsMethod:
             raise Unmeasured(self._describe(pairs, implausible), share)
         weight = np.empty(len(inlier))
         value = average(pairs.displacement, inlier, weight)
-        variance = self._matcher.mean_variance(pairs.displacement, weight)
+        variance = float(weight[inlier] ** 2 @ pairs.variance[inlier])
         correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
         return Displacement(value, variance, correlation, share)
 
     def _describe(self, pairs: PairDisplacements, implausible: int) -> str:
-        """Return why the pairs of a batch gave no displacement."""
+        """Return the reason why the pairs of a batch gave no displacement."""
         matched = int(np.count_nonzero(pairs.usable)) + implausible
         if 2 * implausible > matched:
             return (

@@ -1,8 +1,8 @@
-"""Plausibility of displacements by the largest acceleration (section 4.6, a priori information).
+"""Plausibility check of displacements by the largest acceleration (section 4.6).
 
-The velocity along an axis cannot have changed by more than ``a dt`` since the last measurement;
-other displacements are rejected. The range grows with time, so that a wrong last measurement or a
-shock excludes the sensor for a limited time only.
+Since the last measurement, the velocity along an axis cannot have changed by more than ``a dt``.
+Other displacements are rejected. The permitted range grows with time, so a wrong last measurement
+or a shock excludes the sensor for a limited time only.
 """
 
 import numpy as np
@@ -17,33 +17,34 @@ class Plausibility:
     """Rejects displacements that the platform cannot have made since the last measurement."""
 
     def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
-        """Prepare for one sensor.
+        """Create the check for one sensor.
 
         Args:
-            sensor: the line camera.
-            maximum_acceleration: of the sensor along its axis [m/s^2]; 0 for any.
-            tolerance: additional error of a single displacement [px].
+            sensor: configuration of the line camera.
+            maximum_acceleration: largest acceleration of the sensor along its axis [m/s^2]; 0 for
+                no limit.
+            tolerance: largest error of a single displacement, by which the range is widened [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
-        # Change of the displacement per line [px] in a nanosecond.
+        # Largest change of the displacement per line [px] within a nanosecond.
         self._rate = maximum_acceleration / (sensor.pixel_pitch * sensor.line_rate) * 1e-9
         self._tolerance = tolerance
         self._displacement = 0.0
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark implausible displacements as unusable; return how many were usable before.
+        """Mark implausible displacements as unusable; return the number of usable ones before.
 
         Args:
             stamp_ns: exposure of the newest line [ns].
-            pairs: displacements of consecutive lines, the last one ending there.
+            pairs: displacements of consecutive lines, of which the last ends at the newest line.
         """
-        off = pairs.usable & ~self.judge(stamp_ns, pairs.displacement)
+        off = pairs.usable & ~self.check(stamp_ns, pairs.displacement)
         pairs.usable[off] = False
         return int(np.count_nonzero(off))
 
-    def judge(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which displacements are plausible.
+    def check(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which displacements are plausible, shape (m,).
 
         Args:
             stamp_ns: exposure of the newest line [ns].
@@ -53,20 +54,20 @@ class Plausibility:
         if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
             return np.ones(len(displacement), np.bool_)
         plausible = np.empty(len(displacement), np.bool_)
-        _judge(
+        _mark(
             displacement, float(stamp_ns), self._period_ns, self._stamp_ns, self._displacement,
             (self._tolerance, self._rate), plausible,
         )  # fmt: skip
         return plausible
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
-        """Store a mean over the last `lines` displacements [px] as the last measurement."""
+        """Store the mean over the last `lines` displacements [px] as the last measurement."""
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
 
 
 @njit(cache=True)
-def _judge(
+def _mark(
     displacement: NDArray[np.float64],
     newest_ns: float,
     period_ns: float,

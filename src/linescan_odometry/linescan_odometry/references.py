@@ -1,9 +1,10 @@
-"""References of one camera: dark signal, gain of each pixel, and the fixed pattern of a drive.
+"""Reference tables of one camera: dark signal, gain of each pixel, fixed pattern of a drive.
 
-Lines of a covered camera give the dark signal, lines of an even white surface the gains. Lines are
-corrected by both before they are measured; pixels that receive hardly any light are interpolated.
-Dirt, shadows and mud, which no reference contains, are estimated with the displacement. The file
-may also contain this estimate from an earlier drive; the estimator then starts with it.
+Lines of a covered camera give the dark signal; lines of an evenly lit white surface give the gains.
+Both are used to correct lines before a measurement. Pixels that receive hardly any light are
+interpolated. Dirt, shadows and mud are not part of the references; they are estimated together with
+the displacement. The file may also contain such an estimate from an earlier drive, with which the
+estimator then starts.
 """
 
 from pathlib import Path
@@ -12,27 +13,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.joint.fixed_pattern import FixedPattern
-from linescan_odometry.measurements import LineBatchError, Lines
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import LineBatchError, Lines
 
-_STRONGEST = 4.0  # gain; a pixel that needs more counts as dead
+_STRONGEST = 4.0  # largest gain; a pixel that needs more counts as dead
 
 
 class References:
-    """Corrects the lines of one camera by its references.
+    """Corrects the lines of one camera by its dark signal and gains.
 
     Attributes:
         dark: dark signal [gray levels], shape (n,).
         gain: gain of each pixel [1], shape (n,).
-        dead: whether each pixel is interpolated, shape (n,).
-        pattern: fixed pattern of an earlier drive; None if there is none.
+        dead: whether each pixel is dead and therefore interpolated, shape (n,).
+        pattern: fixed pattern from an earlier drive; None if there is none.
     """
 
     def __init__(self, pixels: int) -> None:
-        """Start without references.
+        """Create references that leave lines unchanged.
 
         Args:
-            pixels: n of a line.
+            pixels: number of pixels n of a line.
         """
         self.dark: FloatArray = np.zeros(pixels)
         self.gain: FloatArray = np.ones(pixels)
@@ -40,14 +41,14 @@ class References:
         self.pattern: FixedPattern | None = None
 
     def take(self, dark: Lines | None, white: Lines | None) -> None:
-        """Make references from lines of a covered camera and of an even white surface.
+        """Compute references from lines of a covered camera and of an evenly lit white surface.
 
         Args:
             dark: lines without light [gray levels], shape (m, n); None for no dark signal.
             white: lines of an evenly lit surface, shape (m, n); None for equal gains.
 
         Raises:
-            LineBatchError: another number of pixels, or white is no brighter than dark.
+            LineBatchError: the number of pixels differs, or white is not brighter than dark.
         """
         pixels = len(self.dark)
         for lines in (dark, white):
@@ -65,7 +66,7 @@ class References:
             self.gain = 1.0 / np.maximum(relative, 1.0 / _STRONGEST)
 
     def save(self, path: Path) -> None:
-        """Write the references to a file of numpy (.npz)."""
+        """Write the references to a NumPy file (.npz)."""
         none = FixedPattern(np.zeros(0, np.complex64), np.zeros(0))
         pattern = none if self.pattern is None else self.pattern
         np.savez(path, dark=self.dark, gain=self.gain, dead=self.dead, **pattern._asdict())
@@ -74,7 +75,7 @@ class References:
         """Read references that `save` wrote.
 
         Raises:
-            LineBatchError: they are invalid, or of a camera with another number of pixels.
+            LineBatchError: they are invalid, or their number of pixels differs.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -82,7 +83,7 @@ class References:
             dark, gain, dead = (tables[name] for name in ("dark", "gain", "dead"))
             pattern = FixedPattern(tables["information"], tables["precision"])
         except (OSError, ValueError, KeyError) as error:
-            raise LineBatchError(f"{path} holds no tables of a camera: {error}") from None
+            raise LineBatchError(f"{path} contains no tables of a camera: {error}") from None
         if len(dark) != len(self.dark):
             raise LineBatchError(
                 f"{path} is of {len(dark)} px, this camera has {len(self.dark)} px"
@@ -93,7 +94,7 @@ class References:
     def correct(self, lines: Lines) -> Lines:
         """Return lines corrected by dark signal and gains, 16 bit; unchanged without references.
 
-        A gain of 1 uses a quarter of the range, so that no gain saturates a pixel.
+        A gain of 1 uses a quarter of the range, so that larger gains do not saturate.
 
         Args:
             lines: m lines of n pixels, shape (m, n).

@@ -1,33 +1,33 @@
-"""Creates the line-scan odometry, or a user's odometry by name."""
+"""Creation of the line-scan odometry, or of a user's odometry by name."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import LineBatch, TwistEstimate
+from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
 from omni_platform.plugins import load_class, make_part
-from omni_platform.signals import Flow, TwistSample
+from omni_platform.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Group of entry points with which an installed package offers odometries by name."""
+"""Group of entry points under which an installed package offers odometries by name."""
 
 
 class Odometry(Protocol):
     """Interface of an odometry."""
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Start work on the lines of a camera early; `update` receives them again."""
+        """Start to process the lines of a camera; `update` receives the same lines again."""
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Estimate the twist from the lines since the last update."""
+        """Estimate the twist from the batches since the last update."""
 
     def warm_up(self) -> None:
-        """Load every kernel."""
+        """Compile or load all kernels."""
 
 
 class _OwnOdometry:
-    """Wrapper of a user's odometry, a class with ``update``."""
+    """Wrapper of a user's odometry class, of which only ``update`` is required."""
 
     def __init__(self, odometry: Any) -> None:
         self._odometry = odometry
@@ -44,11 +44,11 @@ class _OwnOdometry:
 
 
 def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
-    """Make an odometry.
+    """Create an odometry.
 
     Args:
-        name: ``module:Class`` or an entry point; empty for the line-scan odometry.
-        configuration: sensors and settings.
+        name: ``module:Class`` or the name of an entry point; empty for the line-scan odometry.
+        configuration: configuration of sensors and estimation.
 
     Raises:
         ConfigurationError: the class does not exist, or cannot be imported or created.

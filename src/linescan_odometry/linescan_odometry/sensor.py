@@ -1,13 +1,15 @@
-"""One line camera measured by one method: `pairs` of section 4.4, or `joint`.
+"""Velocity of one line camera by one method, `joint` or the `pairs` of section 4.4.
 
-`SensorOdometry.update` joins a batch to the one before, passes the lines to the configured method
-and returns velocity and variance. A stage that cannot measure raises `Unmeasured` with the reason.
+`SensorOdometry.update` joins a batch to the previous one, passes the lines to the configured
+method, and returns velocity and variance. A stage without a measurement raises `Unmeasured` with
+the reason.
 """
 
+import math
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -16,21 +18,21 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.fixed_pattern import FixedPattern
 from linescan_odometry.joint.sensor import JointMethod
 from linescan_odometry.matching.pairs import count_identical
-from linescan_odometry.matching.smoothed_peak import correlation
-from linescan_odometry.measurements import Displacement, LineBatch, Lines, SensorReading, Unmeasured
+from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from linescan_odometry.view.oblique_texture import Keyframe
 from omni_platform.background import in_background
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch, Lines
 
-_FROZEN_PAIRS = 3  # identical neighbors that the noise of a live camera rules out
-_LONGEST_STRETCH = 0.25  # largest `LineChain.stretch` of a batch that is measured
-_STATIC_PAIRS = 4  # fewest line pairs that show that a view is static
-_STATIC_DISPLACEMENT = 0.5  # px, from the oldest line to the newest one
-_STATIC_TOLERANCE = 0.002  # loss of correlation allowed beyond twice that between neighbors
-_BACKGROUND = 16384  # pixels of a batch, from which a background thread is worth its hand-over
+_FROZEN_PAIRS = 3  # number of identical neighbors that the noise of a working camera excludes
+_LONGEST_STRETCH = 0.25  # largest `LineChain.stretch` with which a batch is measured
+_STATIC_PAIRS = 4  # smallest number of line pairs that prove a static view
+_STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; a larger one is not static
+_STATIC_TOLERANCE = 0.002  # allowed loss of correlation beyond twice the loss between neighbors
+_BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
 
 
 class Method(Protocol):
@@ -41,22 +43,15 @@ class Method(Protocol):
 
         Args:
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: range of the displacements that the platform can have made.
+            plausibility: check of the displacements that the platform can have made.
             stamp_ns: exposure of the newest line [ns].
 
         Raises:
-            Unmeasured: the lines show no displacement.
+            Unmeasured: the lines do not determine a displacement.
         """
 
     def reset(self) -> None:
         """Discard all lines; the next line starts a new sequence."""
-
-
-class _Joined(NamedTuple):
-    """Consecutive lines, and the stamp of the newest one [ns]."""
-
-    stamp_ns: int
-    lines: Lines
 
 
 class SensorOdometry:
@@ -68,15 +63,15 @@ class SensorOdometry:
         configuration: OdometryConfiguration,
         tables: Path | None = None,
     ) -> None:
-        """Prepare the stages for the sensor's number of pixels.
+        """Create the stages for the sensor's number of pixels.
 
         Args:
-            sensor: the camera.
+            sensor: configuration of the camera.
             configuration: configuration of the odometry.
-            tables: file of its references; None without.
+            tables: file with the camera's reference tables; None if there is none.
 
         Raises:
-            LineBatchError: the file holds no tables of this camera.
+            LineBatchError: the file contains no tables of this camera.
         """
         self._sensor = sensor
         self._configuration = configuration
@@ -97,32 +92,28 @@ class SensorOdometry:
 
     @property
     def pattern(self) -> FixedPattern | None:
-        """Fixed pattern of the camera as estimated so far; None with the method `pairs`."""
+        """Present estimate of the camera's fixed pattern; None with the method `pairs`."""
         method = self._method
         return method.estimator.pattern if isinstance(method, JointMethod) else None
 
     def update(self, batch: LineBatch) -> SensorReading:
-        """Measure the mean velocity over a batch; raises no exception for any lines."""
+        """Measure the mean velocity over a batch; never raises an exception."""
         return self.begin(batch)()
 
     def begin(self, batch: LineBatch) -> Callable[[], SensorReading]:
-        """Begin to measure a batch in the background; return a function that awaits the result."""
+        """Start to measure a batch in the background; return a function that awaits the result."""
         self._finish_last()
         try:
-            joined = _Joined(
-                batch.stamp_ns,
-                self._references.correct(self._chain.take(batch, self._method.reset)),
-            )
+            lines = self._references.correct(self._chain.take(batch, self._method.reset))
         except Unmeasured as nothing:
             self._keyframe.reset()
             reading = nothing.reading
             return lambda: reading
-        work = in_background(partial(self._measure, joined), worth=joined.lines.size >= _BACKGROUND)
-        self._finish_last = cache(work)
+        work = partial(self._measure, batch.stamp_ns, lines)
+        self._finish_last = cache(in_background(work, worth=lines.size >= _BACKGROUND))
         return self._finish_last
 
-    def _measure(self, joined: _Joined) -> SensorReading:
-        stamp_ns, lines = joined
+    def _measure(self, stamp_ns: int, lines: Lines) -> SensorReading:
         try:
             _check(lines)
             displacement = self._method.measure(lines, self._plausibility, stamp_ns)
@@ -133,7 +124,7 @@ class SensorOdometry:
             return nothing.reading
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Return the velocity of a displacement."""
+        """Convert a displacement to a velocity reading."""
         scale = self._sensor.pixel_pitch * self._sensor.line_rate
         velocity = displacement.value * scale
         if self._chain.stretch > _LONGEST_STRETCH:
@@ -161,28 +152,36 @@ class SensorOdometry:
         )
 
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:
-        """Return how long the lines have not changed [s]; 0 if they changed within this batch.
+        """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
 
-        The newest line is compared with older ones of the whole batch without its first line, which
-        belongs to the batch before: on a periodic ground the ends alone may match.
+        The newest line is compared with older lines all over the batch; on a periodic ground, the
+        two ends alone may match. The first line is excluded, because it belongs to the previous
+        batch.
         """
         span = len(lines) - 1
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
-        near = correlation(lines[-2], lines[-1], 0)
-        # Less than half of the correlation of neighbors may be chance.
+        near = _correlation(lines[-2], lines[-1])
+        # Chance may explain less than half of the correlation of neighbors.
         least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
-        if any(correlation(line, lines[-1], 0) <= least for line in older):
+        if any(_correlation(line, lines[-1]) <= least for line in older):
             return 0.0
         return (span - 1) / self._sensor.line_rate
 
 
+def _correlation(one: Lines, other: Lines) -> float:
+    """Return Pearson's correlation, -1 where it is not defined."""
+    x, y = one - one.mean(), other - other.mean()
+    norm = math.sqrt(float(x @ x) * float(y @ y))
+    return float(x @ y) / norm if norm > 0.0 else -1.0
+
+
 def _check(lines: Lines) -> None:
-    """Refuse lines without contrast, and lines that a camera repeats.
+    """Check that lines have contrast and are not repeated by the camera.
 
     Raises:
-        Unmeasured: the lines have no contrast, or are repeated.
+        Unmeasured: the lines have no contrast, or the camera repeats them.
     """
     low = int(lines.min())
     if low == int(lines.max()):

@@ -15,8 +15,8 @@ from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.camera.cut import FrameError
 from linescan_odometry.camera.frame_clock import FrameClock
 from linescan_odometry.camera.sources import CameraError, VideoSource, open_source
-from linescan_odometry.measurements import LineBatch
 from omni_platform.configuration import ConfigurationError
+from omni_platform.signals import LineBatch
 
 MS = 1_000_000
 RNG = np.random.default_rng(3)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from linescan_odometry.batching import BatchCollector
-from linescan_odometry.measurements import LineBatch, LineBatchError
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import FlowSensor, LineSensor, sensor_matrix
-from omni_platform.signals import Flow
+from omni_platform.signals import Flow, LineBatch, LineBatchError
 
 TWIST = np.array((1.2, -0.4, 0.7))
 PERIOD_NS = 10_000_000
@@ -201,7 +200,7 @@ def test_without_a_stated_covariance_the_configured_one_holds() -> None:
                 "sensors": {"front": LineSensor(x=0.0, y=0.5, heading_deg=0.0)},
                 "flow_sensors": only("front", "left"),
             },
-            "flow_sensors.front: is the name of a line camera too",
+            "flow_sensors.front: is also the name of a line camera",
         ),
     ],
 )

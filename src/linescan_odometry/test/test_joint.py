@@ -13,10 +13,10 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.spectra import whiten
-from linescan_odometry.measurements import LineBatch
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.signals import LineBatch
 
 Expose = Callable[..., Any]
 
@@ -39,17 +39,14 @@ def test_the_filter_along_the_lines_is_the_inverse_of_the_covariance() -> None:
     spectra = (generator.normal(size=(m, 9)) + 1j * generator.normal(size=(m, 9))).astype(
         np.complex64
     )
-    weight, white = generator.normal(size=m), np.zeros((m, 9), np.complex64)
-    determinant = whiten(spectra, weight, edges, model, white)
-    expected = 0.0
+    white = np.zeros((m, 9), np.complex64)
+    whiten(spectra, edges, model, white)
     for band, (texture, rho, noise) in enumerate(model.T):
         lag = np.abs(np.subtract.outer(np.arange(m), np.arange(m)))
         covariance = texture * rho**lag + noise * np.eye(m)
         inside = slice(edges[band], edges[band + 1])
-        direct = np.linalg.solve(covariance, weight[:, None] * spectra[:, inside])
+        direct = np.linalg.solve(covariance, spectra[:, inside])
         np.testing.assert_allclose(white[:, inside], direct, rtol=2e-4, atol=2e-5)
-        expected += (edges[band + 1] - edges[band]) * np.linalg.slogdet(covariance)[1]
-    assert determinant == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("displacement", [-150.3, -40.0, -3.7, -0.31, 0.0, 0.02, 1.5, 12.4, 81.9])

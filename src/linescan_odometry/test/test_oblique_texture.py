@@ -56,7 +56,7 @@ def readings_over(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorRe
         )
         twist = np.array([0.0, (way[end] - way[end - BATCH]) * RATE / BATCH, 0.0])
         oblique.remember(stamp_ns, twist)
-        yield oblique.misled(stamp_ns, {"eye": reading}, twist).get("eye", reading)
+        yield oblique.over_oblique_texture(stamp_ns, {"eye": reading}, twist).get("eye", reading)
 
 
 def steady(speed: float, batches: int = 12) -> NDArray[np.float64]:
@@ -86,16 +86,16 @@ def test_rocking_to_and_fro_is_no_path_across() -> None:
 
 
 def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> None:
-    refuted = list(readings_over(stripes, steady(3.0)))[-1]
-    assert not refuted.measured
+    rejected = list(readings_over(stripes, steady(3.0)))[-1]
+    assert not rejected.measured
     other = SensorReading(1.0, 1e-6, 1.0, 1.0, True)
     oblique = ObliqueTextures({"eye": CAMERA, "other": CAMERA})
-    result = oblique.unconfirmed(0, {"eye": refuted, "other": other})
+    result = oblique.unconfirmed(0, {"eye": rejected, "other": other})
     assert list(result) == ["other"]
     assert "no match for eye" in result["other"].reason
     # One that sees nothing says nothing of the ground.
     assert not oblique.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
-    later = {"eye": refuted, "other": other}
+    later = {"eye": rejected, "other": other}
     oblique.remember(10**9 - 10_000_000, np.zeros(3))
     assert set(oblique.unconfirmed(10**9, later)) == {"other"}  # a single twist may be chance
     oblique.remember(10**9, np.zeros(3))

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import LineBatch
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch
 
 SENSOR = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05, line_rate=2500.0)
 PERIOD_NS = 400_000
 
 
 def judge(filter_: Plausibility, stamp_ns: int, *displacements: float) -> list[bool]:
-    return [bool(x) for x in filter_.judge(stamp_ns, np.array(displacements))]
+    return [bool(x) for x in filter_.check(stamp_ns, np.array(displacements))]
 
 
 def test_without_a_measurement_everything_is_plausible() -> None:

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.measurements import LineBatch, TwistEstimate
+from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.signals import LineBatch
 
 Expose = Callable[..., Any]
 

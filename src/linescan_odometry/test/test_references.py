@@ -11,10 +11,10 @@ import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.fixed_pattern import FixedPattern
-from linescan_odometry.measurements import LineBatch, LineBatchError
 from linescan_odometry.references import References
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch, LineBatchError
 
 Expose = Callable[..., Any]
 
@@ -102,7 +102,7 @@ def test_tables_are_read_as_they_were_written(tmp_path: Path) -> None:
     with pytest.raises(LineBatchError, match="is of 256 px, this camera has 64 px"):
         References(64).load(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", mean=np.ones(3))
-    with pytest.raises(LineBatchError, match="holds no tables of a camera"):
+    with pytest.raises(LineBatchError, match="contains no tables of a camera"):
         read.load(tmp_path / "b.npz")
 
 

@@ -31,7 +31,7 @@ def direct(new: Any, old: Any, limit: int) -> tuple[int, float]:
 def search(lines: Any, limit: int) -> tuple[Any, Any]:
     shift = np.empty(len(lines) - 1, np.int64)
     similarity = np.empty(len(lines) - 1)
-    METRICS["pearson"](lines.shape[1], limit).match(lines, shift, similarity)
+    METRICS["pearson"](limit).match(lines, shift, similarity)
     return shift, similarity
 
 

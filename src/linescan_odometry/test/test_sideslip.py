@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.measurements import LineBatch, SensorReading, TwistEstimate
+from linescan_odometry.measurements import SensorReading, TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from linescan_odometry.sideslip.angle import SideslipWheel, WheelSideslip, sideslip_angle
 from linescan_odometry.sideslip.meter import (
@@ -22,6 +22,7 @@ from linescan_odometry.sideslip.meter import (
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import LineSensor, sensor_matrix
+from omni_platform.signals import LineBatch
 
 Expose = Callable[..., Any]
 

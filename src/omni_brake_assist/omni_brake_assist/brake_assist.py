@@ -1,18 +1,19 @@
-"""The brake assistant: which brakes may act, at every control step. Eqs. (44)-(46), section 3.3.
+"""Brake assistant that decides at each control step which brakes act; Eqs. (44)-(46), section 3.3.
 
-With the law `sliding_mode` and the pedal down, the brake of wheel i acts while its error ``s_i`` is
-negative. A valve that has just switched stays as it is for the minimum dwell time (`valve_dwell`).
-All brakes act at once
+With the law `sliding_mode` and the pedal down, the brake of wheel i acts while the error ``s_i`` of
+the wheel is negative. A valve that has just switched keeps its state for the minimum dwell time
+(`valve_dwell`). All brakes act at once
 
 - while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
-- once the fastest wheel center is slower than the speed threshold, until the pedal is released or
-  the speed rises clearly above it (a slope that the brakes cannot hold),
-- whenever demand, wheels, time or feedback is invalid: see `fail_safe`.
+- from the moment when the fastest wheel center is slower than the speed threshold, until the pedal
+  is released or the speed rises clearly above the threshold (a slope on which the brakes cannot
+  hold the vehicle),
+- whenever an input (demand, wheels, time stamps or feedback) is invalid; see `fail_safe`.
 
-The line of motion to keep is that of the first valid feedback with the pedal down. Until there is
-one, all brakes act. After a gap in the feedback over which the heading is unknown, a new line is
-stored. A vehicle that only spins at that moment has no line to keep, so ``s_perp = 0``.
+The line of motion is stored from the first valid feedback with the pedal down. All brakes act until
+this feedback arrives. If a gap in the feedback leaves the heading unknown, a new line is stored
+after the gap. A vehicle that only spins at that moment has no line of motion, so ``s_perp = 0``.
 """
 
 import dataclasses
@@ -22,40 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from omni_brake_assist.assist_step import (
-    Asked,
-    Inputs,
-    act,
-    assist_step,
-    make_constants,
-    new_memory,
-    receive,
-)
-from omni_brake_assist.conditions import (
-    ASSISTING,
-    CONDITIONS,
-    DEAD_RECKONING,
-    GOOD,
-    INACTIVE,
-    INTERNAL_ERROR,
-    INVALID_DEMAND,
-    INVALID_STAMP,
-    NO_DEMAND,
-    SECOND_PUBLISHER,
-    SILENCE,
-    SLOW,
-    UNKNOWN_WHEEL,
-    UNREADABLE,
-    AssistState,
-)
+from omni_brake_assist import assist_state, assist_step, conditions, fail_safe
+from omni_brake_assist.assist_state import Inputs, LawCall
+from omni_brake_assist.conditions import CONDITIONS, GOOD, INACTIVE, SLOW, UNREADABLE, AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
-from omni_brake_assist.fail_safe import (
-    checked_stamp,
-    close_gate,
-    real_array,
-)
-from omni_brake_assist.laws.law import NO_HELP, ask
+from omni_brake_assist.laws.law import NO_HELP, call_law
 from omni_brake_assist.laws.registry import own_law
 from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.sources import Source, sources
@@ -79,8 +52,8 @@ class BrakeAssist:
     """Brake assistant of one vehicle.
 
     Attributes:
-        geometry: the wheels, in the order of `Decision.enable` and `Decision.error`.
-        manifold: the error functions of the sliding-mode law.
+        geometry: wheel geometry, in the order of `Decision.enable` and `Decision.error`.
+        manifold: error functions of the law `sliding_mode`.
     """
 
     def __init__(self, configuration: BrakeAssistConfiguration) -> None:
@@ -90,56 +63,57 @@ class BrakeAssist:
             self.geometry, weighting_function(configuration.weighting, configuration.k)
         )
         self._wheels = len(self.geometry.names)
-        self._constants = make_constants(configuration, self.geometry)
-        self._law = own_law(configuration, self.geometry)  # None for one of the built-in laws
-        self._memory = new_memory(self._wheels)
-        self._said: dict[int, Fault] = {}  # words of conditions that have none in the table
+        self._constants = assist_state.make_constants(configuration, self.geometry)
+        self._law = own_law(configuration, self.geometry)  # None if the law is built in
+        self._memory = assist_state.new_memory(self._wheels)
+        self._faults: dict[int, Fault] = {}  # reasons of conditions that have no text in the table
         self._stamp_ns = 0
-        # Loads the kernel: the first real step is as fast as the others.
+        # Compile the kernel here, so that the first real step is as fast as all others.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Decide which brakes may act.
 
-        Raises no exception: for any demand the decision is finite and its enables are shares from 0
-        to 1.
+        This method raises no exception. For any demand, the decision is finite and the enables are
+        between 0 and 1.
 
         Args:
-            demand: pedal and latest feedback, in order of their stamps.
+            demand: pedal and latest feedback; successive demands must have increasing stamps.
         """
         try:
             return self._decide(demand)
-        except Exception as error:  # a fault of the assistant must not cost a brake
+        except Exception as error:  # an internal error must not release a brake
             fault = Fault(AssistState.INTERNAL_ERROR, f"{type(error).__name__}: {error}")
-            return self._all_on(INTERNAL_ERROR, fault)
+            return self._all_on(conditions.INTERNAL_ERROR, fault)
 
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
-        """Decide after a timeout: all brakes on, until enough valid twists have arrived again.
+        """Return a decision with all brakes on after a timeout, and restart the recovery count.
 
         Args:
             stamp_ns: time of the decision [ns].
-            silence: NO_DEMAND, NO_FEEDBACK, STALE_FEEDBACK or SECOND_PUBLISHER with its reason.
+            silence: fault NO_DEMAND, NO_FEEDBACK, STALE_FEEDBACK or SECOND_PUBLISHER with its
+                reason.
         """
         self._stamp_ns = stamp_ns
         codes = {
-            AssistState.NO_DEMAND: NO_DEMAND,
-            AssistState.SECOND_PUBLISHER: SECOND_PUBLISHER,
+            AssistState.NO_DEMAND: conditions.NO_DEMAND,
+            AssistState.SECOND_PUBLISHER: conditions.SECOND_PUBLISHER,
         }
-        return self._all_on(codes.get(silence.state, SILENCE), silence)
+        return self._all_on(codes.get(silence.state, conditions.SILENCE), silence)
 
     def sources(self) -> tuple[Source, ...]:
-        """Return test ratio and state of every measurement source after the last decision."""
+        """Return the test ratio and state of each measurement source after the last decision."""
         return sources(self._memory, self.geometry.names)
 
     def switch(self, *, enabled: bool) -> None:
-        """Enable or disable the release of brakes, from the next decision on."""
+        """Enable or disable the release of brakes, starting with the next decision."""
         self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
-        """Compare the wheels that the vehicle reports with those of the configuration.
+        """Compare the wheel names that the vehicle reports with those of the configuration.
 
-        A difference keeps all brakes on until a later report fits. Without any report the
-        configuration is assumed to be correct.
+        If the names differ, all brakes stay on until a later report agrees. Before the first
+        report, the configuration is assumed to be correct.
 
         Args:
             names: reported wheels, in any order.
@@ -148,9 +122,9 @@ class BrakeAssist:
             The fault of the input; None if there is none.
         """
         fault = self._compare_wheels(names)
-        self._said.pop(UNKNOWN_WHEEL, None)
+        self._faults.pop(conditions.UNKNOWN_WHEEL, None)
         if fault is not None:
-            self._said[UNKNOWN_WHEEL] = fault
+            self._faults[conditions.UNKNOWN_WHEEL] = fault
         return fault
 
     def _compare_wheels(self, names: Iterable[str]) -> Fault | None:
@@ -172,14 +146,15 @@ class BrakeAssist:
         )
 
     def _decide(self, demand: BrakeDemand) -> Decision:
-        self._said.pop(INVALID_DEMAND, None)
+        self._faults.pop(conditions.INVALID_DEMAND, None)
         try:
-            self._stamp_ns = checked_stamp(demand.stamp_ns)
+            self._stamp_ns = fail_safe.checked_stamp(demand.stamp_ns)
         except ValueError as problem:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
-            return self._all_on(INVALID_STAMP, fault)
+            return self._all_on(conditions.INVALID_STAMP, fault)
         pedal = self._read_pedal(demand.pedal)
-        outside = next((c for c in (INVALID_DEMAND, UNKNOWN_WHEEL) if c in self._said), GOOD)
+        said = (conditions.INVALID_DEMAND, conditions.UNKNOWN_WHEEL)
+        outside = next((c for c in said if c in self._faults), GOOD)
         enabled = self.configuration.enabled
         inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._samples(demand))
         outcome, enable, error = self._step(inputs)
@@ -191,22 +166,24 @@ class BrakeAssist:
         return Decision(self._stamp_ns, enable, error, state, reason, present)
 
     def _step(self, inputs: Inputs) -> tuple[int, FloatArray, FloatArray]:
-        """Take a step; return its outcome, the enables and the errors."""
+        """Run one step; return the condition, the enables [1] and the errors [m/s]."""
         constants, memory = self._constants, self._memory
         error, enable = np.zeros(self._wheels), np.ones(self._wheels)
         if self._law is None:
-            return assist_step(constants, memory, inputs, error, enable), enable, error
-        ready, motion = receive(constants, memory, inputs)
+            return assist_step.assist_step(constants, memory, inputs, error, enable), enable, error
+        ready, motion = assist_step.receive(constants, memory, inputs)
         answer, problem = NO_HELP, ""
         if ready:
-            answer, problem = ask(self._law, motion, error, enable, enabled=inputs.enabled)
+            answer, problem = call_law(self._law, motion, error, enable, enabled=inputs.enabled)
         if problem:
-            self._said[INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
-        outcome = act(constants, memory, inputs, Asked(ready, motion, answer), error, enable)
+            self._faults[conditions.INTERNAL_ERROR] = Fault(AssistState.INTERNAL_ERROR, problem)
+        outcome = assist_step.act(
+            constants, memory, inputs, LawCall(ready, motion, answer), error, enable
+        )
         return outcome, enable, error
 
     def _samples(self, demand: BrakeDemand) -> tuple[TwistSample, WheelSample, ImuSample]:
-        """Return the checked samples of a demand."""
+        """Check the samples of a demand and return them in the form that the kernel expects."""
         twist = self._read(
             demand.feedback, {"value": (3,), "covariance": (3, 3)}, {"value": "twist"}
         )
@@ -224,64 +201,67 @@ class BrakeAssist:
         shapes: dict[str, tuple[int, ...]],
         words: dict[str, str],
     ) -> tuple[int, int, list[FloatArray]]:
-        """Return the validity of a sample, its stamp [ns] and copies of its arrays."""
+        """Return whether a sample is valid, its stamp [ns], and copies of its arrays."""
         missing = [np.full(shape, np.nan) for shape in shapes.values()]
         if signal is None:
             return MISSING, 0, missing
         try:
             arrays = [
-                real_array(getattr(signal, name), shape, words.get(name, name))
+                fail_safe.real_array(getattr(signal, name), shape, words.get(name, name))
                 for name, shape in shapes.items()
             ]
-            return VALID, checked_stamp(signal.stamp_ns), arrays
+            return VALID, fail_safe.checked_stamp(signal.stamp_ns), arrays
         except ValueError as problem:
             if isinstance(signal, TwistSample):
-                self._said[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
+                self._faults[UNREADABLE] = Fault(AssistState.NON_FINITE_FEEDBACK, str(problem))
             return INVALID, 0, missing
 
     def _read_pedal(self, pedal: Any) -> float:
-        """Return the demand; an unreadable one counts as full braking."""
+        """Return the pedal demand, 0 to 1; a value that cannot be read counts as full braking."""
         try:
             value = float(pedal)
         except (TypeError, ValueError, OverflowError):
             problem = f"pedal is {type(pedal).__name__}, not a number"
         else:
-            if 0.0 <= value <= 1.0:  # not where it is not a number
+            if 0.0 <= value <= 1.0:  # False for NaN
                 return value
             problem = f"pedal is {value:.4g}, must be 0 to 1"
-        self._said[INVALID_DEMAND] = Fault(AssistState.INVALID_DEMAND, problem)
+        self._faults[conditions.INVALID_DEMAND] = Fault(AssistState.INVALID_DEMAND, problem)
         return 1.0
 
     def _fault_in_words(self, code: int) -> Fault:
-        """Return the fault of a condition, with the progress of recovery."""
-        gate, wheel = self._memory.gate[0], int(self._memory.step[0]["dead"]) - 1
-        row = CONDITIONS[code]
+        """Return the fault of a condition; the reason includes the progress of recovery."""
+        gate, row = self._memory.gate[0], CONDITIONS[code]
         values = {name: float(gate[name]) for name in ("value", "limit", "within")}
-        fault = self._said.get(code) or Fault(
-            row.state, row.words.format(wheel=self.geometry.names[wheel], **values)
+        fault = self._faults.get(code) or Fault(
+            row.state, row.words.format(wheel=self._failed_wheel, **values)
         )
         if code != gate["cause"] or gate["good"] == 0:
             return fault
         progress = f"{gate['good']} of {self.configuration.recovery_count} good feedbacks since"
         return Fault(fault.state, f"{progress}: {fault.reason}")
 
+    @property
+    def _failed_wheel(self) -> str:
+        return self.geometry.names[int(self._memory.step["dead"][0]) - 1]
+
     def _reason(self, outcome: int, fault: Fault | None) -> str:
-        """Return the description of a condition."""
+        """Return the text that describes a condition."""
         if fault is not None and INACTIVE < outcome < SLOW:
             return fault.reason
         configuration = self.configuration
         limit = configuration.speed_threshold if outcome == SLOW else configuration.pedal_threshold
-        words = CONDITIONS[outcome].words.format(limit=limit)
+        words = CONDITIONS[outcome].words.format(limit=limit, wheel=self._failed_wheel)
         dwell = configuration.minimum_dwell_time
-        if outcome in (ASSISTING, DEAD_RECKONING) and dwell > 0.0:
+        if outcome in (conditions.ASSISTING, conditions.DEAD_RECKONING) and dwell > 0.0:
             words += f", switched at most every {dwell:g} s"
         return words
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
-        """Put all brakes on for a fault; recovery starts again."""
-        self._said[check] = fault
+        """Return a decision with all brakes on because of a fault; restart the recovery count."""
+        self._faults[check] = fault
         memory = self._memory
-        close_gate(memory.gate[0], check, 0.0, 0.0, 0.0)
+        fail_safe.close_gate(memory.gate[0], check, 0.0, 0.0, 0.0)
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.commanded[:] = 1.0

@@ -1,6 +1,6 @@
-"""ROS node of the brake assistant: receives pedal and body twist, publishes brake enables.
+"""ROS node of the brake assistant: subscribes to pedal and body twist, publishes brake enables.
 
-The contract (topics, types, QoS, parameters, timeouts) is in the README of this package.
+The README of this package describes the contract: topics, types, QoS, parameters and timeouts.
 """
 
 import dataclasses
@@ -17,14 +17,10 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
-from omni_brake_assist.brake_assist import (
-    AssistState,
-    BrakeAssist,
-    BrakeAssistConfiguration,
-    BrakeDemand,
-    Decision,
-    Fault,
-)
+from omni_brake_assist.brake_assist import BrakeAssist
+from omni_brake_assist.conditions import AssistState
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -38,7 +34,7 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusReporter, steady_clock
 
 _SWITCH = "enabled"  # may be changed at any time
-# May be changed while the pedal is up.
+# Parameters that may be changed only while the pedal is up.
 TUNABLE = frozenset(
     {
         "weighting",
@@ -65,11 +61,11 @@ _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DE
 
 
 class TimingConfiguration(Configuration):
-    """How the node pairs the driver's demand with the feedback."""
+    """Pairing of the driver's demand with the feedback, and timeouts."""
 
     lockstep: bool = parameter(False)
-    """Answer every pedal message with the feedback of the same step, however long it takes, instead
-    of answering in real time"""
+    """Lockstep mode: whether the node answers each pedal message only when the feedback of the
+    same step has arrived, however long this takes, instead of answering in real time"""
     await_imu: bool = parameter(False)
     """Lockstep: whether an answer waits for the IMU of its step"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
@@ -78,12 +74,12 @@ class TimingConfiguration(Configuration):
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """Real time: time without a pedal message after which all brakes are on"""
     feedback_warning: str = parameter("")
-    """What ./omni ros-params found out about the source of the twist: logged at the start, and on
-    /diagnostics"""
+    """Result of the check of the twist's source by ./omni ros-params; logged at start-up and
+    published on /diagnostics"""
 
 
 class BrakeAssistNode(Node):
-    """Answers the driver's brake demand with the wheels that may brake."""
+    """Answers each brake demand of the driver with the brake enables of the wheels."""
 
     def __init__(self) -> None:
         super().__init__("brake_assist")
@@ -119,7 +115,7 @@ class BrakeAssistNode(Node):
             self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
         )
         self.outputs = (self._enable, self._error)
-        # In lockstep no message may be lost; in real time only the newest one counts.
+        # In lockstep no message may be lost. In real time only the newest message is used.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
             subscribe(self, JointState, "brake/pedal", self._on_pedal, qos),
@@ -134,7 +130,7 @@ class BrakeAssistNode(Node):
             self.create_timer(shorter / 2.0, self._watch, clock=steady_clock())
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse invalid values, and any tuning while the pedal is down."""
+        """Reject invalid values, and any change of a tunable parameter while the pedal is down."""
         changes = _tuning(parameters)
         if changes and self._is_braking():
             return SetParametersResult(successful=False, reason="not while the pedal is down")
@@ -145,7 +141,7 @@ class BrakeAssistNode(Node):
         return SetParametersResult(successful=True)
 
     def _is_braking(self) -> bool:
-        # An invalid pedal counts as full braking.
+        # A message with an invalid pedal value counts as full braking.
         threshold = self._assist.configuration.pedal_threshold
         return self._demand is not None and not 0.0 <= self._demand[1] < threshold
 
@@ -196,7 +192,7 @@ class BrakeAssistNode(Node):
         elif (
             self._imu_received - self._twist_received > self._feedback_timeout and not self._watch()
         ):
-            self._answer(self._newest_ns())  # without a twist
+            self._answer(self._newest_ns())  # no twist has been received
 
     def _answer_step(self) -> None:
         """Publish the decision for a demand once the feedback of its step has been received."""
@@ -210,7 +206,7 @@ class BrakeAssistNode(Node):
             self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
-        """Put all brakes on for a missing input or a second publisher; return whether it did."""
+        """Put all brakes on if an input is missing or has two publishers; return whether so."""
         fault = self._second_publisher() or self._silence()
         if fault is not None and self._demand is not None:
             self._publish(self._assist.timeout(self._newest_ns(), fault))
@@ -228,7 +224,7 @@ class BrakeAssistNode(Node):
                 AssistState.NO_DEMAND,
                 f"no pedal for {no_pedal:.2f} s, more than {self._demand_timeout:g} s",
             )
-        # With an IMU the assistant continues by dead reckoning for as long as it can.
+        # With an IMU the assistant continues by dead reckoning as long as its estimate is valid.
         if no_twist > self._feedback_timeout < now - self._imu_received:
             never = self._feedback is None
             return Fault(
@@ -238,7 +234,7 @@ class BrakeAssistNode(Node):
         return None
 
     def _newest_ns(self) -> int:
-        """Return the newest stamp of demand and feedback [ns]."""
+        """Return the newest stamp among the demands and the feedback [ns]."""
         stamps = [self._demand[0]] if self._demand is not None else []
         if self._feedback is not None:
             stamps.append(self._feedback.stamp_ns)
@@ -288,9 +284,10 @@ def _tuning(parameters: list[Parameter]) -> dict[str, Any]:
 
 
 def run(node: BrakeAssistNode, spinner: Spinner) -> None:
-    """Assist until a signal asks to stop."""
+    """Spin the node until a signal requests shutdown."""
     node.startup.await_subscribers(node.outputs, spinner)
-    # Objects that exist at this point stay: exclude them from garbage collection in a stop.
+    # Exclude all objects that exist at this point from garbage collection, so that a collection
+    # during a stop does not delay the enables.
     gc.collect()
     gc.freeze()
     spin_until_stopped(node, spinner)

@@ -1,8 +1,8 @@
-"""The line of motion that the vehicle should keep, fixed in the world: ``p`` of Eq. (51).
+"""Line of motion that the vehicle should keep, fixed in the world frame: ``p`` of Eq. (51).
 
 The velocity at the start of braking is stored as a direction in the world frame. Only the rotation
-since then matters, so the body axes of that moment serve as world axes. The rotation is the yaw
-rate of the feedback, integrated by the trapezoidal rule over its stamps.
+after that matters, so the body axes at the start of braking serve as world axes. The rotation is
+the integral of the measured yaw rate, by the trapezoidal rule between stamps.
 """
 
 import math
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 from omni_platform.kernels import lean
 
 Record = Any
-"""A line by reference: an entry of `new_line`."""
+"""A record of the array that `new_line` returns, by reference."""
 
 _LINE = np.dtype(
     [
         ("stored", "?"),  # whether a line has been stored
         ("across_x", "f8"),  # unit vector across it in the body axes of that moment; 0 if none [1]
         ("across_y", "f8"),
-        ("heading", "f8"),  # yaw angle turned since [rad]
-        ("yaw_rate", "f8"),  # yaw rate of the last sample [rad/s]
+        ("heading", "f8"),  # yaw angle turned since the line was stored [rad]
+        ("yaw_rate", "f8"),  # yaw rate of the last twist [rad/s]
     ]
 )
 
 
 def new_line() -> NDArray[np.void]:
-    """Return the initial memory, without a line, shape (1,)."""
+    """Return the initial record, in which no line is stored, shape (1,)."""
     return np.zeros(1, _LINE)
 
 
@@ -45,7 +45,7 @@ def forget_line(line: Record) -> None:
 
 @lean
 def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Store a velocity as ``v_c0``, unless it is too slow to have a direction.
+    """Store the velocity ``v_c0`` as line of motion, unless it is too slow to have a direction.
 
     Args:
         line: changed in place.
@@ -65,12 +65,12 @@ def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_r
 
 @lean
 def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
-    """Integrate the heading up to a new sample.
+    """Integrate the heading up to the time of a new twist.
 
     Args:
         line: changed in place.
-        dt: time since the last sample [s].
-        yaw_rate: yaw rate of the new sample [rad/s].
+        dt: time since the last twist [s].
+        yaw_rate: yaw rate of the new twist [rad/s].
     """
     line.heading += (line.yaw_rate + yaw_rate) / 2 * dt
     line.yaw_rate = yaw_rate
@@ -78,7 +78,7 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
 
 @lean
 def perpendicular(line: Record) -> tuple[float, float]:
-    """Return ``p`` in the body frame of the last sample [1]; zeros without a direction to keep."""
+    """Return ``p`` in the body frame of the last twist [1]; zeros if there is no line to keep."""
     c, s = math.cos(line.heading), math.sin(line.heading)
     p_x, p_y = line.across_x, line.across_y
     return c * p_x + s * p_y, c * p_y - s * p_x

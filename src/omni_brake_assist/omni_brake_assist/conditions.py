@@ -1,8 +1,8 @@
-"""The ordered table of the conditions that apply all brakes.
+"""Table of the conditions that put all brakes on, in the order of their precedence.
 
-The first condition that holds is the state. The kernels return its number, and `/diagnostics` shows
-its level and words. ``python -m omni_brake_assist.conditions`` prints the table of states in the
-README of this package.
+The first condition that holds gives the state of the assistant. The kernels return its row in the
+table, and `/diagnostics` shows its level and reason. ``python -m omni_brake_assist.conditions``
+prints the table of states in the README of this package.
 """
 
 import enum
@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 
 class AssistState(enum.Enum):
-    """State of the assistant. In all but `ASSISTING` and `DEAD_RECKONING` every brake is on.
+    """State of the assistant. In all states but the last three, every brake is on.
 
-    The value is the word for messages and logs.
+    The value of a member is the name of the state in messages and logs.
     """
 
     DISABLED = "disabled"
@@ -24,7 +24,6 @@ class AssistState(enum.Enum):
     SECOND_PUBLISHER = "second_publisher"  # two publishers on a topic that must have one
     INTERNAL_ERROR = "internal_error"
     NO_EFFECT = "no_effect"
-    DEAD_BRAKE = "dead_brake"  # a wheel rolls free though its brake should act
     STALE_FEEDBACK = "stale_feedback"
     TIME_JUMP = "time_jump"
     NO_FEEDBACK = "no_feedback"
@@ -33,21 +32,22 @@ class AssistState(enum.Enum):
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     BELOW_SPEED_THRESHOLD = "below_speed_threshold"
-    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no brake would help: the rule of section 3.3
-    DEAD_RECKONING = "dead_reckoning"  # assisting on IMU and wheel speeds, without a valid twist
+    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no single brake would help, section 3.3
+    DEAD_BRAKE = "dead_brake"  # a wheel rolls freely although its brake should act
+    DEAD_RECKONING = "dead_reckoning"  # assisting with IMU and wheel speeds, without a valid twist
     ASSISTING = "assisting"
 
     @property
     def is_fault(self) -> bool:
-        """Whether the condition is a fault, not a state of normal operation."""
+        """Whether this state is a fault, as opposed to a state of normal operation."""
         return self.level > OK
 
     @property
     def level(self) -> int:
         """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
 
-        Invalid feedback may recover by itself, so it is a warning. All other faults need somebody
-        to act.
+        Invalid feedback may recover without intervention, so it is a warning. All other faults
+        require intervention by an operator.
         """
         return next(row.level for row in CONDITIONS if row.state is self)
 
@@ -61,8 +61,8 @@ class Condition(NamedTuple):
     Attributes:
         state: state of the assistant while the condition holds.
         level: level for `/diagnostics`: OK, WARNING or ERROR.
-        words: reason for people, in which value, limit, within and wheel are filled in; empty if
-            the code that detects the condition gives the reason.
+        words: text of the reason with placeholders for value, limit, within and wheel; empty if the
+            code that detects the condition supplies the text.
     """
 
     state: AssistState
@@ -70,7 +70,7 @@ class Condition(NamedTuple):
     words: str = ""
 
 
-# Numbers of the conditions: rows of the table below.
+# Numbers of the conditions: their rows in the table below.
 (
     DISABLED,
     INACTIVE,
@@ -82,7 +82,6 @@ class Condition(NamedTuple):
     INTERNAL_ERROR,
     LAW_ERROR,
     NO_EFFECT,
-    DEAD_BRAKE,
     SILENCE,
     DEMAND_BACK,
     DEMAND_LEAP,
@@ -105,13 +104,16 @@ class Condition(NamedTuple):
     CONTRADICTED,
     SLOW,
     NO_BRAKE_HELPS,
+    DEAD_BRAKE,
+    REPLANNED,
     DEAD_RECKONING,
     ASSISTING,
-) = range(35)
+) = range(36)
 GOOD = ASSISTING
-"""Nothing is wrong."""
+"""No fault."""
 
 _S = AssistState
+_DEAD = "the brake of {wheel} does not act"
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
 _LATCHED = ": all brakes on until the pedal is released"
@@ -126,22 +128,25 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(_S.INTERNAL_ERROR, ERROR),
     Condition(_S.INTERNAL_ERROR, ERROR, "control law returned an enable outside [0, 1]"),
     Condition(_S.NO_EFFECT, ERROR, "braking has too little effect" + _LATCHED),
-    Condition(_S.DEAD_BRAKE, ERROR, "the brake of {wheel} does not act" + _LATCHED),
     Condition(_S.STALE_FEEDBACK, ERROR),
-    Condition(_S.TIME_JUMP, WARNING, "demand went back by {value:.4g} s"),
-    Condition(_S.TIME_JUMP, WARNING, "demand jumped by {value:.4g} s, more than {limit:g} s"),
+    Condition(_S.TIME_JUMP, WARNING, "the stamp of the demand decreased by {value:.4g} s"),
+    Condition(
+        _S.TIME_JUMP,
+        WARNING,
+        "the stamp of the demand increased by {value:.4g} s, more than {limit:g} s",
+    ),
     Condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received yet"),
     Condition(_S.NO_FEEDBACK, ERROR, "no feedback has been received"),
     Condition(_S.NON_FINITE_FEEDBACK, WARNING),
-    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "twist holds {value}, must be finite"),
-    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "covariance holds {value}, must be finite"),
+    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "twist contains {value}, must be finite"),
+    Condition(_S.NON_FINITE_FEEDBACK, WARNING, "covariance contains {value}, must be finite"),
     Condition(_S.STALE_FEEDBACK, ERROR, "feedback is {value:.4g} s old, more than {limit:g} s"),
     Condition(
         _S.TIME_JUMP,
         WARNING,
         "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s",
     ),
-    Condition(_S.TIME_JUMP, WARNING, "feedback went back by {value:.4g} s"),
+    Condition(_S.TIME_JUMP, WARNING, "the stamp of the feedback decreased by {value:.4g} s"),
     Condition(_S.LOW_CONFIDENCE, WARNING, "feedback has no positive variance: unknown"),
     Condition(
         _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s"
@@ -173,10 +178,16 @@ CONDITIONS: tuple[Condition, ...] = (
         _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel center fell below {limit:g} m/s"
     ),
     Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative"),
+    Condition(_S.DEAD_BRAKE, ERROR, _DEAD + _LATCHED),
+    Condition(
+        _S.DEAD_BRAKE,
+        ERROR,
+        _DEAD + ": until the pedal is released, on-off valves brake the others by allocation",
+    ),
     Condition(
         _S.DEAD_RECKONING,
         OK,
-        "without a valid twist, on IMU and wheel speeds: brakes with a negative error are on",
+        "no valid twist, using IMU and wheel speeds: brakes with a negative error are on",
     ),
     Condition(_S.ASSISTING, OK, "brakes with a negative error are on"),
 )
@@ -184,7 +195,7 @@ CONDITIONS: tuple[Condition, ...] = (
 
 
 def states_table() -> str:
-    """Return the states in the order of their precedence with their reasons, as Markdown."""
+    """Return the table of states with their reasons in the order of precedence, as Markdown."""
     lines = ["| state | level | reason |", "|---|---|---|"]
     for state in dict.fromkeys(row.state for row in CONDITIONS):
         rows = [row for row in CONDITIONS if row.state is state]

@@ -20,33 +20,24 @@ class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
-    """Slip at which a tire transmits its largest force; used as set-point of slip control, as
+    """Slip at which a tire transmits its largest force; used as set-point of wheel-slip control, as
     limit of the friction observer, in the wheel model and in the published error"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of the friction observer; disturbances take twice as long, the mass and the
-    return of the heading four times"""
-    growth_time: float = parameter(0.5, unit="s", minimum=0.01, maximum=100.0)
-    """Time constant with which the estimated friction capacity of a wheel grows while all of it
-    is used without sliding (probing)"""
-    slip_time: float = parameter(0.015, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant with which slip control brings the speed of a wheel to its set-point"""
+    """Time constant of the friction observer. The other loops have multiples of it: slip control
+    0.5, disturbances 2, mass 4, return of the heading at least 4"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Sliding speed that slip control adds to the set-point until the tire has deflected
-    (relaxation)"""
+    """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
+    relaxation)"""
     return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
-    """Time constants of the control barrier function of the heading, as a share of the time left
-    until rest"""
-    line_time: float = parameter(0.4, unit="s", minimum=0.01, maximum=100.0)
-    """Time constant of the control barrier function of the direction of motion"""
-    heading_weight: float = parameter(2.0, minimum=0.0, maximum=1.0e6)
-    """Cost of a yaw acceleration per unit beyond its bounds in the QP, relative to 1 for no
-    deceleration"""
-    line_weight: float = parameter(1.5, minimum=0.0, maximum=1.0e6)
-    """Cost of a lateral acceleration per unit beyond its bounds in the QP, relative to 1 for no
-    deceleration"""
+    """Time constant of the control barrier functions that limit the deviations of heading and
+    direction of motion, as a share of the time left until rest"""
+    deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
+    """Weight of heading and line of motion in the QP of the control allocation: the cost of a
+    normalized yaw or lateral acceleration beyond its bounds, where no deceleration at all costs
+    1"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """Share of the fastest hub's speed along the active direction below which a wheel is locked, as
-    the motion does not drive it"""
+    """A wheel counts as locked, because the motion does not drive it, if the speed of its hub
+    along its active direction is below this share of the largest such speed"""
 
 
 class BrakeAssistConfiguration(Configuration):
@@ -55,84 +46,85 @@ class BrakeAssistConfiguration(Configuration):
     wheels: Mapping[str, WheelMount] = parameter()
     """Wheels of the platform by name; their order is that of the brake enables"""
     enabled: bool = parameter(True)
-    """Whether brakes may be released; the errors are computed either way"""
+    """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")
-    """Control law: sliding_mode is that of 2013, allocation distributes the braking between the
-    wheels by their friction capacities; my_module:MyLaw is your own class, see
+    """Control law: sliding_mode is the law of 2013; allocation distributes the braking between
+    the wheels by their friction capacities; my_module:MyLaw names your own class, see
     docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
-    """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops
-    shortest, enhanced is between, by k"""
+    """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
+    the shortest distance, enhanced is between them, depending on k"""
     k: int = parameter(7, minimum=1, maximum=999)
-    """Tuning constant of the enhanced weighting, odd; larger is closer to zero"""
+    """Tuning constant k of the weighting enhanced, an odd number; a larger k is closer to zero"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
     """Largest change of heading, and of the direction of motion, that the law allocation allows
     in order to stop shorter"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
-    """Approximate mass of the vehicle, with which the estimate of the law allocation starts"""
-    wheel_inertia: float = parameter(1.0, unit="kg m^2", above=0.0, maximum=1.0e4)
+    """Approximate mass of the vehicle, the initial value of the mass estimate of the law
+    allocation"""
+    wheel_inertia: float = parameter(1.0, unit="kg m^2", minimum=1e-6, maximum=1.0e4)
     """Nominal moment of inertia of a wheel about its axis, for the law allocation"""
     brake: BrakeConfiguration = section(BrakeConfiguration)
-    """Nominal brake of each wheel, for the law allocation"""
+    """Nominal brake model that the law allocation uses for each wheel"""
     allocation: AllocationConfiguration = section(AllocationConfiguration)
     """Parameters of the law allocation"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Shortest time between two switchings of a valve; ignored if all brakes must act"""
+    """Shortest time between two switchings of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
-    """Pedal position from which the driver brakes"""
-    speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0)
+    """Pedal position above which the driver counts as braking"""
+    speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
     """Speed of the fastest wheel center below which all brakes are on"""
-    speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0)
+    speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
     """Rise of the speed above the threshold at which assistance resumes"""
-    minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0)
-    """Speed at the start of braking below which there is no line to keep"""
+    minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0, maximum=10.0)
+    """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Largest age of the twist, the IMU reading and the wheel speeds; with a stale twist and a
-    current IMU the state is dead_reckoning"""
+    """Largest age at which the twist, the IMU reading and the wheel speeds are used; with an
+    older twist and a current IMU reading the state is dead_reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
-    """Longest step between demands; after a longer gap in the feedback the change of heading is
-    unknown, and a new line of motion is stored"""
+    """Longest time step between demands; after a longer gap in the feedback the heading is
+    unknown and a new line of motion is stored"""
     recovery_count: int = parameter(3, minimum=1, maximum=1000)
-    """Number of consecutive valid twists before brakes are released, at the start and after a
-    fault"""
-    maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0)
-    """Largest standard deviation of the velocity, in its worst direction; with an IMU a less
-    certain twist is used too, weighted by its covariance"""
-    maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0)
-    """Largest standard deviation of the yaw rate"""
-    maximum_speed: float = parameter(60.0, unit="m/s", above=0.0)
+    """Number of consecutive valid twists required before brakes are released, at start-up and
+    after a fault"""
+    maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0, maximum=100.0)
+    """Largest standard deviation of the velocity of a valid twist, in the direction in which it
+    is largest; with an IMU, a less accurate twist is used too, weighted by its covariance"""
+    maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0, maximum=100.0)
+    """Largest standard deviation of the yaw rate of a valid twist"""
+    maximum_speed: float = parameter(60.0, unit="m/s", above=0.0, maximum=1000.0)
     """Largest plausible speed of the platform"""
-    maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0)
+    maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=100.0)
     """Largest plausible yaw rate"""
-    maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0)
-    """Largest plausible acceleration between two feedbacks"""
-    maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0)
-    """Largest plausible angular acceleration between two feedbacks"""
-    speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0)
-    """Step in velocity that noise alone may cause between two feedbacks"""
-    yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0)
-    """Step in yaw rate that noise alone may cause between two feedbacks"""
+    maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0, maximum=1000.0)
+    """Largest plausible acceleration between two twists"""
+    maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0, maximum=1000.0)
+    """Largest plausible angular acceleration between two twists"""
+    speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=100.0)
+    """Change of the velocity between two twists that noise alone may cause"""
+    yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0, maximum=100.0)
+    """Change of the yaw rate between two twists that noise alone may cause"""
     fault_detection: bool = parameter(True)
-    """Fault detection: whether the twist is compared with IMU and wheel speeds and replaced by
-    them if it is missing, and whether the effect of braking is monitored"""
-    imu_x: float = parameter(0.0, unit="m")
-    """Mounting of the IMU, forward of the platform center"""
-    imu_y: float = parameter(0.0, unit="m")
-    """Mounting of the IMU, left of the platform center"""
+    """Fault detection: whether the twist is compared with IMU and wheel speeds, which replace a
+    missing twist, and whether the effect of braking is monitored"""
+    imu_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Position of the IMU, measured forward from the platform center"""
+    imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Position of the IMU, measured to the left from the platform center"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Age of the feedback beyond its stamp; compensated with the IMU"""
-    frozen_time: float = parameter(0.2, unit="s", minimum=0.0)
-    """Time after which an identical twist is implausible while braking above the speed threshold
-    (0: never)"""
+    """Time by which the twist is older than its stamp; compensated by prediction with the IMU"""
+    frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
+    """Duration after which an unchanged twist is implausible while braking above the speed
+    threshold (0: never)"""
 
     def check_consistency(self) -> None:
-        """Refuse a k that Eq. (58) does not allow and a platform that cannot be braked.
+        """Check that k satisfies Eq. (58) and that the wheels can brake the platform.
 
         Raises:
             ConfigurationError: the law is unknown, k is even, or `feedback_timeout` exceeds
                 `maximum_time_step`.
-            UnusablePlatformError: the wheels cannot move, and so not stop, the platform in all
-                three degrees of freedom, which section 3.3 requires.
+            UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
+                freedom, which section 3.3 requires.
         """
         check_name("law", self.law, LAWS, LAW_GROUP)
         try:

@@ -12,8 +12,8 @@ class Fault:
     """A fault of an input, with its description.
 
     Attributes:
-        state: a state for which `AssistState.is_fault` holds.
-        reason: one line for people, with the value and its limit.
+        state: state of the assistant; `AssistState.is_fault` is true for it.
+        reason: description on one line, with the measured value and its limit.
     """
 
     state: AssistState
@@ -22,15 +22,15 @@ class Fault:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BrakeDemand:
-    """Demand of the driver, with the latest measurements.
+    """Brake demand of the driver, with the latest measurements.
 
     Attributes:
         stamp_ns: time of the demand [ns from the start of the run].
         pedal: driver's brake demand [1], 0 to 1.
-        feedback: latest twist received, repeated until a newer one is received; None before the
-            first.
-        wheels: latest wheel speeds received, None before the first.
-        imu: latest reading of the inertial sensor received, None before the first.
+        feedback: latest received twist, repeated until a newer twist is received; None before the
+            first twist.
+        wheels: latest received wheel speeds; None before the first message.
+        imu: latest received IMU reading; None before the first message.
     """
 
     stamp_ns: int
@@ -42,17 +42,18 @@ class BrakeDemand:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decision:
-    """Which brakes may act.
+    """Decision of one step: the brakes that may act.
 
     Attributes:
-        stamp_ns: stamp of the demand that it answers [ns].
-        enable: share of the brake pressure that passes, 0 lets the wheel roll free [1], shape (N,).
+        stamp_ns: stamp of the demand that this decision answers [ns].
+        enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
+            freely.
         error: ``s_i`` of Eq. (44), or the error of another law [m/s], shape (N,); zeros while the
             pedal is up or the feedback is invalid.
         state: state of the assistant.
-        reason: one line for people; in a fault it names the value and its limit.
-        fault: fault of the input, also while `state` is INACTIVE or DISABLED and the fault has no
-            effect yet; None if there is none.
+        reason: description on one line; for a fault, with the measured value and its limit.
+        fault: fault of an input, None if there is none. It is reported even if it has no effect yet
+            because `state` is INACTIVE or DISABLED.
     """
 
     stamp_ns: int

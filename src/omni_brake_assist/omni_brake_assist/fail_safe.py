@@ -1,14 +1,14 @@
-"""Gate of the twist: without a valid one all brakes are on.
+"""Gate of the twist: all brakes are on unless the twist is valid.
 
-A twist is valid if it is present, finite, fresh, confident and physically plausible after the last
-valid one. A single invalid twist closes the gate. A number of valid twists in a row opens it, at
-the start and after every fault. The reference is always the last valid twist, and the permitted
-change grows with time, so that valid data are not rejected for long. With an IMU the filter bank
-weighs the twist by its variance and compares it with all other sources; then the limits of the
-standard deviation and of the change do not apply.
+A twist is valid if it is present, finite, recent, accurate enough, and physically possible after
+the last valid twist. A single invalid twist closes the gate. A number of consecutive valid twists
+opens it, at start-up and after each fault. The reference is always the last valid twist, and the
+permitted change grows with time, so that valid data are not rejected for long. With an IMU, the
+filter bank weights the twist by its variance and compares it with all other sources. The limits of
+the standard deviation and of the change then do not apply.
 
-The gate is one compiled kernel, `check_inputs`, for node, simulation and campaign. It stores the
-number of the violated condition, a row of `conditions.CONDITIONS`.
+The gate is one compiled kernel, `check_inputs`, which the node, the simulation and the campaigns
+share. It stores the number of the violated condition, a row of `conditions.CONDITIONS`.
 """
 
 import math
@@ -18,45 +18,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.conditions import (
-    ABSENT,
-    AHEAD,
-    BACK,
-    COVARIANCE_NOT_FINITE,
-    DEMAND_BACK,
-    DEMAND_LEAP,
-    FROZEN,
-    GOOD,
-    NOTHING_YET,
-    SPEED_DEVIATION,
-    SPEED_STEP,
-    STALE,
-    TOO_FAST,
-    TURNS_TOO_FAST,
-    TWIST_NOT_FINITE,
-    UNKNOWN_VARIANCE,
-    UNREADABLE,
-    YAW_RATE_DEVIATION,
-    YAW_RATE_STEP,
-)
+from omni_brake_assist import conditions
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import MISSING, VALID, TwistSample
 
-_RESOLUTION = 1e-6  # change of a twist below which it is frozen: rounding alone [m/s], [rad/s]
-_LONG_NS = 2**62  # longer than any step; keeps differences of stamps within 64 bits
+_RESOLUTION = 1e-6  # smaller changes count as no change, because of rounding [m/s], [rad/s]
+_LONG_NS = 2**62  # longer than any step, short enough for 64 bits
 
 GATE_STATE = np.dtype(
     [
         ("cause", "i8"),  # condition that closed the gate, GOOD while it is open
         ("value", "f8"),  # value that violated the condition
         ("limit", "f8"),  # limit of this value
-        ("within", "f8"),  # time for which the limit holds [s]
-        ("good", "i8"),  # number of valid feedbacks in a row since
-        ("clocked", "?"),  # whether there has been a demand; then its stamp [ns] follows
+        ("within", "f8"),  # time over which a change is limited [s]
+        ("good", "i8"),  # number of consecutive valid twists since the gate closed
+        ("clocked", "?"),  # whether a demand has been received; the next field is its stamp [ns]
         ("now_ns", "i8"),
-        ("known", "?"),  # whether there is a last valid feedback; then its stamp and twist follow
+        ("known", "?"),  # whether a valid twist exists; the next fields are its stamp and value
         ("last_ns", "i8"),
         ("v_x", "f8"),
         ("v_y", "f8"),
@@ -65,27 +45,27 @@ GATE_STATE = np.dtype(
         ("uncertain", "?"),  # whether the variance of the last twist was too large without an IMU
     ]
 )
-"""State between feedbacks, see `new_gate`."""
+"""Record of the gate's memory, see `new_gate`."""
 
 
 class Limits(NamedTuple):
-    """Limits of a valid feedback; see `BrakeAssistConfiguration`.
+    """Limits within which a twist is valid; see `BrakeAssistConfiguration`.
 
     Attributes:
         maximum_step_ns: longest time between two demands [ns].
-        timeout_ns: largest age of a feedback [ns].
+        timeout_ns: largest age of a twist [ns].
         maximum_speed_deviation: largest standard deviation of the velocity [m/s].
         maximum_yaw_rate_deviation: largest standard deviation of the yaw rate [rad/s].
         maximum_speed: largest speed [m/s].
         maximum_yaw_rate: largest yaw rate [rad/s].
         maximum_acceleration: largest acceleration [m/s^2].
         maximum_yaw_acceleration: largest yaw acceleration [rad/s^2].
-        speed_noise: change of the velocity that noise may add [m/s].
-        yaw_rate_noise: change of the yaw rate that noise may add [rad/s].
-        frozen_time: time after which an unchanged twist is invalid [s], 0 for never.
-        speed_threshold: speed below which an unchanged twist is valid [m/s].
-        reach: distance of the farthest wheel from the center [m].
-        recovery_count: number of valid feedbacks in a row that opens the gate.
+        speed_noise: change of the velocity between two twists that noise may cause [m/s].
+        yaw_rate_noise: change of the yaw rate between two twists that noise may cause [rad/s].
+        frozen_time: duration after which an unchanged twist is invalid [s], 0 for never.
+        speed_threshold: speed below which an unchanged twist remains valid [m/s].
+        reach: distance of the farthest wheel from the platform center [m].
+        recovery_count: number of consecutive valid twists that opens the gate.
     """
 
     maximum_step_ns: int
@@ -105,7 +85,7 @@ class Limits(NamedTuple):
 
 
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
-    """Return the limits in the layout of the kernel; see `Limits.reach` [m]."""
+    """Convert a configuration to the limits of the kernel; for `reach` [m], see `Limits`."""
     same = {
         name: getattr(configuration, name)
         for name in Limits._fields
@@ -122,20 +102,20 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
 def new_gate() -> NDArray[np.void]:
     """Return the initial memory of the gate, shape (1,)."""
     gate = np.zeros(1, GATE_STATE)
-    gate["cause"] = NOTHING_YET
+    gate["cause"] = conditions.NOTHING_YET
     return gate
 
 
 @lean
 def close_gate(gate: Any, check: int, value: float, limit: float, within: float) -> None:
-    """Reject the feedback for a cause; recovery starts again.
+    """Close the gate because of a violated condition, and restart the recovery count.
 
     Args:
         gate: memory, a record of `GATE_STATE`.
-        check: the violated condition.
+        check: violated condition, a row of `conditions.CONDITIONS`.
         value: measured value.
         limit: limit of the value.
-        within: time for which the limit holds [s].
+        within: time over which a change is limited [s].
     """
     gate.cause = check
     gate.value = value
@@ -148,25 +128,26 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
 def check_inputs(
     limits: Limits, memory: Any, now_ns: int, sample: TwistSample, braking: bool, weighed: bool
 ) -> bool:
-    """Check all received inputs at the time of a demand.
+    """Check the latest inputs at the time of a demand.
 
     Args:
-        limits: limits of a valid feedback.
+        limits: limits of a valid twist.
         memory: from `new_gate`; changed in place.
         now_ns: stamp of the demand [ns].
-        sample: latest feedback, which may be the same as last time.
-        braking: whether the driver brakes, so that the twist must change.
-        weighed: whether the filter bank compares the feedback with an IMU.
+        sample: latest twist, possibly the same as in the last call.
+        braking: whether the driver brakes, so that the twist must change with time.
+        weighed: whether the filter bank compares the twist with an IMU.
 
     Returns:
-        Whether this feedback is valid. The gate is open only if ``memory[0].cause == GOOD``.
+        Whether this twist is valid. The gate is open only if ``memory[0].cause == GOOD``.
     """
     gate = memory[0]
     if not _in_time(limits, gate, now_ns):
         gate.known = False
         return False
     if sample.validity != VALID:
-        close_gate(gate, ABSENT if sample.validity == MISSING else UNREADABLE, 0.0, 0.0, 0.0)
+        cause = conditions.ABSENT if sample.validity == MISSING else conditions.UNREADABLE
+        close_gate(gate, cause, 0.0, 0.0, 0.0)
         return False
     if not (
         _is_finite(gate, sample)
@@ -182,7 +163,7 @@ def check_inputs(
 
 @lean
 def since(later_ns: int, earlier_ns: int) -> int:
-    """Return a difference of stamps [ns], limited so that 64 bits can hold it."""
+    """Return the difference of two stamps [ns], limited to values that 64 bits can represent."""
     difference = float(later_ns) - float(earlier_ns)
     if difference > _LONG_NS:
         return _LONG_NS
@@ -205,10 +186,10 @@ def _in_time(limits: Limits, gate: Any, now_ns: int) -> bool:
     gate.clocked = True
     gate.now_ns = now_ns
     if step < 0:
-        close_gate(gate, DEMAND_BACK, -step / 1e9, 0.0, 0.0)
+        close_gate(gate, conditions.DEMAND_BACK, -step / 1e9, 0.0, 0.0)
         return False
     if step > limits.maximum_step_ns:
-        close_gate(gate, DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
+        close_gate(gate, conditions.DEMAND_LEAP, step / 1e9, limits.maximum_step_ns / 1e9, 0.0)
         return False
     return True
 
@@ -217,27 +198,28 @@ def _in_time(limits: Limits, gate: Any, now_ns: int) -> bool:
 def _is_finite(gate: Any, sample: TwistSample) -> bool:
     for number in sample.value:
         if not math.isfinite(number):
-            close_gate(gate, TWIST_NOT_FINITE, number, 0.0, 0.0)
+            close_gate(gate, conditions.TWIST_NOT_FINITE, number, 0.0, 0.0)
             return False
     for row in sample.covariance:
         for number in row:
             if not math.isfinite(number):
-                close_gate(gate, COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
+                close_gate(gate, conditions.COVARIANCE_NOT_FINITE, number, 0.0, 0.0)
                 return False
     return True
 
 
 @lean
 def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
+    """Return whether a stamp is recent enough, not in the future, and not before the last stamp."""
     age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
     if age > timeout:
-        close_gate(gate, STALE, age / 1e9, timeout / 1e9, 0.0)
+        close_gate(gate, conditions.STALE, age / 1e9, timeout / 1e9, 0.0)
         return False
     if age < -timeout:
-        close_gate(gate, AHEAD, -age / 1e9, timeout / 1e9, 0.0)
+        close_gate(gate, conditions.AHEAD, -age / 1e9, timeout / 1e9, 0.0)
         return False
     if gate.known and stamp_ns < gate.last_ns:
-        close_gate(gate, BACK, since(gate.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
+        close_gate(gate, conditions.BACK, since(gate.last_ns, stamp_ns) / 1e9, 0.0, 0.0)
         return False
     return True
 
@@ -253,9 +235,9 @@ def _worst_variance(covariance: FloatArray) -> float:
 @lean
 def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bool) -> bool:
     xx, yy, ww = covariance[0, 0], covariance[1, 1], covariance[2, 2]
-    # In ROS messages a covariance of zeros means "unknown"; a negative one counts as unknown too.
+    # ROS messages use a covariance of zeros for "unknown". A negative value counts as unknown too.
     if min(xx, yy, ww) <= 0.0:
-        close_gate(gate, UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
+        close_gate(gate, conditions.UNKNOWN_VARIANCE, 0.0, 0.0, 0.0)
         return False
     speed, yaw_rate = math.sqrt(_worst_variance(covariance)), math.sqrt(ww)
     speed_limit, yaw_limit = limits.maximum_speed_deviation, limits.maximum_yaw_rate_deviation
@@ -263,8 +245,8 @@ def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bo
     return bool(
         weighed
         or (
-            _within(gate, SPEED_DEVIATION, speed, speed_limit, 0.0)
-            and _within(gate, YAW_RATE_DEVIATION, yaw_rate, yaw_limit, 0.0)
+            _within(gate, conditions.SPEED_DEVIATION, speed, speed_limit, 0.0)
+            and _within(gate, conditions.YAW_RATE_DEVIATION, yaw_rate, yaw_limit, 0.0)
         )
     )
 
@@ -273,8 +255,8 @@ def _is_confident(limits: Limits, gate: Any, covariance: FloatArray, weighed: bo
 def _is_plausible(limits: Limits, gate: Any, twist: FloatArray) -> bool:
     speed = math.hypot(twist[0], twist[1])
     return bool(
-        _within(gate, TOO_FAST, speed, limits.maximum_speed, 0.0)
-        and _within(gate, TURNS_TOO_FAST, abs(twist[2]), limits.maximum_yaw_rate, 0.0)
+        _within(gate, conditions.TOO_FAST, speed, limits.maximum_speed, 0.0)
+        and _within(gate, conditions.TURNS_TOO_FAST, abs(twist[2]), limits.maximum_yaw_rate, 0.0)
     )
 
 
@@ -286,16 +268,16 @@ def _is_same(gate: Any, twist: FloatArray) -> bool:
 
 @lean
 def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
-    """Return whether a twist is possible after the last valid one."""
+    """Return whether a twist is physically possible after the last valid twist."""
     stamp_ns, twist = sample.stamp_ns, sample.value
     if not gate.known:
         return True
     elapsed = since(stamp_ns, gate.last_ns)
     if elapsed > limits.maximum_step_ns:
-        return True  # after so long any change is possible
+        return True  # after this long, any change is possible
     dt = elapsed / 1e9
-    # The body axes have turned since then. Compare in the axes of the new sample, otherwise the
-    # rotation of the axes would look like an acceleration.
+    # The body axes have rotated since the last valid twist. Its velocity is compared in the axes of
+    # the new sample, otherwise the rotation would look like an acceleration.
     angle = (gate.yaw_rate + twist[2]) / 2 * dt
     c, s = math.cos(angle), math.sin(angle)
     step = math.hypot(
@@ -304,8 +286,8 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     speed_limit = limits.speed_noise + limits.maximum_acceleration * dt
     yaw_limit = limits.yaw_rate_noise + limits.maximum_yaw_acceleration * dt
     if not (
-        _within(gate, SPEED_STEP, step, speed_limit, dt)
-        and _within(gate, YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
+        _within(gate, conditions.SPEED_STEP, step, speed_limit, dt)
+        and _within(gate, conditions.YAW_RATE_STEP, abs(twist[2] - gate.yaw_rate), yaw_limit, dt)
     ):
         return False
     speed = math.hypot(twist[0], twist[1]) + abs(twist[2]) * limits.reach
@@ -313,13 +295,13 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     if not (braking and moving and _is_same(gate, twist)):
         return True
     frozen = since(stamp_ns, gate.unchanged_ns) / 1e9
-    return bool(_within(gate, FROZEN, frozen, limits.frozen_time, 0.0))
+    return bool(_within(gate, conditions.FROZEN, frozen, limits.frozen_time, 0.0))
 
 
 @lean
 def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
     if gate.known and stamp_ns == gate.last_ns:
-        return  # nothing new
+        return  # the sample is the one of the last call
     if not braking or not gate.known or not _is_same(gate, twist):
         gate.unchanged_ns = stamp_ns
     gate.known = True
@@ -327,17 +309,17 @@ def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking
     gate.v_x = twist[0]
     gate.v_y = twist[1]
     gate.yaw_rate = twist[2]
-    if gate.cause != GOOD:
+    if gate.cause != conditions.GOOD:
         gate.good += 1
         if gate.good >= limits.recovery_count:
-            gate.cause = GOOD
+            gate.cause = conditions.GOOD
 
 
 def checked_stamp(value: Any) -> int:
-    """Return a stamp [ns] as an int.
+    """Return a stamp [ns] as an integer.
 
     Raises:
-        ValueError: the value is not a whole number of 64 bits.
+        ValueError: the value is not a whole number, or does not fit into 64 bits.
     """
     try:
         stamp = operator.index(value)
@@ -349,14 +331,14 @@ def checked_stamp(value: Any) -> int:
 
 
 def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return a copy of numbers as an array.
+    """Return a copy of a sequence of numbers as an array.
 
     Raises:
-        ValueError: the values are no real numbers or have another shape.
+        ValueError: the values are not real numbers or have another shape.
     """
     try:
         array = np.asarray(value)
-    except ValueError:  # rows of different lengths
+    except ValueError:  # the rows have different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} is not made of real numbers")

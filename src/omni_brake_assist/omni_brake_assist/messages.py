@@ -1,4 +1,4 @@
-"""Conversion of messages to the inputs of the brake assistant."""
+"""Conversion of ROS messages to inputs of the brake assistant."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,11 +10,11 @@ from omni_ros.messages import to_nanoseconds
 
 
 def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
-    """Return the speeds of a `JointState`; None if it lacks the speed of a wheel.
+    """Return the wheel speeds in a `JointState`; None if the speed of a wheel is missing.
 
     Args:
-        message: names all of the wheels, in any order.
-        wheels: names in the order of the result.
+        message: contains all wheels, in any order.
+        wheels: names of the wheels in the order of the result.
     """
     if len(message.velocity) != len(message.name):
         return None
@@ -24,7 +24,7 @@ def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
 
 
 def imu_reading_of(message: Any) -> ImuSample:
-    """Return yaw rate and specific force of a `sensor_msgs/Imu` mounted along `base_link`."""
+    """Return yaw rate and specific force of a `sensor_msgs/Imu` with the axes of `base_link`."""
     force = message.linear_acceleration
     return ImuSample(
         to_nanoseconds(message.header.stamp),

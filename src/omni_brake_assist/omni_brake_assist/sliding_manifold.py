@@ -1,25 +1,25 @@
-"""The error functions of the wheels: the sliding manifold of Eqs. (44), (49)-(59).
+"""Error functions of the wheels: the sliding manifold of Eqs. (44), (49)-(59).
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
-section 3.4. For each wheel, three components state whether its friction force would reduce the
-velocity across the original line of motion, the rotation, and the velocity along the motion.
-A negative sum means that braking this wheel helps. The functions use kinematics only: no mass, no
-load, no friction coefficient.
+section 3.4. The error of each wheel has three components. They state whether the friction force of
+the wheel would reduce the velocity across the line of motion, the rotation, and the velocity along
+the motion. If their sum is negative, braking this wheel helps. The functions use kinematics only:
+no mass, load or friction coefficient.
 
-Symbols, all in the body frame: ``v_c``, ``Omega`` velocity of the platform center and yaw rate,
-``r_i`` wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers,
-``f_hat_i`` unit friction forces, ``p`` unit vector across the velocity at the start of braking.
+Symbols, all in the body frame: ``v_c`` velocity of the platform center, ``Omega`` yaw rate, ``r_i``
+wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers, ``f_hat_i``
+unit friction forces, ``p`` unit vector across the velocity at the start of braking.
 
-Two equations are used in another form than printed. Eq. (51) contains the wheel's ``v_i``, although
-Eq. (49), from which it follows, contains the platform's ``v_c``; with ``v_i`` the rotation would
-count as drift, so ``v_c`` is used. Eqs. (56), (57) contain a signed angle between ``n_wi`` and
-``v_i``. Beyond 90 deg its weight is that of a wheel that cannot brake, or negative; then
-``s_par,i`` would be positive for half of all directions and release the wheels that brake best.
-The sign of ``n_wi`` is a convention, so the angle between the velocity and the line of ``n_wi`` is
-used.
+Two equations differ from their printed form. Eq. (51) contains the velocity ``v_i`` of the wheel,
+although Eq. (49), from which it follows, contains the velocity ``v_c`` of the platform. With
+``v_i`` a rotation would count as drift, so ``v_c`` is used. Eqs. (56), (57) contain a signed angle
+between ``n_wi`` and ``v_i``. Beyond 90 deg, this angle gives a weight of zero or below, so
+``s_par,i`` would be positive for half of all directions, and the wheels that brake best would be
+released. As the sign of ``n_wi`` is a convention, the unsigned angle between the velocity and the
+line of ``n_wi`` is used.
 
-A wheel that does not slide along its active direction (``n_wi . v_i = 0``) has no direction of its
-friction force; its ``f_hat_i`` and its error are zero.
+If a wheel does not slide along its active direction (``n_wi . v_i = 0``), the direction of its
+friction force is undefined; its ``f_hat_i`` and its error are then zero.
 """
 
 import dataclasses
@@ -35,15 +35,15 @@ from omni_platform.quantities import FloatArray
 
 
 class Manifold(NamedTuple):
-    """The constants of the error functions.
+    """Constants of the error functions.
 
     Attributes:
         r_x: wheel positions ``r_i`` [m], shape (N,).
         r_y: wheel positions in y [m], shape (N,).
         n_x: active directions ``n_wi`` [1], shape (N,).
         n_y: active directions in y [1], shape (N,).
-        lever: ``cross(r_i, n_wi)``, of the active directions about the center [m], shape (N,).
-        weighting: kind of the weighting, see `weighting.psi`.
+        lever: lever arm of the active directions, ``cross(r_i, n_wi)`` [m], shape (N,).
+        weighting: number of the weighting, see `weighting.psi`.
         k: tuning constant of the weighting [1].
     """
 
@@ -60,16 +60,16 @@ class Manifold(NamedTuple):
 def wheel_error(
     manifold: Manifold, i: int, v_x: float, v_y: float, omega: float, p_x: float, p_y: float
 ) -> tuple[float, float, float]:
-    """Return the components of the error function of one wheel.
+    """Return the components of one wheel's error function.
 
     Args:
-        manifold: constants.
-        i: the wheel.
+        manifold: constants of the error functions.
+        i: index of the wheel.
         v_x: ``v_cx`` [m/s].
         v_y: ``v_cy`` [m/s].
         omega: ``Omega`` [rad/s].
-        p_x: unit vector ``p`` in the body frame at this step [1]; zeros without a line.
-        p_y: unit vector ``p`` in y [1].
+        p_x: x component of ``p`` in the present body frame [1]; zero without a line of motion.
+        p_y: y component of ``p`` [1].
 
     Returns:
         ``s_perp,i``, ``s_omega,i``, ``s_par,i`` [m/s].
@@ -84,7 +84,7 @@ def wheel_error(
     s_omega = force * (manifold.lever[i] * omega)  # Eqs. (53), (54)
     speed = math.hypot(v_x, v_y)
     if manifold.weighting == ZERO or speed == 0.0:
-        return s_perp, s_omega, 0.0  # without v_c nothing is parallel to it
+        return s_perp, s_omega, 0.0  # without v_c no direction is parallel to it
     w_x = v_x - omega * manifold.r_y[i]  # Eq. (38)
     w_y = v_y + omega * manifold.r_x[i]
     cosine = abs(sliding) / max(math.hypot(w_x, w_y), 1e-300)
@@ -96,7 +96,7 @@ def wheel_error(
 
 @lean
 def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
-    """Return the speed of the fastest wheel center [m/s], Eq. (38); arguments as `wheel_error`."""
+    """Return the speed of the fastest wheel center [m/s], Eq. (38); see `wheel_error`."""
     largest = 0.0
     for i in range(r_x.size):
         w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
@@ -106,11 +106,7 @@ def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omeg
 
 @kernel
 def _errors(
-    manifold: Manifold,
-    twist: FloatArray,
-    p_x: float,
-    p_y: float,
-    components: FloatArray,
+    manifold: Manifold, twist: FloatArray, p_x: float, p_y: float, components: FloatArray
 ) -> None:
     for i in range(components.shape[1]):
         components[:, i] = wheel_error(manifold, i, twist[0], twist[1], twist[2], p_x, p_y)
@@ -118,7 +114,7 @@ def _errors(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ManifoldErrors:
-    """The components of the error functions of N wheels, each of shape (N,) in [m/s].
+    """Components of the error functions of N wheels [m/s], each of shape (N,).
 
     Attributes:
         perpendicular: ``s_perp,i`` of Eq. (50).
@@ -145,7 +141,7 @@ class SlidingManifold:
 
     Attributes:
         geometry: positions and active directions of the N wheels.
-        constants: these data in the layout of the kernels.
+        constants: the same data in the form that the kernels use.
     """
 
     def __init__(self, geometry: PlatformGeometry, weighting: Weighting) -> None:
@@ -163,7 +159,7 @@ class SlidingManifold:
         """
         v_x, v_y, omega = twist.tolist()
         c = self.constants
-        # Written out and not as a matrix product, whose rounding may depend on the library.
+        # No matrix product here, because its rounding may depend on the library.
         projection: FloatArray = c.n_x * v_x + c.n_y * v_y + c.lever * omega
         return projection
 
@@ -180,8 +176,8 @@ class SlidingManifold:
     def wheel_speed(self, twist: FloatArray) -> float:
         """Return the speed of the fastest wheel center [m/s], Eq. (38).
 
-        It is zero only if the whole vehicle stands still, unlike ``v_c``, which is also zero if the
-        vehicle spins about its center.
+        This speed is zero only if the whole vehicle is at rest. In contrast, ``v_c`` is also zero
+        if the vehicle spins about its center.
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).

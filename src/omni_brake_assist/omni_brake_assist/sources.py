@@ -1,44 +1,33 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
-The test ratio is a squared normalized innovation over its gate: a source is rejected above 1. The
-velocity of the twist is compared with that of the accelerometer, its yaw rate with that of the
-gyro, both in the filter of all sources, and each rolling wheel with the most probable filter.
+The test ratio is the normalized innovation squared over `GATE`; a source is rejected if it is above
+1. In the filter that uses all sources, the twist's velocity is compared with the accelerometer and
+its yaw rate with the gyro. The test ratio of the twist is the sum of both. Each rolling wheel is
+compared with the most probable filter.
 """
 
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from omni_brake_assist.assist_step import Memory
+from omni_brake_assist.assist_state import Memory
 from omni_brake_assist.conditions import CONDITIONS, GOOD
+from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.measurement import GATE
-from omni_brake_assist.filter_bank.state import (
-    FAULTY,
-    NO_ESTIMATE,
-    NO_FORCE,
-    NO_GYRO,
-    NO_IMU,
-    NO_TWIST,
-)
+from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
 
-FUSED, REJECTED, ISOLATED, MISSING, BRAKED = (
-    "fused",
-    "rejected",
-    "isolated",
-    "missing",
-    "braked",
-)
-_GATE_SIGMA = math.sqrt(GATE)  # standard deviations at a test ratio of 1 [1]
+FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
+_GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 
 
 class Source(NamedTuple):
-    """A measurement source at a step.
+    """A measurement source in one step.
 
     Attributes:
-        name: twist, gyro, accelerometer or a wheel.
-        test_ratio: squared innovation over its gate [1], NaN without an innovation.
-        state: FUSED, REJECTED, ISOLATED, MISSING or, for a wheel, BRAKED: its speed is not used.
-        reason: why the source is not fused, else empty.
+        name: twist, gyro, accelerometer or the name of a wheel.
+        test_ratio: normalized innovation squared over `GATE` [1], NaN without an innovation.
+        state: FUSED, REJECTED, ISOLATED or MISSING; a wheel with an unused speed is BRAKED.
+        reason: why the source is not fused, empty if it is fused.
     """
 
     name: str
@@ -57,18 +46,18 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
 
     Args:
         memory: memory of the assistant.
-        wheels: names in the order of the configuration.
+        wheels: names of the wheels in the order of the configuration.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
-    twist = max(force, gyro)
-    found = [_source("twist", twist, isolated=best in (NO_TWIST, NO_ESTIMATE))]
+    twist = force + gyro  # the same sum as in `fuse_twist`
+    found = [_source("twist", twist, isolated=best in (bank.NO_TWIST, bank.NO_ESTIMATE))]
     if gate["cause"] != GOOD:
         state = CONDITIONS[int(gate["cause"])].state.value
         found[0] = Source("twist", twist, REJECTED, state)
     for name, ratio, out, reading in (
-        ("gyro", gyro, NO_GYRO, memory.workspace[0, 0]),
-        ("accelerometer", force, NO_FORCE, memory.workspace[0, 1]),
+        ("gyro", gyro, bank.NO_GYRO, memory.workspace[0, 0]),
+        ("accelerometer", force, bank.NO_FORCE, memory.workspace[0, 1]),
     ):
         missing = not math.isfinite(reading)
         found.append(_source(name, ratio, isolated=best in (out, NO_IMU), missing=missing))

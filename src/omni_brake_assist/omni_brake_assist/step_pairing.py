@@ -7,15 +7,16 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 class StepPairing:
     """Pairs each pedal value with the twist of its step, in any order of arrival.
 
-    The newest line of a step may be up to a line period older than the step, so a twist belongs to
-    the first demand that is not older than the twist. Wheel speeds and IMU readings have the stamp
-    of their step. A twist that is sampled more slowly than the steps belongs to all steps within
-    its period.
+    The newest camera line of a step may be up to one line period older than the step. A twist
+    therefore belongs to the first demand whose stamp is not before that of the twist. Wheel speeds
+    and IMU readings have the stamp of their step. If the twist is sampled more slowly than the
+    steps, it belongs to all steps within its sampling period.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
         imu: whether a demand waits for the IMU too.
-        twist_period_ns: time between two samples of the twist [ns], 0 if every step has its own.
+        twist_period_ns: time between two samples of the twist [ns], 0 if each step has its own
+            twist.
     """
 
     def __init__(
@@ -27,26 +28,26 @@ class StepPairing:
         self._imu: ImuSample | None = None
         self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
         self._feedback: TwistSample | None = None
-        self._answered_ns = -1  # stamp of the newest demand that was answered
+        self._answered_ns = -1  # stamp of the newest answered demand
 
     def take_pedal(self, stamp_ns: int, pedal: float) -> None:
-        """Take the driver's demand (0..1) of a step [ns]."""
+        """Store the driver's demand (0 to 1) of the step with this stamp [ns]."""
         self._pedal = stamp_ns, pedal
 
     def take_feedback(self, feedback: TwistSample) -> None:
-        """Take a body twist."""
+        """Store a received body twist."""
         self._feedback = feedback
 
     def take_wheels(self, wheels: WheelSample) -> None:
-        """Take the speeds of the wheels."""
+        """Store received wheel speeds."""
         self._wheels = wheels
 
     def take_imu(self, imu: ImuSample) -> None:
-        """Take a reading of the IMU."""
+        """Store a received reading of the IMU."""
         self._imu = imu
 
     def next_demand(self) -> BrakeDemand | None:
-        """Return the demand that can be answered now, once; None while something is missing."""
+        """Return each demand once, when all inputs of its step are received, otherwise None."""
         if self._pedal is None or self._feedback is None:
             return None
         stamp_ns, pedal = self._pedal
@@ -59,7 +60,7 @@ class StepPairing:
         return BrakeDemand(stamp_ns, pedal, self._feedback, self._wheels, self._imu)
 
     def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
-        """Return whether a twist is the one that a demand waits for, by their stamps [ns]."""
+        """Return whether the demand at `stamp_ns` waits for the twist at `twist_ns` [ns]."""
         period_ns = self._twist_period_ns
         if period_ns == 0:
             return twist_ns > self._answered_ns

@@ -1,9 +1,9 @@
-"""Minimum dwell time of valves, for valves that cannot switch every 10 ms.
+"""Minimum dwell time for valves that cannot switch in every control step of 10 ms.
 
-A valve that has switched keeps its state for the dwell time. There are two exceptions, both of
-which apply more brakes: if all brakes must act, all valves open at once; and if otherwise no brake
-would act, the valves with a command to brake open at once. With a dwell time of 0 every valve
-follows its command in every step.
+A valve that has switched keeps its state for the dwell time. There are two exceptions, and both
+apply more brakes. If all brakes must act, all valves open at once. If otherwise no brake would act,
+the valves with a command to brake open at once. With a dwell time of 0, every valve follows its
+command in every step.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from omni_platform.quantities import FloatArray
 
 _VALVE = np.dtype(
     [
-        ("shut", "?"),  # whether the valve is shut, so that its wheel rolls free
-        ("held", "f8"),  # remaining time for which the valve keeps its state [ns]
+        ("shut", "?"),  # whether the valve is shut, which lets its wheel roll freely
+        ("held", "f8"),  # remaining time until the valve may switch [ns]
     ]
 )
 
 
 def new_valves(wheels: int) -> NDArray[np.void]:
-    """Return open valves that may switch at once, shape (N,)."""
+    """Return the state of open valves that may switch at once, shape (N,)."""
     return np.zeros(wheels, _VALVE)
 
 
@@ -45,13 +45,13 @@ def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
 def switch_valves(
     valves: NDArray[np.void], dwell: float, elapsed: float, enable: FloatArray
 ) -> None:
-    """Switch the valves whose dwell time is over.
+    """Switch the valves whose dwell time has passed.
 
     Args:
         valves: changed in place, shape (N,).
         dwell: shortest time between two switchings [ns].
         elapsed: time since the last step [ns].
-        enable: commands to the valves, 0 to shut one [1], at least one above 0, shape (N,); the
+        enable: command to each valve [1], at least one above 0, shape (N,); 0 shuts a valve. The
             command to a valve that must keep its state is overwritten with 0 or 1.
     """
     acting = False

@@ -1,8 +1,8 @@
-"""Weight of the parallel component by the angle of a wheel: Eqs. (55)-(59), Figure 28.
+"""Weight of the parallel error component as a function of an angle: Eqs. (55)-(59), Figure 28.
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
-section 3.4.3. The angle delta is the one between the *line* of the active direction and the
-wheel's velocity, 0 to pi/2: 0 is a wheel that brakes best, pi/2 one that cannot brake at all.
+section 3.4.3. The angle delta is between the *line* of the active direction and the wheel's
+velocity, 0 to pi/2. A wheel at 0 brakes best; a wheel at pi/2 cannot brake at all.
 """
 
 import dataclasses
@@ -21,6 +21,10 @@ ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings
 def psi(kind: int, k: int, delta: float) -> float:
     """Return the weight of a wheel [1].
 
+    ``zero`` is Solution 1 of section 3.4.3: only orientation and line of motion count. ``cosine``
+    prefers a short stop to a constant orientation. ``enhanced`` is between the two: its base
+    falls steadily from 1 to 0, so a larger k is closer to ``zero``.
+
     Args:
         kind: number of the weighting, its index in `WEIGHTINGS`.
         k: tuning constant of ``enhanced``, odd and positive [1].
@@ -30,7 +34,7 @@ def psi(kind: int, k: int, delta: float) -> float:
         return 0.0
     if kind == COSINE:
         return math.cos(delta)
-    # At pi/2 rounding may make the base slightly negative.
+    # Rounding may make the base slightly negative at pi/2.
     base = max(2.0 - (4.0 / math.pi) * delta - math.cos(delta), 0.0)
     return float(base**k)  # Eq. (59)
 
@@ -53,42 +57,8 @@ class Weighting:
         return np.array(weights).reshape(np.shape(delta))
 
 
-def zero_weighting(delta: FloatArray) -> FloatArray:
-    """Return ``psi = 0``, Solution 1 of section 3.4.3: only orientation and line count.
-
-    Args:
-        delta: angles [rad], 0 to pi/2, any shape.
-    """
-    return Weighting(ZERO, 1)(delta)
-
-
-def cosine_weighting(delta: FloatArray) -> FloatArray:
-    """Return ``psi = cos(delta)``, which favors a short stop over orientation.
-
-    Args:
-        delta: angles [rad], 0 to pi/2, any shape.
-    """
-    return Weighting(COSINE, 1)(delta)
-
-
-def enhanced_weighting(delta: FloatArray, k: int) -> FloatArray:
-    """Return ``psi = (2 - 4 delta / pi - cos(delta))^k``, Eq. (59), between the other two.
-
-    The base falls steadily from 1 to 0, so a larger k comes closer to `zero_weighting`.
-
-    Args:
-        delta: angles [rad], 0 to pi/2, any shape.
-        k: tuning constant, odd and positive [1].
-
-    Raises:
-        ValueError: k is even or not positive.
-    """
-    check_tuning_constant(k)
-    return Weighting(ENHANCED, k)(delta)
-
-
 def check_tuning_constant(k: int) -> None:
-    """Raise ValueError unless k is an odd positive whole number, as Eq. (58) requires."""
+    """Raise ValueError unless k is an odd positive integer, as Eq. (58) requires."""
     if k < 1 or k % 2 == 0:
         raise ValueError(f"{k} is not an odd positive whole number, as Eq. (58) needs: 1, 3, 5, 7")
 
@@ -101,7 +71,7 @@ def weighting_function(name: str, k: int) -> Weighting:
         k: tuning constant of ``enhanced`` [1], odd and positive; the others ignore it.
 
     Raises:
-        ValueError: the name is unknown, or k does not fit.
+        ValueError: the name is unknown, or k is not odd and positive.
     """
     if name not in WEIGHTINGS:
         raise ValueError(f"{name!r} is not one of {', '.join(WEIGHTINGS)}")

@@ -11,7 +11,13 @@ from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.wheel_model import BrakedWheel, NominalBrake, lagged, turn_on
+from omni_brake_assist.laws.wheel_model import (
+    BrakedWheel,
+    NominalBrake,
+    advance_rim,
+    command_for,
+    lagged,
+)
 from omni_platform.brakes import PROPORTIONAL, BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
@@ -42,26 +48,32 @@ def test_bounded_least_squares_are_those_of_scipy(wheels: int) -> None:
 
 
 def test_a_brake_with_lag_delivers_its_impulse() -> None:
-    brake = NominalBrake(1000.0, 0.0, 0.05, 0.0)
-    torque, impulse = 0.0, 0.0
+    brake = NominalBrake(dead_time=0.0, time_constant=0.05, pressure_step=0.0)
+    force, impulse = 0.0, 0.0
     for _ in range(200):
-        torque, mean = lagged(brake, torque, 600.0, 0.01)
+        force, mean = lagged(brake, force, 600.0, 0.01)
         impulse += mean * 0.01
-    assert torque == pytest.approx(600.0)
+    assert force == pytest.approx(600.0)
     assert impulse == pytest.approx(600.0 * (2.0 - 0.05), rel=1e-6)
 
 
+@pytest.mark.parametrize("time_constant", [0.0, 0.05])
+def test_a_command_found_for_a_force_yields_this_force(time_constant: float) -> None:
+    brake = NominalBrake(dead_time=0.0, time_constant=time_constant, pressure_step=0.0)
+    command = command_for(brake, 200.0, 600.0, 0.01)
+    assert lagged(brake, 200.0, command, 0.01)[0] == pytest.approx(600.0)
+
+
 def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
-    wheel = BrakedWheel(capacity=4000.0, peak_slip=0.15, rim=0.1414, radius=0.2, inertia=0.5)
-    spin = 50.0
-    force = 0.0
+    wheel = BrakedWheel(capacity=4000.0, peak_slip=0.15, mass=25.0)
+    speed, force = 7.07, 0.0
     for _ in range(100):
-        spin, force = turn_on(wheel, spin, 300.0, 7.07, 0.01)
-    assert force == pytest.approx(300.0 / 0.1414, rel=1e-3)
-    assert 0.0 < spin < 50.0
+        speed, force = advance_rim(wheel, speed, 2000.0, 7.07, 0.01)
+    assert force == pytest.approx(2000.0, rel=1e-3)
+    assert 0.0 < speed < 7.07
     for _ in range(20):
-        spin, force = turn_on(wheel, spin, 1500.0, 7.07, 0.01)
-    assert spin == 0.0
+        speed, force = advance_rim(wheel, speed, 10000.0, 7.07, 0.01)
+    assert speed == 0.0
     assert force == 4000.0
 
 

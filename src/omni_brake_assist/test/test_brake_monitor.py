@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist import AssistState, BrakeAssist, BrakeDemand
-from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
+from omni_brake_assist.laws.law import NO_WHEEL, Motion
 from omni_brake_assist.monitors.brake_monitor import (
-    NO_WHEEL,
     BrakeConstants,
     BrakedWheels,
     brake_constants,
@@ -62,7 +62,8 @@ def found(
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a brake without torque",
-    "brake monitor: the wheel rolls while others slide, so all brakes are on; an error is reported",
+    "brake monitor: the wheel rolls while others slide; `allocation` plans the rest of the stop "
+    "with on-off valves, or all proportional brakes are on; an error is reported",
     within=0.2,
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])
@@ -107,17 +108,32 @@ def test_a_brake_that_may_well_act_is_not_called_dead(
     assert wheel == NO_WHEEL
 
 
-def test_a_dead_brake_has_all_on_until_the_pedal_is_released(
-    configuration: BrakeAssistConfiguration,
+class LeftWheels:
+    """A law from outside that brakes on the left."""
+
+    def __init__(self, *_parts: object) -> None:
+        pass
+
+    def step(self, _motion: Motion, _error: FloatArray, enable: FloatArray) -> None:
+        enable[2:] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("law", "dwell"), [("sliding_mode", 0.0), ("allocation", 0.0), (f"{__name__}:LeftWheels", 0.5)]
+)
+def test_the_other_brakes_act_until_the_pedal_is_released(
+    configuration: BrakeAssistConfiguration, law: str, dwell: float
 ) -> None:
-    assist, constants = BrakeAssist(configuration), constants_of(configuration)
+    """All brakes act at once: no valve waits for its dwell time."""
+    assist = BrakeAssist(dataclasses.replace(configuration, law=law, minimum_dwell_time=dwell))
+    constants = constants_of(configuration)
     slips = np.array([0.5, 0.0, 0.5, 0.5])  # the second one's brake is dead, unless let go
-    states, stamp_ns, v_x = [], 0, 5.0
+    states, stamp_ns, v_x, enable = [], 0, 5.0, np.ones(4)
     for pedal in [0.0] * 30 + [1.0] * 60 + [0.0] * 5 + [1.0]:
         stamp_ns += round(DT * 1e9)
         v_x -= 4.0 * DT * pedal
         twist = np.array([v_x, 0.0, 0.0])
-        speeds = (1.0 - slips * pedal) * rolling(constants, (v_x, 0.0, 0.0))
+        speeds = (1.0 - slips * pedal * enable) * rolling(constants, (v_x, 0.0, 0.0))
         decision = assist.update(
             BrakeDemand(
                 stamp_ns,
@@ -127,9 +143,11 @@ def test_a_dead_brake_has_all_on_until_the_pedal_is_released(
                 ImuSample(stamp_ns, 0.0, np.array([-4.0 * pedal, 0.0])),
             )
         )
+        enable = decision.enable
         states.append(decision.state)
         if decision.state == AssistState.DEAD_BRAKE:
-            assert np.all(decision.enable == 1.0)
+            assert np.any(np.delete(decision.enable, 1) > 0.0)
+            assert law in LAWS or np.all(decision.enable == 1.0)
             assert "front_left" in decision.reason
     dead = [state == AssistState.DEAD_BRAKE for state in states]
     first = dead.index(True)

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
-    EffectStep,
     effect_constants,
     effect_memory,
     watch_effect,
@@ -31,8 +30,7 @@ def watch(
     speeds: FloatArray,
     force: FloatArray,
 ) -> bool:
-    step = EffectStep(dt, pedal, released)
-    return bool(watch_effect(constants, ledger, step, speeds, force))
+    return bool(watch_effect(constants, ledger, dt, pedal, released, speeds, force))
 
 
 @pytest.fixture

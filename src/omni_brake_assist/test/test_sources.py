@@ -18,6 +18,7 @@ def drive(
     wheels: dict[str, WheelMount],
     *,
     gyro: float = 0.0,
+    force: float = 0.0,
     twist: bool = True,
     imu: bool = True,
     pedal: float = 0.0,
@@ -29,13 +30,14 @@ def drive(
     for step in range(150):
         stamp_ns, late = step * STEP_NS, step >= 100
         rate, speed = (gyro, speeds * (1.0 - pedal)) if late else (0.0, speeds)
+        specific_force = np.array([force if late else 0.0, 0.0])
         assist.update(
             BrakeDemand(
                 stamp_ns,
                 pedal if late else 0.0,
                 TwistSample(stamp_ns, value, 1e-6 * np.eye(3)) if twist or not late else None,
                 WheelSample(stamp_ns, speed),
-                ImuSample(stamp_ns, rate, np.zeros(2)) if imu or not late else None,
+                ImuSample(stamp_ns, rate, specific_force) if imu or not late else None,
             )
         )
     return {source.name: source for source in assist.sources()}
@@ -56,6 +58,15 @@ def test_a_gyro_off_by_half_a_radian_per_second_is_not_fused(
     assert gyro.state in (REJECTED, ISOLATED)
     if gyro.state == REJECTED:
         assert "sigma" in gyro.words
+
+
+def test_the_twist_is_judged_by_velocity_and_yaw_rate_together(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    found = drive(mecanum, gyro=0.02, force=0.2)
+    parts = found["gyro"].test_ratio, found["accelerometer"].test_ratio
+    assert min(parts) > 1e-6
+    assert found["twist"].test_ratio == pytest.approx(sum(parts))
 
 
 def test_a_missing_source_says_so(mecanum: dict[str, WheelMount]) -> None:

@@ -1,7 +1,7 @@
-"""Odometry and brake assistant of a real vehicle, as docs/real_vehicle.md describes.
+"""Start odometry and brake assistant of a real vehicle, as docs/real_vehicle.md describes.
 
-``ros2 launch omni_bringup hardware.launch.py parameters:=/etc/my_vehicle``, a folder that
-``./omni ros-params`` has written.
+``ros2 launch omni_bringup hardware.launch.py parameters:=/etc/my_vehicle``, where the folder was
+written by ``./omni ros-params``.
 """
 
 import sys
@@ -11,12 +11,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    OpaqueFunction,
-    RegisterEventHandler,
-    TimerAction,
-)
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, TimerAction
 from launch.event_handlers import OnProcessExit
 from launch_ros.actions import Node
 
@@ -35,18 +30,18 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Return the nodes for the arguments, and the actions when a node exits."""
+    """Return the nodes for the arguments, with the actions that follow when a node exits."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
-    # A launch file that includes this one has arguments of its own; they are not checked here.
+    # A launch file that includes this one has its own arguments, which are not checked here.
     directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
     nodes = hardware_nodes(given, context.argv if directly else ())
     for node in nodes:
-        get_package_prefix(node.package)  # raises before any node starts
+        get_package_prefix(node.package)  # raises an error before any node starts
     return [action for node in nodes for action in started(node, given)]
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return a node, and the action when it exits."""
+    """Return a node and the action that follows when it exits."""
     process = Node(
         package=node.package,
         executable=node.executable,
@@ -65,7 +60,7 @@ def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
 
 
 def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:
-    """Restart a node that has ended, or raise an error, which ends the launch."""
+    """Restart a node that has exited, or raise an error, which ends the launch."""
     if context.is_shutdown:
         return []
     if starts_again(event.returncode, given):

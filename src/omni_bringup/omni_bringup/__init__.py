@@ -1,1 +1,1 @@
-"""Starts, records and stops the nodes; the command line."""
+"""Start, recording and shutdown of the nodes, and the command line."""

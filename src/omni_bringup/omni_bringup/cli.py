@@ -1,9 +1,9 @@
-"""The command line: ``./omni COMMAND``.
+"""Command line ``./omni COMMAND``.
 
-A command returns a `Report` or raises; this module alone prints, writes JSON and chooses the exit
-code. With ``--json`` standard output contains exactly one document, also if a command is refused or
-fails. Exit codes: 0 done, 1 failed, 2 refused before anything started, 130 ended by Ctrl-C (143 by
-SIGTERM).
+A command returns a `Report` or raises an error. Only this module prints, writes JSON and determines
+the exit code. With ``--json``, standard output contains exactly one document, even if a command is
+rejected or fails. Exit codes: 0 done, 1 failed, 2 rejected before anything started, 130 ended by
+Ctrl-C (143 by SIGTERM).
 """
 
 import argparse
@@ -29,7 +29,7 @@ _OF_THE_LAUNCHER = {"test": "run the tests (arguments go to pytest)"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command and exit with its code."""
+    """Run a command and exit with the command's exit code."""
     leave_at_once_on_signals()
     start_lightly()
     try:
@@ -38,18 +38,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt as interruption:
         print(": ".join(("interrupted", *map(str, interruption.args))), file=sys.stderr)
         code = ExitCode.INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone, as in `| head`
+    except BrokenPipeError:  # the reading program has ended, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = ExitCode.FAILED
     sys.exit(code)
 
 
 def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
-    """Return the program name of a command line (``omni bag info``), its module and its options.
+    """Return the program name (such as ``omni bag info``), the command's module and its options.
 
     Raises:
-        InputError: the value of an option does not fit.
-        SystemExit: help was asked for, or the command line is invalid.
+        InputError: the value of an option is invalid.
+        SystemExit: help was requested, or the command line is invalid.
     """
     command: Any = commands
     program, rest = "omni", list(words)
@@ -71,7 +71,7 @@ def _run(words: Sequence[str]) -> int:
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
-        # The user's law may print; its output must not enter the JSON document.
+        # A user's law may print; its output must not enter the JSON document.
         with work, redirect_stdout(sys.stderr if as_json else sys.stdout):
             report = command.run(options, Workspace(workspace_folder(), program))
             report = dataclasses.replace(report, name=report.name or _name(program))
@@ -118,7 +118,7 @@ def _print_part(part: Any) -> None:
     from rich.table import Table
 
     if isinstance(part, Table):
-        part.columns[0].no_wrap = True  # names are looked up whole
+        part.columns[0].no_wrap = True  # keeps names on one line
     Console().print(part)
 
 
@@ -132,7 +132,7 @@ def _complain(program: str, problem: str) -> None:
 
 
 def _failure(program: str, problem: str, code: int) -> dict[str, Any]:
-    """Return the JSON document of a command that failed or was refused."""
+    """Return the JSON document of a command that failed or was rejected."""
     return {"name": _name(program), "error": problem, "exit_code": code}
 
 
@@ -142,7 +142,7 @@ def _name(program: str) -> str:
 
 
 def _chosen(program: str, group: Any, words: Sequence[str]) -> str:
-    """Return the group's command that the first word names; exit after help or an error."""
+    """Return the command that the first word selects; otherwise print help or an error and exit."""
     what = "STUDY" if program == "omni study" else "ACTION" if program != "omni" else "COMMAND"
     known = commands.commands_of(group.PACKAGE)
     if words and words[0] in known:
@@ -169,7 +169,7 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the second paragraph of a docstring, or its first line if there is no second one."""
+    """Return the second paragraph of a docstring; the first line if it has only one paragraph."""
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:
@@ -178,7 +178,7 @@ def _introduction(words: Any) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Parser that suggests similar options and prints errors as JSON if JSON is asked for."""
+    """Parser that suggests similar options, and prints errors as JSON if JSON is requested."""
 
     as_json = False
 

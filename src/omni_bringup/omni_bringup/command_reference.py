@@ -1,7 +1,7 @@
-"""The reference of every command and study, made from their declarations.
+"""Reference of all commands and studies, generated from their declarations.
 
-``python -m omni_bringup.command_reference > docs/options.md`` writes it for the documentation site;
-the file is not in the repository.
+``python -m omni_bringup.command_reference > docs/options.md`` writes the page for the documentation
+site; the file is not part of the repository.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ def reference() -> str:
 
 
 def _sections(group: Any, above: str, level: int) -> Iterator[str]:
-    """Yield a section for each command of a group and of its subgroups."""
+    """Yield a section for each command of a group and its subgroups."""
     for name in commands.commands_of(group.PACKAGE):
         command, program = commands.load_command(group, name), f"{above} {name}"
         words = inspect.cleandoc(command.__doc__ or "")

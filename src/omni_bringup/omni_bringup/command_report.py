@@ -1,4 +1,4 @@
-"""The result of a command, as `omni_bringup.cli` prints it for people and for programs."""
+"""Result of a command, which `omni_bringup.cli` prints as text or as JSON."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """The result of a command.
+    """Result of a command.
 
     Attributes:
-        name: name of the JSON document; if empty, the name of the command is used.
-        metrics: entries of the document by ``quantity.case``.
+        name: name of the JSON document; empty for the name of the command.
+        metrics: metrics of the document, by ``quantity.case``.
         details: further entries of the document.
-        text: lines and `rich` tables that are printed without ``--json``; iterated only then.
+        text: lines and `rich` tables that are printed without ``--json``; iterated only in this
+            case.
         files: paths of the written files, printed after the text.
-        hints: lines printed last, such as how to use the files.
-        summary: folder in which the document is kept as ``summary.json``.
-        problems: sentences for standard error; if there are any, the exit code is 1.
-        ok: whether the result is what the options ask for; otherwise the exit code is 1.
+        hints: lines printed at the end, such as how to use the files.
+        summary: folder in which the document is stored as ``summary.json``.
+        problems: sentences for standard error; if there is any, the exit code is 1.
+        ok: whether the result meets the requirements in the options; otherwise the exit code is 1.
     """
 
     name: str = ""
@@ -64,7 +65,7 @@ def in_words(row: Mapping[str, tuple[float, str]]) -> str:
 
 
 def estimate(value: float, unit: str, error: float, *, bounded: bool = False) -> dict[str, Any]:
-    """Return the metric of an estimated quantity, with a note if the estimate is on its bound."""
+    """Return the metric of an estimated quantity, with a note if the estimate is at a bound."""
     known = None if math.isnan(error) else float(error)
     entry = {"value": float(value), "unit": unit, "standard_error": known}
     return entry | ({"note": "on its bound"} if bounded else {})
@@ -91,7 +92,7 @@ def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Make the folder, write the file completely or not at all, and return its absolute path."""
+    """Create the folder, write the file atomically, and return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.part")
     try:
@@ -103,7 +104,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def printable(text: str, longest: int = 1000) -> str:
-    """Return the text of a recording, shortened and without control characters."""
+    """Return a recorded text, shortened and without control characters."""
     if len(text) > longest:
         text = f"{text[:longest]}... ({len(text)} characters)"
     return "".join(

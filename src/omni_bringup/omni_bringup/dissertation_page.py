@@ -1,4 +1,4 @@
-"""The page with the state of every equation, figure, table and claim of the dissertation.
+"""Page with the status of each equation, figure, table and claim of the dissertation.
 
 ``python -m omni_bringup.dissertation_page > docs/dissertation.md`` writes it from
 ``docs/dissertation.yaml``.
@@ -37,14 +37,14 @@ class Row(NamedTuple):
 
 
 def chapters(folder: Path) -> dict[str, list[Row]]:
-    """Return the items in the workspace's ``docs/dissertation.yaml`` by chapter."""
+    """Return the items in the workspace's ``docs/dissertation.yaml``, by chapter."""
     text = (folder / "docs/dissertation.yaml").read_text(encoding="utf-8")
     document = yaml.safe_load(filled(text, "", stored(folder)))
     return {title: [Row(*map(str, row)) for row in rows] for title, rows in document.items()}
 
 
 def page(folder: Path) -> str:
-    """Return the page as Markdown, made from the files of the workspace."""
+    """Return the page as Markdown, generated from the files of the workspace."""
     found = chapters(folder)
     counts = Counter(row.status for rows in found.values() for row in rows)
     parts = [

@@ -9,10 +9,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_once_on_signals() -> None:
-    """Exit on a signal without a traceback while there is nothing to clean up.
+    """Exit on a signal, without a traceback, as long as there is nothing to clean up.
 
     An exception raised by a signal handler could interrupt an import, and some extension modules
-    replace this exception by another one.
+    replace it by another exception.
     """
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:  # a shell sets SIG_IGN for background jobs
@@ -21,9 +21,9 @@ def leave_at_once_on_signals() -> None:
 
 
 def clean_up_on_signals() -> None:
-    """Let signals raise `KeyboardInterrupt` or `SystemExit`, so that processes are ended.
+    """Make signals raise `KeyboardInterrupt` or `SystemExit`, so that processes are ended.
 
-    To be called after the last import; see `leave_at_once_on_signals`.
+    This function must be called after the last import; see `leave_at_once_on_signals`.
     """
     if signal.getsignal(signal.SIGINT) == _leave:
         signal.signal(signal.SIGINT, signal.default_int_handler)

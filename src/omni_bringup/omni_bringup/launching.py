@@ -1,7 +1,7 @@
-"""Functions shared by the launch files; the only module that needs `launch`.
+"""Functions shared by the launch files; only this module requires `launch`.
 
-`launch` comes with a ROS installation and not with the wheels of ROS, so nothing imports this but
-launch files.
+`launch` is part of a ROS installation, but not of the ROS wheels. Therefore only launch files
+import this module.
 """
 
 import atexit
@@ -10,22 +10,19 @@ from functools import partial
 from typing import Any
 
 from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    EmitEvent,
-    OpaqueFunction,
-    RegisterEventHandler,
-)
+from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch_ros.actions import Node
+from rich.console import Console
 
-from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan, results_table
+from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan
+from omni_figures.comparison_table import ComparisonTable
 from omni_ros.environment import REPORT_FILE_VARIABLE
 
 
 def run_description(mode: str) -> LaunchDescription:
-    """Return the arguments and nodes of a mode; the end of one node ends all.
+    """Return the arguments and nodes of a mode; the end of one node ends all nodes.
 
     A failed node or an invalid run ends the launch with an error.
     """
@@ -64,7 +61,7 @@ def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context
     ended.append(name)
     if plan.is_run and len(ended) == len(plan.nodes):
         result = plan.finish()
-        print(results_table(result))
+        Console(width=100).print(ComparisonTable({result.variant: result.metrics}))
         if problem := result.still_moving():
             raise RuntimeError(problem)
     return [EmitEvent(event=Shutdown(reason=f"{name} has ended"))]

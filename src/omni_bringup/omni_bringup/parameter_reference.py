@@ -1,6 +1,6 @@
-"""The reference of every parameter, made from the declarations.
+"""Reference of all parameters, generated from their declarations.
 
-``python -m omni_bringup.parameter_reference > docs/parameters.md`` writes it anew.
+``python -m omni_bringup.parameter_reference > docs/parameters.md`` updates the page.
 """
 
 import dataclasses
@@ -9,15 +9,8 @@ import typing
 from collections.abc import Iterator
 from typing import Any
 
-from linescan_odometry.camera.configuration import CameraConfiguration
-from linescan_odometry.odometry import OdometryConfiguration
-from omni_brake_assist.brake_assist import BrakeAssistConfiguration
-from omni_loop.experiment import ExperimentConfiguration
 from omni_platform import configuration
-from omni_sim.configuration import SimulatorConfiguration
-from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
-from omni_vehicle.brake_adapter_node import TopicsConfiguration
-from omni_vehicle.flow_chips import FlowChipConfiguration
+from omni_platform.configuration import ParameterInfo
 
 _HEAD = """\
 # Parameters
@@ -32,42 +25,49 @@ are listed in `wheels.names`, `sensors.names` and so on.
 
 def reference() -> str:
     """Return the reference as Markdown."""
-    parts = [_HEAD]
-    sections: list[tuple[str, str, type[configuration.Configuration]]] = [
-        (
-            "Experiment",
-            "The keys of `config/experiments/*.yaml` and of `--set`.",
-            ExperimentConfiguration,
-        ),
-        ("Node `simulator` (package `omni_sim`)", "", SimulatorConfiguration),
-        ("Node `linescan_odometry`", "", OdometryConfiguration),
-        ("Node `line_camera` (package `linescan_odometry`)", "", CameraConfiguration),
-        ("Node `brake_assist` (package `omni_brake_assist`)", "", BrakeAssistConfiguration),
-        ("Node `brake_adapter` (package `omni_vehicle`)", "", BrakeAdapterConfiguration),
-        ("Topics of `brake_adapter`", "", TopicsConfiguration),
-        ("Node `flow_sensor` (package `omni_vehicle`)", "", FlowChipConfiguration),
-    ]
-    for title, words, cls in sections:
-        rows = "\n".join(_rows(cls, ""))
-        table = f"| parameter | default | unit | range | meaning |\n|---|---|---|---|---|\n{rows}\n"
-        parts.append("\n".join(part for part in (f"## {title}\n", words and words + "\n", table)))
-    return "\n".join(parts)
+    from linescan_odometry.camera.configuration import CameraConfiguration
+    from linescan_odometry.odometry import OdometryConfiguration
+    from omni_brake_assist.brake_assist import BrakeAssistConfiguration
+    from omni_loop.experiment import ExperimentConfiguration
+    from omni_sim.configuration import SimulatorConfiguration
+    from omni_vehicle.brake_adapter import BrakeAdapterConfiguration
+    from omni_vehicle.brake_adapter_node import TopicsConfiguration
+    from omni_vehicle.flow_chips import FlowChipConfiguration
+
+    keys = "The keys of `config/experiments/*.yaml` and of `--set`.\n"
+    sections: dict[str, type[configuration.Configuration]] = {
+        f"Experiment\n\n{keys}": ExperimentConfiguration,
+        "Node `simulator` (package `omni_sim`)\n\n": SimulatorConfiguration,
+        "Node `linescan_odometry`\n\n": OdometryConfiguration,
+        "Node `line_camera` (package `linescan_odometry`)\n\n": CameraConfiguration,
+        "Node `brake_assist` (package `omni_brake_assist`)\n\n": BrakeAssistConfiguration,
+        "Node `brake_adapter` (package `omni_vehicle`)\n\n": BrakeAdapterConfiguration,
+        "Topics of `brake_adapter`\n\n": TopicsConfiguration,
+        "Node `flow_sensor` (package `omni_vehicle`)\n\n": FlowChipConfiguration,
+    }
+    head = "| parameter | default | unit | range | meaning |\n|---|---|---|---|---|"
+    tables = (
+        f"## {title}\n{head}\n" + "".join(f"{_row(*leaf)}\n" for leaf in leaves(cls))
+        for title, cls in sections.items()
+    )
+    return "\n".join((_HEAD, *tables))
 
 
-def _rows(cls: type[configuration.Configuration], prefix: str) -> Iterator[str]:
-    defaults = {field.name: field for field in dataclasses.fields(cls)}
+def leaves(cls: Any, prefix: str = "") -> Iterator[tuple[str, Any, ParameterInfo, Any]]:
+    """Yield dotted key, type, description and default of each value of a configuration."""
+    defaults = {field.name: field.default for field in dataclasses.fields(cls)}
     for name, kind, info in configuration.declared_parameters(cls):
         key = configuration.join_key(prefix, name)
         element = configuration.element_configuration(kind)
         if configuration.is_configuration(kind):
-            yield from _rows(kind, key)
+            yield from leaves(kind, key)
         elif element is not None:
-            yield from _rows(element, configuration.join_key(key, "<name>"))
+            yield from leaves(element, configuration.join_key(key, "<name>"))
         else:
-            yield _row(key, kind, info, defaults[name].default)
+            yield key, kind, info, defaults[name]
 
 
-def _row(key: str, kind: Any, info: configuration.ParameterInfo, default: Any) -> str:
+def _row(key: str, kind: Any, info: ParameterInfo, default: Any) -> str:
     shown = "required" if default is dataclasses.MISSING else f"`{_in_yaml(default)}`"
     if info.choices is not None:
         permitted = ", ".join(f"`{choice}`" for choice in info.choices)

@@ -1,4 +1,4 @@
-"""Progress of long commands on standard error."""
+"""Progress of long commands, printed to standard error."""
 
 import sys
 import threading
@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 Progress = Callable[[float, str], None]
-"""Function that receives the completed share, 0..1, and a short text."""
+"""Function that receives the completed share, 0 to 1, and a short text."""
 
 
 @contextmanager
 def progress_bar(name: str) -> Iterator[Progress]:
-    """Show a progress bar on a terminal, or lines elsewhere, with an estimate of the time left.
+    """Show a progress bar on a terminal, or lines elsewhere, with the estimated time left.
 
     Args:
         name: name of the work.
@@ -34,10 +34,10 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
 @contextmanager
 def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
-    """Print every few seconds that a command of unknown duration is running.
+    """Print every few seconds that a command is still running whose duration is unknown.
 
     Args:
-        program: program at the beginning of each line.
+        program: program name at the beginning of each line.
         words: description of the work.
         every: time between lines [s].
     """
@@ -60,12 +60,12 @@ def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
 def progress_lines(
     name: str, clock: Callable[[], float] = time.monotonic, period: float = 5.0
 ) -> Progress:
-    """Return a function that prints a line at intervals, with an estimate of the time left.
+    """Return a function that prints progress lines at intervals, with the estimated time left.
 
     Args:
         name: name at the beginning of each line.
         clock: returns the time [s].
-        period: shortest interval [s]; it grows to a fifth of the time elapsed.
+        period: shortest interval [s]; intervals grow to a fifth of the elapsed time.
     """
     begun = last = clock()
 

@@ -1,4 +1,4 @@
-"""``./omni run --set key=a,b,c``: a table and a figure instead of recordings."""
+"""``./omni run --set key=a,b,c``: runs of several values, with a table and a figure."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 
 def run_sweep(options: Any, workspace: Workspace) -> Report:
-    """Run every combination in one process.
+    """Run all combinations in one process.
 
     Args:
         options: options of ``omni run``.
         workspace: workspace with the folder `config`.
     """
-    from omni_bringup.graph.run_folder import check_unused, time_in_name
+    from omni_bringup.graph.run_folder import time_in_name, unused
     from omni_figures.data_table import write_table
     from omni_figures.style import save_figure
     from omni_figures.sweep_figure import sweep_figure
@@ -36,9 +36,7 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
         option = "--real-time" if options.real_time else "--replace"
         raise ConfigurationError(option, "a sweep runs in one process, without nodes")
     configurations = _configurations(options, workspace)
-    if options.out is not None:
-        check_unused(options.out)
-    folder = workspace.results(options.out, "sweeps", f"{name}_{time_in_name()}")
+    folder = unused(workspace.results(options.out, "sweeps", f"{name}_{time_in_name()}"))
     with workspace.progress() as report:
         runs = sweep(configurations, report)
     cases = {f"{run.variant}_{index}": run for index, run in enumerate(runs, 1)}

@@ -1,7 +1,8 @@
-"""Compile every kernel and render the ground of the standard experiment in advance.
+"""Compilation of all kernels and rendering of the standard ground in advance.
 
-The launcher starts this after a build, at the same time as the first command. Processes share the
-compiled kernels (`omni_platform.compilation.cache`), so the kernels of ``omni run`` come first.
+The launcher starts this program after a build, at the same time as the first command. Processes
+share the compiled kernels (`omni_platform.compilation.cache`). The kernels of ``omni run`` are
+compiled first.
 """
 
 import dataclasses
@@ -32,7 +33,7 @@ def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
 
 
 def compile_others(configuration: experiment.ExperimentConfiguration) -> None:
-    """Compile the kernels of campaigns, of 16-bit lines, and of external control laws."""
+    """Compile the kernels for campaigns, 16-bit lines, and external control laws."""
     compiled.run_fast_loop(dataclasses.replace(configuration, feedback="velocity_sensor"))
     deep = dataclasses.replace(configuration.camera, bit_depth=16)
     loop.run_closed_loop(dataclasses.replace(configuration, camera=deep))
@@ -42,9 +43,8 @@ def compile_others(configuration: experiment.ExperimentConfiguration) -> None:
 def standard_run() -> experiment.ExperimentConfiguration:
     """Return a short part of the standard experiment."""
     library = experiment.ExperimentLibrary(workspace_folder() / "config")
-    variant = library.variants(_EXPERIMENT)[-1]
     short = ("simulation.duration_limit=0.1", "maneuver.brake_time=0.05")
-    return library.load(_EXPERIMENT, variant, short)
+    return library.load(_EXPERIMENT, overrides=short)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The folder in which a command works."""
+"""Folder in which a command works."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workspace:
-    """The folder with `config`, `bags` and `results`, and the command that works in it.
+    """Folder with `config`, `bags` and `results`, and the command that works in it.
 
     Attributes:
-        folder: the workspace.
-        program: the command, such as ``omni run``, with which its notes begin.
+        folder: path of the workspace.
+        program: name of the command, such as ``omni run``, at the beginning of its remarks.
     """
 
     folder: Path
@@ -30,23 +30,23 @@ class Workspace:
 
     @property
     def config(self) -> Path:
-        """The folder of the configuration."""
+        """Folder of the configuration."""
         return self.folder / "config"
 
     def experiment_library(self) -> ExperimentLibrary:
-        """Return the experiments and vehicles by name."""
+        """Return the library of experiments and vehicles."""
         from omni_loop.experiment import ExperimentLibrary
 
         return ExperimentLibrary(self.config)
 
     def checked_experiments(self) -> ExperimentLibrary:
-        """Return the library; it reports each implausible value once on standard error."""
+        """Return a library that reports each implausible value once on standard error."""
         from omni_tools.vehicles.plausibility import RemarkingLibrary
 
         return RemarkingLibrary(self.config, self.note)
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
-        """Report each implausible value of experiments once on standard error."""
+        """Report each implausible value of the experiments once on standard error."""
         from omni_tools.vehicles.plausibility import remarks
 
         for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):
@@ -57,7 +57,7 @@ class Workspace:
         print(f"{self.program}: note: {remark}", file=sys.stderr)
 
     def results(self, out: Path | None, *parts: str) -> Path:
-        """Return the chosen folder of results, or a folder below ``results`` if none is chosen."""
+        """Return the chosen results folder; a folder below ``results`` if none is chosen."""
         return out or self.folder.joinpath("results", *parts)
 
     def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:
@@ -66,5 +66,5 @@ class Workspace:
 
 
 def workspace_folder() -> Path:
-    """Return the launcher's workspace; without launcher the current folder."""
+    """Return the launcher's workspace; without the launcher, the current folder."""
     return Path(os.environ.get("OMNI_WORKSPACE", "."))

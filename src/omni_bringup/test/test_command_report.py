@@ -60,3 +60,22 @@ def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixt
     document = json.loads(capsys.readouterr().out)
     assert all(Path(path).is_file() for path in document["files"])
     assert document["metrics"]["load.front_left"]["unit"] == "N"
+    with pytest.raises(SystemExit) as ended:
+        main(["show", str(tmp_path / "mine"), "--out", str(tmp_path / "mine.png"), "--json"])
+    assert ended.value.code in (None, 0)
+    said = capsys.readouterr()
+    assert json.loads(said.out)["facts"]["wheel loads"]
+    assert "breaks the symmetry" not in said.err
+    assert (tmp_path / "mine.png").is_file()
+
+
+def test_a_shown_vehicle_with_a_wrong_roller_angle_is_noted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (Path(__file__).parents[3] / "config/vehicles/mecanum_forklift.yaml").read_text()
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text(text.replace("roller_angle_deg: 45", "roller_angle_deg: -45", 1))
+    with pytest.raises(SystemExit) as ended:
+        main(["show", str(wrong), "--kind", "vehicles", "--out", str(tmp_path / "wrong.png")])
+    assert ended.value.code in (None, 0)
+    assert "rear_left.roller_angle_deg: -45 deg breaks the symmetry" in capsys.readouterr().err

@@ -115,17 +115,26 @@ def test_a_singular_placement_is_named_and_fails_the_check(
     assert "three_coarse is not singular: its axes spread by 35 deg" in printed
 
 
+@pytest.mark.usefixtures("quick")
+def test_a_search_that_finds_no_room_has_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert omni("--clearance", 0.4, "--out", tmp_path / "out") == 1
+    assert "--sensors: there is no room for 3 sensors" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--vehicle", "bicycle"), "vehicle: 'bicycle' is not known"),
-        (("--sensors", "2"), "--sensors: 2 must be 3"),
-        (("--sensors", "9"), "to 8"),
+        (("--sensors", "2"), "--sensors: 2 is out of range, must be at least 3"),
+        (("--sensors", "9"), "at most 8"),
         (("--type", "lidar"), "sensors: 'lidar' is not known"),
         (("--check", "s3901", "--type", "generic"), "s3901 has another type of camera"),
         (("--speed", "99"), "--speed: 99 m/s must be above 0 and at most 19 m/s"),
         (("--mix", "0:0:0:0"), "--mix: '0:0:0:0' must be four shares"),
-        (("--redundant",), "--redundant: takes four sensors or more"),
+        (("--redundant",), "--redundant: requires at least four sensors"),
         (("--ground", "ice"), "--ground: 'ice' is not one of"),
     ],
 )

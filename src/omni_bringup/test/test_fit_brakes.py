@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -53,7 +52,7 @@ def test_an_uncertain_torque_is_noted(
     def uncertain(*arguments: Any) -> fit.BrakeFit:
         found = precise(*arguments)
         errors = np.array([0.2 * found.values[0], 0.0, 0.0])
-        return dataclasses.replace(found, standard_errors=errors)
+        return found._replace(standard_errors=errors)
 
     precise = fit.fit_brakes
     monkeypatch.setattr(fit, "fit_brakes", uncertain)
@@ -66,12 +65,12 @@ def test_what_does_not_suffice_is_refused(
 ) -> None:
     out = tmp_path / "out"
     bag = BAGS / "assisted"
-    for arguments, reason in (
-        ((tmp_path / "none",), "none"),
-        ((bag, "--vehicle", "three_wheel"), "three_wheel"),
-        ((bag, bag), "given twice"),
-        ((bag, "--vehicle", "table_2_mecanum"), "check that the recordings are of this vehicle"),
+    for *arguments, reason, code in (
+        (tmp_path / "none", "none", 2),
+        (bag, "--vehicle", "three_wheel", "three_wheel", 2),
+        (bag, bag, "given twice", 2),
+        (bag, "--vehicle", "table_2_mecanum", "check that the recordings are of this vehicle", 1),
     ):
-        assert omni(*arguments, "--out", out) == 2
+        assert omni(*arguments, "--out", out) == code
         assert reason in capsys.readouterr().err
         assert not out.exists()

@@ -65,12 +65,12 @@ def test_a_run_gets_the_parameters_of_the_command_line(mode: str, tmp_path: Path
     scratch, bag = tmp_path / "scratch", tmp_path / "bag"
     scratch.mkdir()
     configuration = ExperimentLibrary(CONFIG).load("straight_line", "assisted", ["seed=7"])
-    lockstep = mode == "lockstep"
+    nodes = graph.Nodes(configuration, scratch, lockstep=mode == "lockstep")
     expected = [
-        graph.recorder(configuration, bag, scratch),
-        graph.odometry(configuration, scratch, lockstep=lockstep),
-        graph.brake_assist(configuration, scratch, lockstep=lockstep),
-        graph.simulator(configuration, scratch, lockstep=lockstep),
+        nodes.recorder(bag),
+        nodes.odometry(),
+        nodes.brake_assist(),
+        nodes.simulator(),
     ]
     planned = launch_plan(mode, arguments(out=str(bag), overrides="seed=7")).nodes
     assert described(planned) == described(expected)

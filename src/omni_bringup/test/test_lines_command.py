@@ -128,7 +128,7 @@ def test_references_and_a_drive_become_tables_that_the_odometry_takes(
     assert "omni lines reference makes one" in capsys.readouterr().err
     np.savez(tables / "right.npz", mean=np.ones(3))
     assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "c") == 2
-    assert "right.npz holds no tables of a camera" in capsys.readouterr().err
+    assert "right.npz contains no tables of a camera" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -172,4 +172,4 @@ def test_an_import_without_a_known_motion_calibrates_nothing(
     sources = [f"{name}={path}" for name, path in files.items()]
     assert omni("lines", "import", *sources, "--out", tmp_path / "bag") == 0
     assert omni("calibrate-sensors", tmp_path / "bag", "--out", tmp_path / "out") == 2
-    assert "holds no motion to compare with" in capsys.readouterr().err
+    assert "contains no motion to compare with" in capsys.readouterr().err

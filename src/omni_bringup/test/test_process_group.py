@@ -20,7 +20,6 @@ from omni_bringup.graph.process_group import (
     RunningProcess,
     describe_end,
     find_executable,
-    process_group,
     wait_for,
 )
 
@@ -86,7 +85,7 @@ def test_stubborn_processes_are_killed_and_gone(prefix: Path) -> None:
         "report({})\n"
         "time.sleep(60)"
     )
-    with process_group(os.environ, stop_timeout=0.2) as group:
+    with ProcessGroup(os.environ, stop_timeout=0.2) as group:
         processes = [group.start(add_program(prefix, f"mule{i}", body)) for i in range(2)]
         deadline = time.monotonic() + 20.0
         for process in processes:
@@ -98,7 +97,7 @@ def test_stubborn_processes_are_killed_and_gone(prefix: Path) -> None:
 
 def test_processes_end_when_the_block_is_left_by_an_error(prefix: Path) -> None:
     started = []
-    with pytest.raises(KeyboardInterrupt), process_group(os.environ) as group:  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), ProcessGroup(os.environ) as group:  # noqa: PT012
         started.append(group.start(add_program(prefix, "sleeper", "import time; time.sleep(60)")))
         raise KeyboardInterrupt
     assert started[0].returncode == -signal.SIGTERM
@@ -117,7 +116,7 @@ def test_last_started_ends_first(prefix: Path, tmp_path: Path) -> None:
         "report({})\n"
         "time.sleep(60)"
     )
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         for name in ("node1", "node2", "node3"):
             process = group.start(add_program(prefix, name, body))
             deadline = time.monotonic() + 20.0
@@ -153,7 +152,7 @@ def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_pat
         )
 
     listener = ASKED + "while not asked: time.sleep(0.01)\nsys.exit(len(asked) - 1)"
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         start_and_wait(group, prefix, "listener", listener)
         start_and_wait(group, prefix, "left", sender("left-asked", "right-asked"))
         start_and_wait(group, prefix, "right", sender("right-asked", "left-asked"))
@@ -163,7 +162,7 @@ def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_pat
 
 def test_no_node_waits_long_for_a_subscriber_that_died(prefix: Path) -> None:
     patient = ASKED + "while len(asked) < 2: time.sleep(0.01)"
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         wait_for(group.start(add_program(prefix, "listener", "1 / 0")), 20.0)
         start_and_wait(group, prefix, "patient", patient)
     assert [process.returncode for process in group.running] == [1, 0]
@@ -171,7 +170,7 @@ def test_no_node_waits_long_for_a_subscriber_that_died(prefix: Path) -> None:
 
 def test_a_process_that_dies_on_its_way_out_has_failed(prefix: Path) -> None:
     dies = ASKED + "import os\nwhile not asked: time.sleep(0.01)\nos.kill(os.getpid(), 9)"
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
         start_and_wait(group, prefix, "doomed", dies)
     with pytest.raises(ProcessError, match=r"doomed ended \(signal 9\)"):
@@ -179,14 +178,14 @@ def test_a_process_that_dies_on_its_way_out_has_failed(prefix: Path) -> None:
 
 
 def test_a_halted_process_is_asked_like_any_other(prefix: Path) -> None:
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
         process.signal(signal.SIGSTOP)
     assert process.returncode == 0
 
 
 def test_it_is_remembered_that_a_process_was_halted(prefix: Path) -> None:
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         process = start_and_wait(group, prefix, "calm", ASKED + "while not asked: time.sleep(0.01)")
         before = process.was_halted
         process.signal(signal.SIGSTOP)
@@ -205,7 +204,7 @@ def test_it_is_remembered_that_a_process_was_halted_on_its_way_out(prefix: Path)
         f"subprocess.Popen(['sh', '-c', {wakes!r}, str(os.getpid())])\n"
         "os.kill(os.getpid(), signal.SIGSTOP)"
     )
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         process = start_and_wait(group, prefix, "calm", ASKED + leaves)
         assert not process.was_halted
     assert process.returncode == 0
@@ -240,7 +239,7 @@ def test_a_halted_process_does_not_outlive_the_one_that_started_it(prefix: Path)
 
 def test_an_end_is_described_with_the_last_words(prefix: Path) -> None:
     body = "import sys\nprint('first', file=sys.stderr)\nsys.exit('the lens is covered')"
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         process = group.start(add_program(prefix, "eye", body))
         assert wait_for(process, 20.0) == 1
         assert describe_end(process) == "eye ended (exit code 1): the lens is covered"
@@ -258,7 +257,7 @@ def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> N
         "report({'share': 1.0})\n"
         "os.write(int(os.environ['OMNI_REPORT_FD']), b'{\"sha')\n"
     )
-    with process_group(os.environ) as group:
+    with ProcessGroup(os.environ) as group:
         process = group.start(add_program(prefix, "teller", body))
         wait_for(process, 20.0)
         assert process.new_reports() == [{"share": 0.5}, {"share": 1.0}]
@@ -281,7 +280,7 @@ while True:
     node = add_program(prefix, "avenger", body)
 
     def one_run() -> None:
-        with process_group(dict(os.environ)) as group:
+        with ProcessGroup(dict(os.environ)) as group:
             started.append(group.start(node))
             while not started[0].error_output():
                 assert wait_for(started[0], 0.02) is None

@@ -179,7 +179,7 @@ def test_what_cannot_be_replayed_is_refused_by_name(
             [lines, "--experiment", "straight_line", "--check"],
             f"compare the results with on {TWIST}",
         ),
-        ([blind], "holds no message on /line_scan/left/lines"),
+        ([blind], "contains no message on /line_scan/left/lines"),
         ([twisted], "configuration.yaml is not valid YAML"),
         ([SAMPLE, "--nodes", "simulator"], "'simulator' is not one of"),
         ([SAMPLE, "--set", "odometry.median=1"], "odometry.median: is not a known key"),

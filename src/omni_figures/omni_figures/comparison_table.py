@@ -1,4 +1,4 @@
-"""The metrics of an experiment's variants side by side, for a terminal."""
+"""Table of the metrics of an experiment's variants, for a terminal."""
 
 import dataclasses
 import itertools
@@ -20,15 +20,15 @@ _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
 
 @dataclasses.dataclass(frozen=True)
 class ComparisonTable:
-    """A row per quantity and a column per variant, for as many variants as fit side by side.
+    """Table with a row per quantity and a column per variant, as many variants as fit.
 
-    Further variants follow in tables below, so that numbers never wrap; names may wrap. ``!`` marks
-    a value that misses its limit. The value in the dissertation follows in brackets. A dash stands
-    for an undefined quantity, with the reason below the table.
+    Further variants follow in tables below, so that numbers never wrap; names may wrap. A value
+    that misses its limit is marked with ``!``. The value in the dissertation follows in
+    parentheses. A dash stands for an undefined quantity, with the reason below the table.
 
     Attributes:
         metrics_by_variant: results of `run_metrics` by variant, in the order of the columns.
-        title: title above the table, if any.
+        title: title above the table; None for no title.
     """
 
     metrics_by_variant: Mapping[str, Mapping[str, Metric]]
@@ -39,8 +39,8 @@ class ComparisonTable:
         title = self.title
         left = list(self.metrics_by_variant)
         while left:
-            # Take the widest table that fits: with all variants, then folded headings, then fewer
-            # variants.
+            # Use the widest table that fits: first with all variants, then with folded headings,
+            # then with fewer variants.
             for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
                 shown = {name: self.metrics_by_variant[name] for name in left[:count]}
                 table = _table(shown, title, folded=folded)
@@ -64,7 +64,7 @@ def _table(
         pad_edge=False,
     )
     variants = metrics_by_variant.values()
-    # Each quantity once, in the order in which the variants list it.
+    # Each quantity appears once, in the order in which the variants list it.
     rows = {
         metric_label(quantity): in_small_units([metrics.get(quantity) for metrics in variants])
         for quantity in dict.fromkeys(key for metrics in variants for key in metrics)
@@ -91,7 +91,7 @@ def _table(
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit of a row and its entries in it: short lengths are in millimeters.
+    """Return the unit of a row, and its entries in this unit: short lengths in millimeters.
 
     Args:
         entries: entries of one quantity by column, None if a column lacks it.
@@ -114,7 +114,7 @@ def _times(metric: Metric, factor: float, unit: str) -> Metric:
 
 
 def metric_label(quantity: str) -> str:
-    """Return the name of a quantity, indented if it belongs to a single wheel."""
+    """Return the label of a quantity, indented if it belongs to a single wheel."""
     name, _, wheel = quantity.partition(".")
     label = (
         f"  {wheel}" if wheel else re.sub("_(rmse|ate|rpe)$", lambda found: found[0].upper(), name)
@@ -135,7 +135,7 @@ def _cell(metric: Metric | None) -> Text:
 
 
 def metric_number(value: float, unit: str) -> str:
-    """Return a value with as many digits as suit its unit."""
+    """Format a value with a number of digits that suits its unit."""
     if unit == "1" and float(value).is_integer():
         return f"{value:.0f}"
     return f"{value:.{_DECIMALS.get(unit, 2)}f}"

@@ -1,13 +1,16 @@
-"""Functions that write CSV tables, such as the data of a figure."""
+"""Writing of CSV tables, such as the data of a figure."""
+
+from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-TIME = "time since braking [s]"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_table(
@@ -31,29 +34,32 @@ def write_table(
     return path
 
 
-def write_records(path: Path, records: Sequence[Any]) -> Path:
-    """Write records of one type as rows below the names and units of their fields.
+def write_cases(path: Path, head: str, cases: Mapping[str, Mapping[str, Any]]) -> Path:
+    """Write a table with a row for each case and a column for each entry of any case.
 
     Args:
         path: path of the file.
-        records: at least one instance of a `NamedTuple`, which declares its numbers with their
-            units, as ``speed: Annotated[float, "m/s"]``.
+        head: heading of the column that contains the cases.
+        cases: entries by case and name.
     """
-    hints = get_type_hints(type(records[0]), include_extras=True)
-    units = {name: getattr(hint, "__metadata__", None) for name, hint in hints.items()}
-    header = [f"{name} [{unit[0]}]" if unit else name for name, unit in units.items()]
-    return write_table(path, header, records)
+    names = list(dict.fromkeys(name for entries in cases.values() for name in entries))
+    rows = ([case, *(own.get(name, "") for name in names)] for case, own in cases.items())
+    return write_table(path, [head, *names], rows)
 
 
-def write_columns(path: Path, columns: Mapping[str, Any]) -> Path:
-    """Write columns of equal length below their names, numbers with six digits.
+def write_lines(path: Path, figure: Figure) -> Path:
+    """Write the finite points of a figure's lines; unlabeled lines of two points are omitted.
 
     Args:
         path: path of the file.
-        columns: texts or numbers by ``name [unit]``.
-
-    Raises:
-        ValueError: the lengths differ.
+        figure: the figure, whose panels have a title or a label of the vertical axis.
     """
-    cells = (np.asarray(column).tolist() for column in columns.values())
-    return write_table(path, columns, zip(*cells, strict=True), digits=6)
+    rows: list[tuple[str, str, float, float]] = []
+    for axes in figure.axes:
+        panel = (axes.get_title(loc="left") or axes.get_ylabel()).replace("\n", " ")
+        for line in axes.get_lines():
+            name, points = str(line.get_label()), np.asarray(line.get_xydata()).tolist()
+            name = "" if name.startswith("_") else name
+            known = [point for point in points if np.isfinite(point).all()]
+            rows += [(panel, name, x, y) for x, y in known if name or len(known) > 2]
+    return write_table(path, ("panel", "line", "x", "y"), rows, digits=6)

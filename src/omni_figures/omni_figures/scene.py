@@ -22,7 +22,7 @@ class GroundPatch:
 
     Attributes:
         outline: corners in `odom` [m].
-        friction: friction of the patch over that of the ground around it [1].
+        friction: ratio of the patch's friction to that of the ground around it [1].
     """
 
     outline: tuple[tuple[float, float], ...]
@@ -30,7 +30,7 @@ class GroundPatch:
 
     @classmethod
     def of(cls, patch: FrictionPatch) -> GroundPatch:
-        """Return a rectangle or an ellipse about its center, its length along its heading."""
+        """Return a rectangle or an ellipse around its center, with its length along its heading."""
         corners = rectangle(patch.length, patch.width)
         if patch.shape == "ellipse":
             angle = np.linspace(0.0, math.tau, 72, endpoint=False)
@@ -48,9 +48,9 @@ class Scene:
         chassis_length: length of the chassis along x of the body frame [m].
         chassis_width: width of the chassis along y of the body frame [m].
         wheels: mounts by wheel name.
-        center_of_gravity: center of gravity of vehicle and load together, in the body frame [m], if
-            known.
-        load: position of the load in the body frame [m], if there is one.
+        center_of_gravity: common center of gravity of vehicle and load in the body frame [m]; None
+            if unknown.
+        load: position of the load in the body frame [m]; None if there is no load.
         patches: patches of ground with a different friction.
     """
 
@@ -89,7 +89,7 @@ class Scene:
 
     @property
     def drawn_points(self) -> FloatArray:
-        """Points in the body frame [m], shape (M, 2), whose convex hull contains the vehicle."""
+        """Points whose convex hull contains the vehicle, in the body frame [m], shape (M, 2)."""
         points = [self.chassis, *self.wheel_outlines]
         points += [np.array([p]) for p in (self.load, self.center_of_gravity) if p is not None]
         return np.concatenate(points)
@@ -101,14 +101,14 @@ def rectangle(length: float, width: float) -> FloatArray:
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Return points (M, 2) [m] of a frame with pose x, y, yaw [m, m, rad] in the world frame."""
+    """Transform points (M, 2) [m] from a frame with pose x, y, yaw [m, m, rad] to the world."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
 
 
 def ahead_up(points: FloatArray) -> FloatArray:
-    """Return points (M, 2) of the body frame, turned so that forward is up in the figure."""
+    """Rotate points (M, 2) of the body frame so that forward is up in the figure."""
     return np.column_stack((-points[:, 1], points[:, 0]))
 
 
@@ -119,8 +119,8 @@ def overlap(a: FloatArray, b: FloatArray) -> bool:
         a: corners in order [m], shape (M, 2), at least two.
         b: corners in order [m], shape (K, 2), at least two.
     """
-    # Separating axes: convex outlines are apart if their projections on an edge's direction or on
-    # its normal are.
+    # Separating axes: convex outlines are disjoint if their projections on the direction or normal
+    # of some edge are disjoint.
     edges = np.concatenate([np.roll(a, 1, axis=0) - a, np.roll(b, 1, axis=0) - b])
     axes = np.concatenate([edges, edges[:, ::-1] * (-1.0, 1.0)])
     shadow_a, shadow_b = axes @ a.T, axes @ b.T

@@ -1,9 +1,9 @@
-"""Selection of the moments of a braking maneuver that the top view shows without overlap.
+"""Selection of moments during braking that the top view can show without overlap.
 
-The first snapshot is the start of braking, the last one the final position. Between them, as many
-snapshots as there is room for follow at round times, about equally spaced along the longest path of
-all variants. Every variant shows the same moments, so that they can be compared. If the vehicle or
-its arrow would overlap an earlier snapshot, a moment close by is shown, or none.
+The first snapshot is the start of braking, and the last one is the final position. Between them, as
+many snapshots as fit are taken at round times, about equally spaced along the longest path of all
+variants. All variants are shown at the same moments, so that they can be compared. If the vehicle
+or its arrow would overlap an earlier snapshot, a moment shortly before or after is used, or none.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ _SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, in order of prefere
 
 @dataclasses.dataclass(frozen=True)
 class Snapshots:
-    """Indices of the stamps to draw, in order, and the label (time) of each."""
+    """Indices of the stamps to draw, in order, with their labels (times)."""
 
     indices: tuple[int, ...]
     labels: tuple[str, ...]
@@ -30,7 +30,7 @@ class Snapshots:
 
 @dataclasses.dataclass(frozen=True)
 class _Span:
-    """One variant from the start of braking to rest."""
+    """One variant between the start of braking and rest."""
 
     history: RunHistory
     start: int
@@ -53,7 +53,6 @@ class _Span:
 def choose_snapshots(
     scene: Scene,
     histories: Mapping[str, RunHistory],
-    rest: RestCriterion,
     arrow_scale: float,
     most: int = 7,
 ) -> dict[str, Snapshots]:
@@ -62,11 +61,10 @@ def choose_snapshots(
     Args:
         scene: the vehicle.
         histories: runs by variant, at least one.
-        rest: criterion for a vehicle at rest.
-        arrow_scale: length of the velocity arrow over speed [m / (m/s)].
+        arrow_scale: length of a velocity arrow per speed [m / (m/s)].
         most: largest number of snapshots.
     """
-    spans = {name: _span(history, rest) for name, history in histories.items()}
+    spans = {name: _span(history) for name, history in histories.items()}
     longest = max(spans.values(), key=lambda span: float(span.traveled[-1]))
     step = next((s for s in _STEPS if 20.0 * s <= longest.duration), _STEPS[-1])
     choices = [
@@ -89,8 +87,8 @@ def velocity_arrow(
         scene: the vehicle.
         history: run of the vehicle.
         index: index of the stamp.
-        arrow_scale: length of the arrow over speed [m / (m/s)].
-        shortest: length of the shortest arrow, in lengths of the chassis.
+        arrow_scale: length of a velocity arrow per speed [m / (m/s)].
+        shortest: length of the shortest arrow, as a multiple of the chassis length.
 
     Returns:
         Tail and tip; None if the vehicle is too slow for an arrow.
@@ -111,9 +109,9 @@ def snapshot_outlines(
         scene: the vehicle.
         history: run of the vehicle.
         index: index of the stamp.
-        arrow_scale: length of the arrow over speed [m / (m/s)].
-        clearance: smallest distance of an arrow's tip or a load from other elements, in lengths of
-            the chassis.
+        arrow_scale: length of a velocity arrow per speed [m / (m/s)].
+        clearance: smallest distance between an arrow's tip or a load and other elements, as a
+            multiple of the chassis length.
 
     Returns:
         Corners of an outline or both ends of a line, in `odom` [m], shape (4, 2) or (2, 2) each.
@@ -129,9 +127,9 @@ def snapshot_outlines(
     return outlines
 
 
-def _span(history: RunHistory, rest: RestCriterion) -> _Span:
+def _span(history: RunHistory) -> _Span:
     start = history.brake_start or 0
-    stop = rest.first_stamp(history.twist, start)
+    stop = RestCriterion().first_stamp(history.twist, start)
     return _Span(history, start, len(history.stamp_ns) - 1 if stop is None else stop)
 
 
@@ -166,7 +164,7 @@ def _free_instants(
 def _snapshots(span: _Span, between: Sequence[float]) -> Snapshots:
     indices = [span.start, *(span.stamp_at(instant) for instant in between)]
     labels = ["0 s", *(f"{instant:g} s" for instant in between)]
-    last = len(span.history.stamp_ns) - 1  # the vehicle may still rock a little after it stops
+    last = len(span.history.stamp_ns) - 1  # the vehicle may rock a little after it stops
     if last not in indices:
         indices.append(last)
         labels.append(f"{span.duration:.2f} s")

@@ -1,7 +1,7 @@
 """Colors, sizes and file formats of all figures.
 
 The colors are those of M. Okabe and K. Ito, which people with color-vision deficiencies can
-distinguish. Figures are made with matplotlib's objects, never with pyplot. Importing this module
+distinguish. Figures are created with matplotlib's objects, never with pyplot. Importing this module
 applies ``omni.mplstyle`` to all figures of the process.
 """
 
@@ -46,7 +46,7 @@ def panels(
     y: str | Sequence[str] = "",
     **kwargs: Any,
 ) -> tuple[Figure, Any]:
-    """Return a figure with a grid of axes, labeled along its lower and left edge.
+    """Return a figure with a grid of axes, which is labeled along its lower and left edges.
 
     Args:
         title: title of the figure; may be empty.
@@ -63,7 +63,7 @@ def panels(
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, **kwargs)
     if title:
-        draw_title(figure, title)
+        figure.suptitle(title, x=0.01, ha="left")
     for axes, words in zip(grid[-1], [x] * columns if isinstance(x, str) else x, strict=True):
         axes.set_xlabel(words)
     for axes, words in zip(grid[:, 0], [y] * rows if isinstance(y, str) else y, strict=True):
@@ -71,9 +71,14 @@ def panels(
     return figure, grid
 
 
-def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
-    """Draw a legend of the labeled elements of some axes below a figure."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+def legend_below(figure: Figure, columns: int) -> None:
+    """Draw a legend of all labels below a figure."""
+    found: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        found |= zip(labels, handles, strict=True)
+    columns = min(columns, len(found))
+    figure.legend(list(found.values()), list(found), loc="outside lower center", ncols=columns)
 
 
 def note(
@@ -81,11 +86,6 @@ def note(
 ) -> None:
     """Write `words` near a data point `place`, shifted by `offset` [points]."""
     axes.annotate(words, place, offset, textcoords="offset points", **look)
-
-
-def draw_title(figure: Figure, title: str) -> None:
-    """Write the title of a figure at its left."""
-    figure.suptitle(title, x=0.01, ha="left")
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
@@ -102,10 +102,10 @@ def picture_of(figure: Figure, dots_per_inch: int = 80) -> bytes:
 
 
 def save_figure(figure: Figure, path: Path | str) -> Path:
-    """Write a figure as PNG or SVG, by the suffix; the same figure gives the same bytes.
+    """Write a figure as PNG or SVG, depending on the suffix; equal figures give equal bytes.
 
     Raises:
-        ValueError: the suffix is another one.
+        ValueError: the suffix is neither PNG nor SVG.
     """
     target = Path(path)
     if target.suffix not in {".png", ".svg"}:

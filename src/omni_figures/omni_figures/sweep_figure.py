@@ -1,4 +1,4 @@
-"""Figure of a sweep: metrics over the values of one key."""
+"""Figure of a sweep: metrics as functions of one key."""
 
 import itertools
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from omni_loop.sweep import SHOWN, SweptRun, number
 
 
 def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
-    """Draw four quantities over the first swept key, with a line per variant and further value.
+    """Draw four quantities over the first swept key, with one line per variant and other values.
 
     Args:
         runs: runs of the sweep, at least one.
@@ -42,5 +42,5 @@ def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
         axes.set_ylim(bottom=0.0)
         if words:
             axes.set_xticks(range(len(texts)), texts)
-    style.legend_below(figure, grid[0, 0], min(len(lines), 3))
+    style.legend_below(figure, 3)
     return figure

@@ -1,10 +1,10 @@
 """Velocities and errors over time while braking, like Figures 31 and 32.
 
-One column per variant: linear velocity in the body frame, yaw rate, the sliding-manifold values s_i
-by wheel, and the times at which each brake was on. Time counts from the start of braking. All
-panels of a row have the same scale, except a panel that would show only a flat line; the scale of
-this panel is labeled. Solid lines show the truth, thin dashed lines the measurement of the
-odometry.
+The figure has one column per variant: linear velocity in the body frame, yaw rate, the errors s_i
+of the wheels, and the times at which each brake was on. The time axis starts at the start of
+braking. All panels of a row have the same scale, except a panel that would show only a flat line;
+the scale of such a panel is labeled. Solid lines show the true motion, and thin dashed lines the
+measurement of the odometry.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,10 +21,14 @@ from omni_figures import style
 from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
-_ROWS = (2.4, 1.7, 2.4)  # heights of velocity, yaw rate, errors [inch]
-_V_X, _V_Y, _YAW_RATE = style.BLUE, style.ORANGE, style.GREEN
+_ROWS = (2.4, 1.7, 2.4)  # heights of the rows for velocity, yaw rate and errors [inch]
+_TRUTH: tuple[dict[str, Any], ...] = (
+    {"label": "$v_x$", "color": style.BLUE, "linewidth": 2.2},
+    {"label": "$v_y$", "color": style.ORANGE, "linewidth": 2.2},
+    {"label": "yaw rate", "color": style.GREEN, "linewidth": 2.2},
+)
 _ODOMETRY: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9, "linestyle": (0, (4, 3))}
-_OWN_SCALE = "#FFF7DC"  # background of a panel with its own scale
+_OWN_SCALE = "#FFF7DC"  # background of a panel that has its own scale
 
 Limits = tuple[float, float]
 
@@ -46,7 +50,6 @@ def time_series(
         raise ValueError("time series need at least one history")
     wheels = list(dict.fromkeys(name for h in histories.values() for name in h.wheel_names))
     runs = list(histories.values())
-    scales = _choose_scales(runs, before)
     heights = (*_ROWS, 0.22 * len(wheels))
     size = (style.PAGE_WIDTH, sum(heights) + 1.6)  # with margins
     x = [f"{style.time_label([history])} [s]" for history in runs]
@@ -63,21 +66,22 @@ def time_series(
         _draw_brakes(panels[3], history, wheels)
         for axes in panels if history.brake_start is not None else ():
             axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
-    _set_scales(columns, runs, scales, before)
+    _set_scales(columns, runs, before)
     _add_legends(columns[-1], wheels)
     return figure
 
 
 def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
-    for row, component, color in ((0, 0, _V_X), (0, 1, _V_Y), (1, 2, _YAW_RATE)):
-        axes = panels[row]
+    time = history.braking_time
+    for component, (axes, look) in enumerate(zip((panels[0], *panels), _TRUTH, strict=False)):
         axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
-        axes.plot(history.braking_time, history.twist[:, component], color=color, linewidth=2.2)
-        axes.plot(history.braking_time, history.estimate[:, component], **_ODOMETRY)
+        axes.plot(time, history.twist[:, component], **look)
+        label = f"odometry, {look['label']}"
+        axes.plot(time, history.estimate[:, component], label=label, **_ODOMETRY)
 
 
 def while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
-    """Return values with NaN before the start of braking."""
+    """Return the values with NaN before the start of braking."""
     shown = values.copy()
     shown[: history.brake_start] = np.nan
     return shown
@@ -87,11 +91,11 @@ def _draw_errors(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
     error = while_braking(history, history.error)
     for column, name in enumerate(history.wheel_names):
-        axes.plot(history.braking_time, error[:, column], **_wheel_line(wheels.index(name)))
+        axes.plot(history.braking_time, error[:, column], **_wheel_line(name, wheels))
 
 
 def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None:
-    """Draw one strip per wheel; its height is the share of the brake pressure."""
+    """Draw one strip per wheel, whose height is the share of the brake pressure."""
     axes.grid(False, axis="y")
     axes.set_yticks(range(len(wheels)), [name.replace("_", " ") for name in wheels])
     axes.set_ylim(len(wheels) - 0.4, -0.6)  # the first wheel on top
@@ -100,7 +104,7 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
     pressed = history.pedal > 0.0
     for column, name in enumerate(history.wheel_names):
         row = wheels.index(name)
-        # Without an enable the brake is on, as on a vehicle.
+        # Without an enable the brake is on, as on a real vehicle.
         share = np.where(pressed, np.nan_to_num(history.enable[:, column], nan=1.0), 0.0)
         share = np.append(share, share[-1])
         drawn = (share > 0.0) | (np.append(0.0, share[:-1]) > 0.0)  # up to the end of the period
@@ -109,68 +113,60 @@ def _draw_brakes(axes: Axes, history: RunHistory, wheels: Sequence[str]) -> None
         axes.fill_between(edges, row + 0.35, top, where=drawn, step="post", **look)
 
 
-def _choose_scales(histories: Sequence[RunHistory], before: float) -> list[list[Limits]]:
-    """Return the limits of the rows velocity, yaw rate and error, for each history."""
-    shown = [h.braking_time >= -before for h in histories]
-    pairs = list(zip(histories, shown, strict=True))
-    return [
-        _row_scales([h.twist[i, :2] for h, i in pairs], [h.estimate[i, :2] for h, i in pairs]),
-        _row_scales([h.twist[i, 2] for h, i in pairs], [h.estimate[i, 2] for h, i in pairs]),
-        _row_scales([while_braking(h, h.error)[i] for h, i in pairs], []),
-    ]
+def _set_scales(
+    columns: Sequence[Sequence[Axes]], histories: Sequence[RunHistory], before: float
+) -> None:
+    """Set the limits of all panels; the time axis starts at `before` [s] before braking."""
+    first = max(-before, min(float(h.braking_time[0]) for h in histories))
+    last = max(float(h.braking_time[-1]) for h in histories)
+    for axes in (axes for panels in columns for axes in panels):
+        axes.set_xlim(first, max(last, first + 1e-3))
+    velocity, yaw_rate, error, _ = zip(*columns, strict=True)
+    shown = [(h, h.braking_time >= -before) for h in histories]
+    twist = [h.twist[i] for h, i in shown]
+    estimate = [h.estimate[i] for h, i in shown]
+    _scale_row(velocity, [t[:, :2] for t in twist], [e[:, :2] for e in estimate])
+    _scale_row(yaw_rate, [t[:, 2] for t in twist], [e[:, 2] for e in estimate])
+    _scale_row(error, [while_braking(h, h.error)[i] for h, i in shown], [])
 
 
-def _row_scales(
+def _scale_row(
+    row: Sequence[Axes],
     shown: Sequence[FloatArray],
     noisy: Sequence[FloatArray],
     share: float = 0.125,
     least: float = 1e-3,
-) -> list[Limits]:
-    """Return a common scale, and separate scales for panels that it would make unreadable.
+) -> None:
+    """Set a common scale, and labeled scales for panels that would be unreadable with it.
 
     Args:
-        shown: values of each panel.
+        row: panels of one quantity.
+        shown: values that each panel must show.
         noisy: values of each panel whose outliers may be cut off.
         share: share of the common scale below which a panel gets its own scale [1].
         least: range of values below which a panel keeps the common scale [m/s] or [rad/s].
     """
     common = _limits(shown, noisy)
-    scales = []
-    for place, values in enumerate(shown):
+    whole = common[1] - common[0]
+    left: Limits | None = None  # limits of the panel to the left
+    for place, (axes, values) in enumerate(zip(row, shown, strict=True)):
+        low, high = common
         known = np.append(values[np.isfinite(values)], 0.0)
-        hidden = least < np.ptp(known) < share * (common[1] - common[0])
-        low, high = _limits([values], noisy[place : place + 1]) if hidden else common
-        # Room for the label of the separate scale.
-        scales.append((low, high + (0.15 * (high - low) if hidden else 0.0)))
-    return scales
-
-
-def _set_scales(
-    columns: Sequence[Sequence[Axes]],
-    histories: Sequence[RunHistory],
-    scales: Sequence[Sequence[Limits]],
-    before: float,
-) -> None:
-    """Set the limits, and label scales that differ from that of the panel to the left."""
-    first = max(-before, min(float(h.braking_time[0]) for h in histories))
-    last = max(float(h.braking_time[-1]) for h in histories)
-    for place, panels in enumerate(columns):
-        for axes in panels:
-            axes.set_xlim(first, max(last, first + 1e-3))
-        for axes, row in zip(panels, scales, strict=False):
-            axes.set_ylim(row[place])
-            axes.tick_params(labelleft=place == 0 or row[place] != row[place - 1])
-            finer = max(high - low for low, high in row) / (row[place][1] - row[place][0])
-            if finer > 1.0:
-                axes.set_facecolor(_OWN_SCALE)
-                words = rf"own scale, {finer:.0f}$\times$ finer"
-                halo = [Stroke(linewidth=3, foreground=_OWN_SCALE), Normal()]
-                look: dict[str, Any] = {"transform": axes.transAxes, "path_effects": halo}
-                axes.text(0.98, 0.97, words, ha="right", va="top", **look)
+        if least < np.ptp(known) < share * whole:
+            low, high = _limits([values], noisy[place : place + 1])
+            high += 0.15 * (high - low)  # room for the label of the scale
+            axes.set_facecolor(_OWN_SCALE)
+            words = rf"own scale, {whole / (high - low):.0f}$\times$ finer"
+            halo = [Stroke(linewidth=3, foreground=_OWN_SCALE), Normal()]
+            look: dict[str, Any] = {"transform": axes.transAxes, "path_effects": halo}
+            axes.text(0.98, 0.97, words, ha="right", va="top", **look)
+        axes.set_ylim(low, high)
+        axes.tick_params(labelleft=(low, high) != left)
+        left = low, high
 
 
 def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Limits:
-    """Return limits that show zero, all of `shown` and all but the outliers of `noisy`."""
+    """Return limits that include zero, all of `shown`, and `noisy` except its outliers."""
     values = [np.zeros(1), *(rows[np.isfinite(rows)] for rows in shown)]
     for rows in noisy:
         known = rows[np.isfinite(rows)]
@@ -186,26 +182,20 @@ def _add_legends(panels: Sequence[Axes], wheels: Sequence[str]) -> None:
     """Draw the legend of each row next to its last panel."""
     pedal = Line2D([], [], color=style.BLACK, linestyle=":", linewidth=1.2, label="pedal down")
     odometry = Line2D([], [], label="odometry", **_ODOMETRY)
-    by_wheel = [
-        Line2D([], [], label=name.replace("_", " "), **_wheel_line(row))
-        for row, name in enumerate(wheels)
-    ]
+    v_x, v_y, yaw_rate = (Line2D([], [], **look) for look in _TRUTH)
     rows: tuple[list[Line2D | Patch], ...] = (
-        [_truth(_V_X, "$v_x$"), _truth(_V_Y, "$v_y$"), odometry, pedal],
-        [_truth(_YAW_RATE, "yaw rate"), odometry],
-        [*by_wheel],
+        [v_x, v_y, odometry, pedal],
+        [yaw_rate, odometry],
+        [Line2D([], [], **_wheel_line(name, wheels)) for name in wheels],
         [Patch(facecolor=style.GRAY, label="brake on")],
     )
     for axes, handles in zip(panels, rows, strict=True):
         axes.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.3)
 
 
-def _wheel_line(row: int) -> dict[str, Any]:
+def _wheel_line(name: str, wheels: Sequence[str]) -> dict[str, Any]:
     """Return the style of a wheel's line; dashes distinguish lines with similar gray levels."""
     dashes = ("-", "-", (0, (4, 1)), (0, (4, 1)), (0, (1, 1)), (0, (1, 1)))
-    color = style.wheel_color(row)
-    return {"color": color, "linewidth": 1.5, "linestyle": dashes[row % len(dashes)]}
-
-
-def _truth(color: str, label: str) -> Line2D:
-    return Line2D([], [], color=color, linewidth=2.2, label=label)
+    row, label = wheels.index(name), name.replace("_", " ")
+    look = {"color": style.wheel_color(row), "linestyle": dashes[row % len(dashes)]}
+    return {"label": label, "linewidth": 1.5, **look}

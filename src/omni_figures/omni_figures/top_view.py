@@ -1,7 +1,7 @@
 """Top view of braking: snapshots of every variant, like Figures 24 and 30.
 
-Every variant has a panel, all at the same scale, so that distances can be compared by eye. Times
-count from the start of braking; `snapshots` selects the moments.
+Every variant has a panel, all with the same scale, so that distances can be compared by eye. Times
+are counted from the start of braking; `snapshots` selects the moments.
 """
 
 import dataclasses
@@ -20,13 +20,13 @@ from omni_figures import style, top_view_drawing
 from omni_figures.scene import Scene, overlap, placed, rectangle
 from omni_figures.snapshots import Snapshots, choose_snapshots, snapshot_outlines
 from omni_loop.history import RunHistory
-from omni_loop.metrics import RestCriterion, run_metrics
+from omni_loop.metrics import run_metrics
 from omni_platform.quantities import FloatArray
 
 
 @dataclasses.dataclass(frozen=True)
 class _View:
-    """The area of ground that every panel shows, and the layout of the panels."""
+    """Area of the ground that every panel shows, and the layout of the panels."""
 
     low: FloatArray  # lower left corner [m]
     high: FloatArray  # upper right corner [m]
@@ -39,7 +39,6 @@ def top_view(
     histories: Mapping[str, RunHistory],
     *,
     title: str = "",
-    rest: RestCriterion | None = None,
     arrow: float = 0.9,
 ) -> Figure:
     """Draw snapshots of every variant's braking from above.
@@ -48,25 +47,24 @@ def top_view(
         scene: vehicle and ground.
         histories: runs by variant, in the order of the panels.
         title: title above the panels.
-        rest: criterion for a vehicle at rest.
-        arrow: length of the velocity arrow at the greatest speed, in lengths of the chassis.
+        arrow: length of the velocity arrow at the largest speed, as a multiple of the chassis
+            length.
 
     Raises:
         ValueError: there is no history.
     """
     if not histories:
         raise ValueError("a top view needs at least one history")
-    criterion = rest or RestCriterion()
     greatest = max(_greatest_speed(h, slice(h.brake_start or 0, None)) for h in histories.values())
     arrow_scale = arrow * scene.chassis_length / greatest if greatest > 0.0 else 0.0
-    snapshots = choose_snapshots(scene, histories, criterion, arrow_scale)
+    snapshots = choose_snapshots(scene, histories, arrow_scale)
     fastest = max(_greatest_speed(h, list(snapshots[n].indices)) for n, h in histories.items())
     view = _choose_view(scene, histories, snapshots, arrow_scale)
     handles = top_view_drawing.legend_handles(scene, fastest, style.time_label(histories.values()))
     figure, panels = _lay_out(view, len(histories), handles, title)
     for axes, (name, history) in zip(panels, histories.items(), strict=True):
         joint = "\n" if view.side_by_side else ", "
-        axes.set_title(_panel_title(name, history, criterion, joint))
+        axes.set_title(_panel_title(name, history, joint))
         top_view_drawing.draw_ground(axes, scene)
         top_view_drawing.draw_paths(axes, history)
         chosen = snapshots[name].indices
@@ -92,13 +90,13 @@ def _choose_view(
     height: float = 10.0,
     lowest: float = 1.3,
 ) -> _View:
-    """Frame all snapshots of all variants and find the largest scale that fits the page.
+    """Choose an area that contains all snapshots of all variants, and the largest scale that fits.
 
     Args:
         scene: vehicle and ground.
         histories: runs by variant.
         snapshots: snapshots by variant.
-        arrow_scale: length of an arrow over the speed [m / (m/s)].
+        arrow_scale: length of an arrow per speed [m / (m/s)].
         height: height of all panels together [in].
         lowest: smallest height of a panel [in].
     """
@@ -117,11 +115,11 @@ def _choose_view(
     # Width of a panel, without axis labels, titles and legend.
     width = (style.PAGE_WIDTH - 1.0 - 0.3 * (columns - 1)) / columns
     room = np.array([width, height / rows])
-    # Labels are left of platforms that move up the page, else above them.
+    # Labels are to the left of platforms that move up the page, and above all others.
     label = np.array([0.55, 0.0] if side_by_side else [0.0, 0.2])
     scale = float(np.min((room - label) / span))
     low, high = low - (label * [1, 0]) / scale, high + (label * [0, 1]) / scale
-    # Enlarge the shown ground, so that every panel fills its place.
+    # Enlarge the shown area, so that every panel fills its space.
     wanted = np.array([room[0], max(lowest, (high - low)[1] * scale)])
     slack = np.maximum(wanted / scale - (high - low), 0.0)
     return _View(low - slack / 2.0, high + slack / 2.0, side_by_side, scale)
@@ -148,8 +146,8 @@ def _lay_out(
     return figure, grid.flat
 
 
-def _panel_title(name: str, history: RunHistory, rest: RestCriterion, joint: str) -> str:
-    metrics = run_metrics(history, rest=rest)
+def _panel_title(name: str, history: RunHistory, joint: str) -> str:
+    metrics = run_metrics(history)
     distance = metrics["stopping_distance"]
     if math.isnan(distance.value):
         return f"{name}:{joint.strip(',')}{distance.note}"
@@ -187,9 +185,9 @@ def _label_snapshots(
 
 
 def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
-    """Yield center positions of a label with `size` [m] next to a chassis, the best first."""
+    """Yield center positions for a label of `size` [m] next to a chassis, best first."""
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
-    # Next to the path, which leads up the page if panels are side by side.
+    # Next to the path, which points up the page if panels are side by side.
     sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]
     for first, second in (sides, [(y, x) for x, y in sides]):
         for gap in (0.1, 0.6):  # gap in label heights

@@ -23,23 +23,26 @@ _ARROW: dict[str, Any] = {
     "arrowstyle": "-|>", "mutation_scale": 12, "shrinkA": 0, "shrinkB": 0, "linewidth": 2.0,
     "color": style.VERMILLION,
 }  # fmt: skip
+_VELOCITY: dict[str, Any] = {
+    "color": style.VERMILLION, "linewidth": 2, "marker": ">", "markevery": [1],
+}  # fmt: skip
 _ACTIVE: dict[str, Any] = {"marker": (2, 0, -45), "markersize": 11, "markeredgewidth": 1.6}
 _TIME: dict[str, Any] = {
     "marker": r"$\mathrm{0.5\ s}$", "markersize": 22, "markeredgewidth": 0.1,
 }  # fmt: skip
-_TRAIL: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.2}
+_TRAIL: dict[str, Any] = {"label": "path of base_link", "color": style.BLACK, "linewidth": 1.2}
 _FIRST_LINE: dict[str, Any] = {"color": style.GRAY, "linewidth": 1.2, "linestyle": (0, (6, 3))}
 
 
 def draw_ground(axes: Axes, scene: Scene) -> None:
-    """Shade the patches of other friction, each with its factor."""
+    """Shade the patches of different friction, each with its friction factor."""
     for patch in scene.patches:
         axes.add_patch(Polygon(patch.outline, zorder=1, **_patch_look(patch.friction)))
 
 
 def draw_paths(axes: Axes, history: RunHistory) -> None:
-    """Draw the trail of `base_link` and the line through the start of braking along v_c0."""
-    axes.plot(history.pose[:, 0], history.pose[:, 1], zorder=8, **_TRAIL)
+    """Draw the path of `base_link`, and the line through the start of braking along v_c0."""
+    axes.plot(*history.pose[:, :2].T, zorder=8, **_TRAIL)
     start = history.brake_start
     if start is not None:
         x, y = history.pose[start, :2]
@@ -58,8 +61,8 @@ def draw_snapshot(
         scene: the vehicle.
         history: run of the vehicle.
         index: index of the stamp.
-        arrow_scale: length of the velocity arrow over speed [m / (m/s)].
-        age: 0 for the last snapshot, near 1 for the first; older snapshots are fainter.
+        arrow_scale: length of the velocity arrow per speed [m / (m/s)].
+        age: 0 for the last snapshot, nearly 1 for the first one; older snapshots are fainter.
     """
     pose = history.pose[index]
     layer = 3.0 + 4.0 * (1.0 - age)
@@ -86,7 +89,7 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels with the active direction; the share of brake pressure sets their tint."""
+    """Draw wheels with their active directions; the share of brake pressure determines the tint."""
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):
@@ -105,17 +108,17 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
         return 0.0
     share = float(history.enable[index, history.wheel_names.index(wheel)])
-    # Without an enable the brake is on, as on a vehicle.
+    # Without an enable the brake is on, as on a real vehicle.
     return 1.0 if math.isnan(share) else share
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return white mixed with a color, whose `share` is from 0 to 1."""
+    """Return a mixture of white and a color, with the given share of the color [0 to 1]."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
 def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D | Patch]:
-    """Return the legend of a top view.
+    """Return the legend entries of a top view.
 
     Args:
         scene: determines the entries.
@@ -131,45 +134,25 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
         Line2D([], [], color=style.BLACK, linestyle="", label="active direction", **_ACTIVE),
         Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
     ]
-    handles += mass_handles(scene)
-    handles += [
-        Line2D([], [], label="path of base_link", **_TRAIL),
-        Line2D([], [], label="line along initial velocity", **_FIRST_LINE),
-        Line2D(
-            [],
-            [],
-            color=style.VERMILLION,
-            linewidth=2,
-            marker=">",
-            markevery=[1],
-            label=f"velocity (longest {fastest:.1f} m/s)",
-        ),
-        Line2D([], [], color=style.BLACK, linestyle="", label=time_label, **_TIME),
-    ]
-    return [*handles, *patch_handles(scene)]
-
-
-def patch_handles(scene: Scene) -> list[Patch]:
-    """Return the legend of the patches on the ground."""
-    return [
-        Patch(label=f"friction factor {friction:g}", **_patch_look(friction))
-        for friction in sorted({patch.friction for patch in scene.patches})
-    ]
-
-
-def mass_handles(scene: Scene) -> list[Line2D | Patch]:
-    """Return the legend of the load and the center of gravity, if known."""
-    handles: list[Line2D | Patch] = []
     if scene.load is not None:
         handles.append(Line2D([], [], linestyle="", markersize=9, label="load", **_LOAD))
     if scene.center_of_gravity is not None:
-        handles.append(
-            Line2D([], [], linestyle="", markersize=7, label="center of gravity", **_GRAVITY)
-        )
+        look = {"linestyle": "", "markersize": 7, **_GRAVITY}
+        handles.append(Line2D([], [], label="center of gravity", **look))
+    handles += [
+        Line2D([], [], **_TRAIL),
+        Line2D([], [], label="line along initial velocity", **_FIRST_LINE),
+        Line2D([], [], label=f"velocity (longest {fastest:.1f} m/s)", **_VELOCITY),
+        Line2D([], [], color=style.BLACK, linestyle="", label=time_label, **_TIME),
+    ]
+    handles += [
+        Patch(label=f"friction factor {friction:g}", **_patch_look(friction))
+        for friction in sorted({patch.friction for patch in scene.patches})
+    ]
     return handles
 
 
 def _patch_look(friction: float) -> dict[str, Any]:
-    """Return the color of a patch, a deeper blue for lower friction."""
+    """Return the color of a patch: a deeper blue for a lower friction."""
     depth = 0.15 + 0.5 * (1.0 - min(max(friction, 0.0), 1.0))
     return {"facecolor": (*to_rgb(style.SKY), depth), "edgecolor": style.SKY, "hatch": "//"}

@@ -1,1 +1,1 @@
-"""An experiment and its closed loop in one process: run, history and metrics."""
+"""Experiments and their closed loop in one process: configuration, run, history and metrics."""

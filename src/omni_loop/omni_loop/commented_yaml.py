@@ -1,4 +1,4 @@
-"""Text of configuration files with comments, for people to edit."""
+"""Text of configuration files with comments, for files that people edit."""
 
 import math
 from collections.abc import Mapping
@@ -7,32 +7,21 @@ from typing import Any
 import yaml
 
 _NO_NOTES: Mapping[str, str] = {}
-_LONGEST = 110  # characters of a mapping or list on one line
+_LONGEST = 110  # largest number of characters of a mapping or list on one line
 
 
 def commented_yaml(
     values: Mapping[str, Any], heading: str = "", notes: Mapping[str, str] = _NO_NOTES
 ) -> str:
-    """Return values as YAML: short mappings and lists on one line, unless they have notes.
+    """Format values as YAML: short mappings and lists on one line, unless they have notes.
 
     Args:
         values: nested mappings, lists and scalars.
-        heading: comment before them, one or more lines.
-        notes: comment at the end of a line, by dotted key.
+        heading: comment before the values, one or more lines.
+        notes: comment at the end of the line of each dotted key.
     """
     comment = [f"# {line}" for line in heading.splitlines()]
     return "\n".join([*comment, *_lines(values, notes, "")]) + "\n"
-
-
-def rounded(values: Mapping[str, Any], digits: int = 6) -> dict[str, Any]:
-    """Return nested mappings with all numbers rounded to significant digits."""
-
-    def of(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return {name: of(part) for name, part in value.items()}
-        return float(f"{value:.{digits}g}") if isinstance(value, float) else value
-
-    return {name: of(value) for name, value in values.items()}
 
 
 def _lines(values: Mapping[str, Any], notes: Mapping[str, str], prefix: str) -> list[str]:

@@ -1,8 +1,9 @@
-"""The closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
+"""Closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
 
 The kernel calls the compiled functions of the simulator and of the brake assistant, without line
-cameras, odometry and messages. A run gives the same bits as `loop.run_closed_loop` with ``feedback:
-velocity_sensor``. A user's control law is called between the two compiled halves of a step.
+cameras, odometry or messages. The results are bit-identical to those of `loop.run_closed_loop` with
+``feedback: velocity_sensor``. A user's control law is called between the two compiled halves of a
+step.
 """
 
 import dataclasses
@@ -12,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist import assist_step
+from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
-from omni_brake_assist.laws.law import NO_HELP, Law, Motion, ask
+from omni_brake_assist.laws.law import NO_HELP, Law, call_law
 from omni_brake_assist.laws.registry import own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory
@@ -31,11 +32,11 @@ from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
 from omni_sim.vehicle.state import Control, Log, State
 from omni_sim.vehicle.vehicle import Vehicle
 
-_CHUNK = 512  # number of stamps per call, with their noise
+_CHUNK = 512  # number of stamps per call and per chunk of noise
 
 
 class Record(NamedTuple):
-    """Time histories of one run, T control stamps and N wheels.
+    """Time histories of one run with T control stamps and N wheels.
 
     Attributes:
         motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
@@ -74,10 +75,10 @@ class FastRun:
     Attributes:
         wheel_names: wheel names of the columns.
         period_ns: control period [ns].
-        pedal: the driver's brake demand 0..1, shape (T,).
+        pedal: brake demand of the driver, 0 to 1, shape (T,).
         record: time histories.
-        stopped: whether the vehicle came to rest within the limit of the duration.
-        tipping_steps: physics steps in which the vehicle would have tipped over.
+        stopped: whether the vehicle came to rest within the longest duration of the run.
+        tipping_steps: number of physics steps in which a real vehicle would have begun to tip over.
     """
 
     wheel_names: tuple[str, ...]
@@ -110,11 +111,11 @@ class FastRun:
 
     @property
     def stopping_distance(self) -> float:
-        """Straight line from the start of braking to the final position [m]."""
+        """Straight-line distance from the start of braking to the final position [m]."""
         return math.hypot(*(self.pose[-1, :2] - self.pose[self.brake_start, :2]))
 
     def history(self) -> RunHistory:
-        """Return the run in the form that metrics and figures read; it has no odometry."""
+        """Return the run in the form that metrics and figures use; it contains no odometry."""
         stamps = len(self.pedal)
         return RunHistory.from_samples(
             wheel_names=self.wheel_names,
@@ -133,39 +134,39 @@ class FastRun:
 
 
 class _Loop(NamedTuple):
-    """Inputs of the loop kernel besides vehicle and law; T is the largest number of stamps."""
+    """Inputs of the loop kernel except vehicle and law; T is the largest number of stamps."""
 
     period_ns: int
     steps: int
     pedal: FloatArray  # (T,)
-    command: FloatArray  # twist of the drive, in the body axes at the start, (T, 3)
+    command: FloatArray  # commanded twist in body axes: of the start, then present ones, (T, 3)
     hold_world: bool
     start_yaw: float
     brake_torque: float
     clutch_threshold: float
     clutch_stiffness: float
-    measures: bool  # IMU and encoders are simulated: the assistant uses them or has a fault
+    measures: bool  # whether IMU and encoders are simulated, because they are used or faulty
     enabled: bool
     end: run_progress.End
 
 
 class _Sensors(NamedTuple):
-    """Sensors with their state and noise; K stamps of a chunk of the run."""
+    """Sensors with their state and noise; a chunk of the run has K stamps."""
 
     velocity: velocity_sensor.SensorConstants
     held: NDArray[np.void]  # last sample of the velocity sensor
-    draws: FloatArray  # uniform noise of the velocity sensor by sample, -1..1, (T or 1, 3)
+    draws: FloatArray  # uniform noise of the velocity sensor by sample, -1 to 1, (T or 1, 3)
     drawn: IntArray  # number of samples taken so far, (1,)
     instruments: Instruments
-    noise: FloatArray  # standard normal draws of IMU and encoders, (K, D)
-    rest: NDArray[np.void]  # time since which the vehicle is at rest
+    noise: FloatArray  # standard normal values for IMU and encoders, (K, D)
+    rest: NDArray[np.void]  # time since when the vehicle is at rest
 
 
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
-    """Run an experiment on the velocity sensor to its end.
+    """Run an experiment with the velocity sensor to its end.
 
     Args:
-        configuration: the whole loop.
+        configuration: configuration of the whole loop.
 
     Raises:
         ConfigurationError: the feedback is optical, or the sampling period of the velocity sensor
@@ -185,8 +186,8 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     loop = _loop(configuration, driver)
     stamps = len(loop.pedal)
     record = _new_record(stamps, len(vehicle.wheel_names))
-    assist = assist_step.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
-    memory = assist_step.new_memory(len(vehicle.wheel_names))
+    assist = assist_state.make_constants(configuration.brake_assist, vehicle.kinematics.geometry)
+    memory = assist_state.new_memory(len(vehicle.wheel_names))
     law = own_law(configuration.brake_assist, vehicle.kinematics.geometry)
     sensors = _sensors(configuration, stamps, len(vehicle.wheel_names))
     if loop.measures:
@@ -202,7 +203,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         last = min(_CHUNK * (used // _CHUNK + 1), stamps)
         if later.size:
             last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
-        if loop.measures and used % _CHUNK == 0:  # by chunk, as most runs are short
+        if loop.measures and used % _CHUNK == 0:  # in chunks, as most runs are short
             sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
@@ -223,7 +224,9 @@ def _check(configuration: ExperimentConfiguration) -> None:
             "feedback", f"is {configuration.feedback}, must be velocity_sensor in the fast loop"
         )
     if configuration.vehicle.wheel_model == "mujoco":
-        raise ConfigurationError("vehicle.wheel_model", "is mujoco, which the fast loop lacks")
+        raise ConfigurationError(
+            "vehicle.wheel_model", "is mujoco, which the fast loop does not support"
+        )
     limits = configuration.brake_assist
     if list(limits.wheels.items()) != list(configuration.vehicle.wheels.items()):
         raise ConfigurationError("brake_assist.wheels", "must be those of the vehicle")
@@ -270,29 +273,20 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
         held=velocity_sensor.sensor_memory(),
         draws=uniform,
         drawn=np.zeros(1, np.int64),
-        instruments=build_instruments(
-            configuration.imu,
-            configuration.encoders,
-            configuration.faults,
-            wheels,
-            configuration.simulation.control_period,
-        ),
+        instruments=build_instruments(configuration),
         noise=np.zeros((_CHUNK, draws(wheels))),
         rest=run_progress.rest_memory(),
     )
 
 
 class _Scratch(NamedTuple):
-    """Scratch buffers of one stamp, N wheels."""
+    """Buffers for one stamp, N wheels."""
 
     covariance: FloatArray  # (3, 3)
     imu: FloatArray  # (3,)
     wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
-    angle: FloatArray  # wheel angle [rad], (N,)
-    speed: FloatArray  # true wheel speed [rad/s], (N,)
-    command: FloatArray  # twist of the drive, (3,)
     log: Log  # log of a control period
 
 
@@ -303,9 +297,6 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
         np.full(wheels, np.nan),
         np.empty(wheels),
         np.empty(wheels),
-        np.empty(wheels),
-        np.empty(wheels),
-        np.empty(3),
         Log.of(steps, wheels, traced=False, logged=False),
     )
 
@@ -313,9 +304,7 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
 @inlined
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
     """Advance the vehicle by one control period, as `Simulator.advance` does."""
-    pedal, twist = loop.pedal[stamp], scratch.command
-    for j in range(3):
-        twist[j] = loop.command[stamp, j]
+    pedal, twist = loop.pedal[stamp], loop.command[stamp]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
     control = Control(
@@ -334,8 +323,8 @@ class _Run(NamedTuple):
     """State of a run in progress."""
 
     state: State
-    assist: assist_step.Constants
-    memory: assist_step.Memory
+    assist: assist_state.Constants
+    memory: assist_state.Memory
     sensors: _Sensors
     loop: _Loop
     scratch: _Scratch
@@ -343,7 +332,7 @@ class _Run(NamedTuple):
 
 
 @inlined
-def _listen(run: _Run, stamp: int) -> assist_step.Inputs:
+def _listen(run: _Run, stamp: int) -> assist_state.Inputs:
     """Return the inputs of the assistant at a stamp; record the motion and the feedback."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
@@ -355,23 +344,15 @@ def _listen(run: _Run, stamp: int) -> assist_step.Inputs:
     sensors.drawn[0] += due
     taken_ns = velocity_sensor.read(velocity, held, now_ns, motion[3:6], draw, feedback)
     if loop.measures:
-        for i in range(scratch.angle.size):
-            scratch.angle[i], scratch.speed[i] = state.wheels[i].angle, state.wheels[i].speed
-        truth = Truth(
-            stamp,
-            loop.period_ns,
-            motion,
-            (state.body[0].tilt_x, state.body[0].tilt_y),
-            scratch.angle,
-            scratch.speed,
-        )
+        tilt = state.body[0].tilt_x, state.body[0].tilt_y
+        truth = Truth(stamp, loop.period_ns, motion, tilt, state.wheels)
         noise = sensors.noise[stamp % sensors.noise.shape[0]]
         measure(
             sensors.instruments, truth, noise, Readings(feedback, scratch.imu, scratch.wheel_speed)
         )
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
     validity = VALID if loop.measures else MISSING
-    return assist_step.Inputs(
+    return assist_state.Inputs(
         now_ns,
         loop.pedal[stamp],
         loop.enabled,
@@ -384,7 +365,7 @@ def _listen(run: _Run, stamp: int) -> assist_step.Inputs:
 
 @lean
 def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop from a stamp; fill the records and return the next stamp and the outcome."""
+    """Run the loop from stamp `first`; fill the records, return the next stamp and the outcome."""
     for stamp in range(first, last):
         inputs = _listen(run, stamp)
         assist_step.assist_step(
@@ -396,14 +377,28 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
     return last, run_progress.RUNNING
 
 
+@kernel
+def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
+    """Return the inputs of the assistant for a law in Python; see `_listen`."""
+    inputs: assist_state.Inputs = _listen(run, stamp)
+    return inputs
+
+
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run a stop like `_run_part`, with a user's law between the two compiled halves of a step."""
+    """Run a stop like `_run_part`, with a user's law between the compiled halves of a step."""
     error, enable = run.scratch.error, run.scratch.enable
     for stamp in range(first, last):
-        inputs, ready, motion = _receive(run, stamp)
-        answer, _ = ask(law, motion, error, enable) if ready else (NO_HELP, "")
+        inputs = _inputs(run, stamp)
+        error[:] = 0.0
+        ready, motion = assist_step.receive(run.assist, run.memory, inputs)
+        answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")
         assist_step.act(
-            run.assist, run.memory, inputs, assist_step.Asked(ready, motion, answer), error, enable
+            run.assist,
+            run.memory,
+            inputs,
+            assist_state.LawCall(ready, motion, answer),
+            error,
+            enable,
         )
         outcome = _record_and_advance(run, stamp)
         if outcome != run_progress.RUNNING:
@@ -411,18 +406,9 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
     return last, run_progress.RUNNING
 
 
-@kernel
-def _receive(run: _Run, stamp: int) -> tuple[assist_step.Inputs, bool, Motion]:
-    """Return the inputs of the assistant, whether to call the law, and the motion for the law."""
-    inputs = _listen(run, stamp)
-    run.scratch.error[:] = 0.0
-    ready, motion = assist_step.receive(run.assist, run.memory, inputs)
-    return inputs, ready, motion
-
-
 @inlined
 def _record_and_advance(run: _Run, stamp: int) -> int:
-    """Record a stamp, advance the vehicle unless the run is over, and return the outcome so far."""
+    """Record a stamp, advance the vehicle unless the run has ended, and return the outcome."""
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
     record.trusted[stamp] = not run.memory.step[0].faulty
     stored = energies(state)

@@ -11,17 +11,17 @@ from omni_platform.configuration import ConfigurationError
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
-_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second one in old recordings
+_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second one is used in old recordings
 _PEDAL = topics.PEDAL.path
 
 
 def read_demands(path: Path, key: str) -> dict[str, list[float]]:
-    """Return columns of `DemandConfiguration` by name.
+    """Return the columns of `DemandConfiguration` by name.
 
     Args:
-        path: a CSV file with the head ``time,forward,left,turn,pedal`` [s, m/s, m/s, rad/s, 1], or
-            a rosbag2 folder or ``.mcap`` file with velocity command and pedal.
-        key: configuration key, for messages.
+        path: a CSV file with the header ``time,forward,left,turn,pedal`` [s, m/s, m/s, rad/s, 1],
+            or a rosbag2 folder or ``.mcap`` file that contains velocity command and pedal.
+        key: configuration key, for error messages.
 
     Raises:
         ConfigurationError: the file cannot be read, or contains no demands.

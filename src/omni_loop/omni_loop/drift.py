@@ -1,9 +1,9 @@
-"""Drift of the odometry: absolute and relative error of its path against the truth.
+"""Drift of the odometry: absolute and relative error of its path against the true path.
 
-Both paths begin at the same pose; that of the odometry is the integral of its twists. The
-definitions are those of the library `evo`: ``evo_ape`` with the origins aligned, and ``evo_rpe
---delta 1 --delta_unit m --pairs_from_reference`` with consecutive pairs. If the library is
-installed (``requirements/evo.lock``), a test compares the numbers.
+Both paths begin at the same pose; the path of the odometry is the integral of its twists. The
+definitions are those of the library `evo`: ``evo_ape`` with aligned origins, and ``evo_rpe --delta
+1 --delta_unit m --pairs_from_reference`` with consecutive pairs. If the library is installed
+(``requirements/evo.lock``), a test compares the results.
 """
 
 import math
@@ -16,7 +16,7 @@ from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 
 DELTA = 1.0
-"""Length of a segment for the relative error [m]."""
+"""Length of a path segment for the relative error [m]."""
 
 _NO_ODOMETRY = "the odometry measured nothing"
 _SHORT = f"the path is shorter than {DELTA:g} m"
@@ -25,7 +25,7 @@ _SHORT = f"the path is shorter than {DELTA:g} m"
 def odometry_path(history: RunHistory) -> FloatArray:
     """Return the odometry's poses x, y, yaw [m, m, rad], starting at the true pose, (T, 3).
 
-    If no twist was measured, zero is integrated, as in the node.
+    An unmeasured twist is integrated as zero, as in the node.
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))
@@ -48,12 +48,12 @@ def odometry_path(history: RunHistory) -> FloatArray:
 
 
 def absolute_error(truth: FloatArray, path: FloatArray) -> float:
-    """Return the root mean square distance of two paths (T, 3) at the same stamps [m]."""
+    """Return the root mean square distance between two paths (T, 3) at the same stamps [m]."""
     return float(np.sqrt(np.mean(np.sum((path[:, :2] - truth[:, :2]) ** 2, axis=1))))
 
 
 def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
-    """Return the error of a path over segments of the path.
+    """Return the error of a path within segments of fixed length.
 
     Args:
         truth: poses x, y, yaw [m, m, rad], shape (T, 3).
@@ -75,7 +75,7 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
         return math.nan, 0
     error = [_between(path, *pair)[:2] for pair in pairs]
     true = [_between(truth, *pair)[:2] for pair in pairs]
-    # The translation of true^-1 * error has the length of their difference.
+    # The translation of true^-1 * error is as long as their difference.
     return float(np.sqrt(np.mean(np.sum(np.subtract(error, true) ** 2, axis=1)))), len(pairs)
 
 

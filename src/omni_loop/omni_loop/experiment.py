@@ -1,10 +1,10 @@
-"""Experiments: one typed configuration for the whole loop, its variants, and overrides.
+"""Experiments: one typed configuration of the whole loop, with variants and overrides.
 
 An experiment file lists only values that differ from the defaults. Parts are referred to by name:
 ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``, and a vehicle refers
-to its tire in the same way. First the variant is merged into the result, then each ``--set``
-override, whose dotted key can reach every value. If a variant or an override names another part,
-that part is read first, and the other values of the part are merged into it.
+to its tire in the same way. The variant is merged first, then each ``--set`` override, whose dotted
+key can address any value. If a variant or an override names another part, this part is read first,
+and the other values of the part are merged into it.
 """
 
 import re
@@ -12,38 +12,31 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from linescan_odometry.odometry import OdometryConfiguration
 from linescan_odometry.registry import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.registry import own_law
 from omni_loop.demands import read_demands
-from omni_loop.yaml_files import load_yaml, read_mapping
+from omni_loop.layers import Part, merge, nest, parse_override, plain
+from omni_loop.yaml_files import read_mapping
+from omni_platform import configuration as declared
 from omni_platform import geometry, plugins
-from omni_platform.configuration import (
-    Configuration,
-    ConfigurationError,
-    did_you_mean,
-    from_mapping,
-    join_key,
-    parameter,
-)
+from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
 from omni_platform.sensors import LineSensor
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 
-# Dotted keys whose value may be the name of a file instead of a mapping, with the folder of the
-# file. A nested part comes after the part that contains it.
+# Dotted keys whose value may be a file name instead of a mapping, with the folder of these files. A
+# nested part must come after the part that contains it.
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # key whose value may be a table or a recording
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
 # Files of a vehicle's own folder, by kind.
 _IN_FOLDER = {"vehicles": "vehicle.yaml", "experiments": "experiment.yaml"}
 _EXPERIMENTS = "experiments"
-# Values that a vehicle must define, in its own file or in an experiment.
+# Values that every vehicle must define, in its own file or in the experiment.
 _REQUIRED = (
     *("wheels", "chassis_length", "chassis_width", "body", "body.yaw_inertia"),
     *("tire", "brake", "brake.max_torque", "drive", "drive.max_torque", "drive.stiffness"),
@@ -55,14 +48,14 @@ FEEDBACKS = ("optical", "velocity_sensor")
 
 
 class ExperimentConfiguration(SimulatorConfiguration):
-    """Everything that one run of the loop depends on."""
+    """All values on which a run of the loop depends."""
 
     description: str = parameter("")
-    """What the experiment shows"""
+    """Purpose of the experiment"""
     feedback: str = parameter("optical")
-    """Source of the assistant's twist: optical is the line-scan odometry, velocity_sensor the noisy
-    sampled velocity sensor (60), (61); my_module:MyOdometry is a class of your own that receives
-    the lines, see docs/extending.md"""
+    """Source of the assistant's twist: optical is the line-scan odometry; velocity_sensor is the
+    sampled velocity sensor with noise, Eqs. (60), (61); my_module:MyOdometry is your own class
+    that receives the lines, see docs/extending.md"""
     odometry: OdometryConfiguration = parameter()
     """Line-scan odometry"""
     brake_assist: BrakeAssistConfiguration = parameter()
@@ -70,12 +63,12 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
     @property
     def uses_lines(self) -> bool:
-        """Whether the brake assistant uses a twist from the lines of the cameras."""
+        """Whether the twist of the brake assistant is computed from the lines of the cameras."""
         return self.feedback != "velocity_sensor"
 
     @property
     def twist_period(self) -> float:
-        """Time between two twists that the assistant receives [s]; 0 for a twist in every step."""
+        """Time between two received twists [s]; 0 if the assistant receives one in every step."""
         return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
@@ -84,13 +77,13 @@ class ExperimentConfiguration(SimulatorConfiguration):
         return "" if self.feedback in FEEDBACKS else self.feedback
 
     def check_consistency(self) -> None:
-        """Raise an error if a node would wait for messages that no node publishes.
+        """Check that no node would wait for messages that no other node publishes.
 
-        Nodes must be configured with the names of the vehicle's wheels and line cameras. The
-        configured positions may differ from the true ones, to study such errors.
+        The names of wheels and line cameras must agree between nodes and vehicle. The configured
+        positions may differ from the true ones, so that such errors can be studied.
 
         Raises:
-            ConfigurationError: names of wheels or cameras differ, or the feedback does not fit.
+            ConfigurationError: names of wheels or cameras differ, or the feedback is not suitable.
         """
         super().check_consistency()
         plugins.check_name("feedback", self.feedback, FEEDBACKS, ODOMETRY_GROUP)
@@ -111,14 +104,14 @@ class ExperimentConfiguration(SimulatorConfiguration):
             )
 
     def check_drivable(self) -> None:
-        """Raise an error if the odometry needs an axle or a user's class cannot be created.
+        """Check that the odometry needs no axle, and that a user's class can be created.
 
         A simulated vehicle has no axle that resists lateral slip. A recorded vehicle may have one,
-        so this is not checked for replays.
+        so replays skip this check.
 
         Raises:
-            ConfigurationError: the odometry needs such an axle for its twist, a user's law or
-                odometry cannot be imported or created, or MuJoCo is not installed.
+            ConfigurationError: the odometry needs such an axle, a user's law or odometry cannot be
+                imported or created, or MuJoCo is not installed.
         """
         if self.vehicle.wheel_model == "mujoco":
             load_mujoco()
@@ -144,10 +137,14 @@ class _SensorsAlone(Configuration):
 
 
 class ExperimentLibrary:
-    """Reads experiments and their parts from a configuration folder."""
+    """Reads experiments and their parts from a configuration folder.
+
+    Attributes:
+        folder: folder of the configuration.
+    """
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
+        self.folder = folder
 
     def names(self) -> list[str]:
         """Return the names of the experiments, sorted."""
@@ -158,8 +155,8 @@ class ExperimentLibrary:
 
         Args:
             experiment: name of the experiment.
-            overrides: ``dotted.key=value`` texts; if one replaces the control law, variants that
-                differ in their law are left out.
+            overrides: ``dotted.key=value`` texts; if one of them sets the control law, variants
+                that differ only in their law are left out.
         """
         variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
         if not any(words.startswith("brake_assist.law=") for words in overrides):
@@ -169,30 +166,31 @@ class ExperimentLibrary:
 
     def parts(self, kind: str) -> list[str]:
         """Return the names of the files of a kind, such as ``vehicles``, sorted."""
-        return sorted(path.stem for path in (self._folder / kind).glob("*.yaml"))
+        return sorted(path.stem for path in (self.folder / kind).glob("*.yaml"))
 
     def named(self, experiment: str, part: str) -> str:
-        """Return the name of an experiment's part, such as ``ground``; empty if it is inline."""
+        """Return the file name of an experiment's part, such as ``ground``; empty if inline."""
         found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
         return found if isinstance(found, str) else ""
 
     def load(
-        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+        self, experiment: str, variant: str | None = None, overrides: Iterable[str] = ()
     ) -> ExperimentConfiguration:
         """Compose and check the configuration of one variant.
 
         Args:
             experiment: name of a file in ``experiments/``, a path that ends in ``.yaml``, or a
-                folder with an ``experiment.yaml``.
-            variant: one of the experiment's variants.
-            overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+                folder that contains ``experiment.yaml``.
+            variant: name of one of the experiment's variants; by default, the last one in the file.
+            overrides: ``dotted.key=value`` texts with values in YAML; later ones take precedence.
 
         Raises:
-            ConfigurationError: a name, key or value does not fit; the message names it.
+            ConfigurationError: a name, key or value is invalid; the message names it.
         """
-        experiment = self._located(_EXPERIMENTS, experiment)
+        experiment = self.located(_EXPERIMENTS, experiment)
         document = self._read(_EXPERIMENTS, experiment, "experiment")
         variants = _variants(document)
+        variant = list(variants)[-1] if variant is None else variant
         if variant not in variants:
             raise ConfigurationError(
                 "variant",
@@ -205,15 +203,17 @@ class ExperimentLibrary:
         changes = variants[variant] if variants[variant] is not None else {}
         if not isinstance(changes, Mapping):
             raise ConfigurationError(
-                join_key("variants", variant), f"{changes!r} is not a mapping of names to values"
+                declared.join_key("variants", variant),
+                f"{changes!r} is not a mapping of names to values",
             )
-        # Values of a part are merged into the last named part, also if they come before the name.
+        # Values of a part are merged into the part that is named last, even if they come before the
+        # name.
         named: dict[str, str] = {}
         layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
-        names = [_nest(path, named[path]) for path in _PARTS if path in named]
+        names = [nest(path, named[path]) for path in _PARTS if path in named]
         for layer in (*names, *layers):
             tree = merge(tree, self._resolve(layer, near=near))
-        # Nodes use the true mounting unless an experiment configures another one.
+        # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
             _set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
@@ -224,30 +224,30 @@ class ExperimentLibrary:
             _set_default(tree, "brake_assist", "brake", vehicle.get("brake"))
             _set_default(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
         _set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
-        return from_mapping(ExperimentConfiguration, tree)
+        return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
-        """Read a vehicle alone.
+        """Read a vehicle without an experiment.
 
         Args:
-            name: name of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder with a
-                ``vehicle.yaml``.
+            name: name of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder that
+                contains ``vehicle.yaml``.
 
         Raises:
             ConfigurationError: the name, a key or a value does not fit.
         """
-        return from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
+        return declared.from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
 
     def vehicle_values(self, name: str) -> dict[str, Any]:
-        """Return the values in a vehicle's file, with the content of the files that it names.
+        """Return the values of a vehicle's file, with the content of the files that it refers to.
 
         Args:
-            name: name of the vehicle, as for `vehicle`.
+            name: name of the vehicle, as in `vehicle`.
         """
-        return _plain(self._resolve({"vehicle": name})["vehicle"])
+        return plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
-        """Read line cameras alone, even if no twist can be computed from their placement.
+        """Read line cameras without a vehicle; their placement may be insufficient for a twist.
 
         Args:
             name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
@@ -255,45 +255,50 @@ class ExperimentLibrary:
         Raises:
             ConfigurationError: the name, a key or a value does not fit.
         """
-        return from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
+        return declared.from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
 
     def _resolve(
         self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
     ) -> dict[str, Any]:
-        """Replace the names of parts by the parts; paths may be relative to `near`."""
+        """Replace the names of parts by their content; paths may be relative to `near`."""
         resolved: dict[str, Any] = {}
         for key, value in tree.items():
-            path = join_key(prefix, str(key))
+            path = declared.join_key(prefix, str(key))
             if path == _DEMANDS and isinstance(value, str):
                 file = (near or Path()) / value
-                resolved[key] = _Part(read_demands(file if file.exists() else Path(value), path))
+                resolved[key] = Part(read_demands(file if file.exists() else Path(value), path))
                 continue
             kind = _PARTS.get(path)
             if kind is not None and isinstance(value, str):
-                named = _nearest(self._located(kind, value), near)
+                named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
                 if kind == "vehicles":
                     _check_complete(part, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
-                resolved[key] = _Part(self._resolve(part, path, beside))
+                resolved[key] = Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
                 resolved[key] = self._resolve(value, path, near)
             else:
                 resolved[key] = value
         return resolved
 
-    def _located(self, kind: str, name: str) -> str:
-        """Return the file for a folder that ``./omni new-vehicle`` wrote, other names unchanged."""
+    def located(self, kind: str, name: str) -> str:
+        """Return the file in a folder of ``./omni new-vehicle``; other names are not changed.
+
+        Args:
+            kind: kind of the file, such as ``vehicles``.
+            name: name or path.
+        """
         file = Path(name) / _IN_FOLDER.get(kind, "")
-        known = name.endswith(".yaml") or (self._folder / kind / f"{name}.yaml").is_file()
+        known = name.endswith(".yaml") or (self.folder / kind / f"{name}.yaml").is_file()
         return name if known or kind not in _IN_FOLDER or not file.is_file() else str(file)
 
     def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
-        name = self._located(kind, name)
+        name = self.located(kind, name)
         if name.endswith(".yaml"):
             path = Path(name)
         else:
-            path = self._folder / kind / f"{name}.yaml"
+            path = self.folder / kind / f"{name}.yaml"
             known = self.parts(kind)
             if name not in known:
                 hint = did_you_mean(name, known)
@@ -305,19 +310,19 @@ class ExperimentLibrary:
 
 
 def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
-    """Return the effective configuration stored with a recording, with overrides.
+    """Return the effective configuration stored with a recording, after overrides.
 
     Args:
-        path: a ``configuration.yaml`` as a run writes it.
-        overrides: ``dotted.key=value`` texts, the value in YAML; later ones win.
+        path: a ``configuration.yaml`` written by a run.
+        overrides: ``dotted.key=value`` texts with values in YAML; later ones take precedence.
 
     Raises:
-        ConfigurationError: the file is no such configuration, or a key or value does not fit.
+        ConfigurationError: the file is not such a configuration, or a key or value is invalid.
     """
     tree = read_mapping(path, "configuration")
     for override in overrides:
         tree = merge(tree, parse_override(override))
-    return from_mapping(ExperimentConfiguration, tree)
+    return declared.from_mapping(ExperimentConfiguration, tree)
 
 
 def _nearest(name: str, near: Path | None) -> str:
@@ -328,59 +333,26 @@ def _nearest(name: str, near: Path | None) -> str:
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Raise an error if a vehicle lacks values that have no sensible default."""
+    """Check that a vehicle defines all values that have no sensible default."""
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):
             value = value.get(part) if isinstance(value, Mapping) else vehicle
         if value is None:
             raise ConfigurationError(
-                join_key(key, required),
+                declared.join_key(key, required),
                 f"is missing in {name} and has no default; measure it, or use the estimate of "
                 "./omni new-vehicle",
             )
 
 
-class _Part(dict[str, Any]):
-    """A part read from a file: it replaces the previous value instead of being merged with it."""
-
-
-def parse_override(text: str) -> dict[str, Any]:
-    """Return ``vehicle.load.mass=400`` as nested mappings.
-
-    Raises:
-        ConfigurationError: there is no ``=``, no key, or the value is not YAML.
-    """
-    key, equals, value_text = text.partition("=")
-    parts = key.strip().split(".")
-    if not equals or not all(parts) or len(parts) > 20:
-        raise ConfigurationError(
-            "--set", f"{text[:200]!r} must have the form key=value, such as vehicle.load.mass=400"
-        )
-    try:
-        value = load_yaml(value_text)
-    except (yaml.YAMLError, ValueError):  # ValueError: a date such as 2020-13-01
-        raise ConfigurationError(key, f"the value {value_text[:200]!r} is not valid YAML") from None
-    return _nest(key.strip(), value)
-
-
-def _nest(path: str, value: Any) -> dict[str, Any]:
-    for part in reversed(path.split(".")):
-        value = {part: value}
-    return dict(value)
-
-
-def _plain(tree: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: _plain(one) if isinstance(one, Mapping) else one for key, one in tree.items()}
-
-
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return a layer without the names of parts, which are stored in `named` by path."""
+    """Return a layer without the names of parts; the names are stored in `named` by path."""
     rest: dict[str, Any] = {}
     for key, value in layer.items():
-        path = join_key(prefix, str(key))
+        path = declared.join_key(prefix, str(key))
         if path in _PARTS and isinstance(value, str):
             named[path] = value
         else:
@@ -399,7 +371,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(variants, Mapping) or not variants:
         raise ConfigurationError("variants", "an experiment needs at least one named variant")
     for name in variants:
-        # The name becomes that of a folder.
+        # The name is used as the name of a folder.
         if not isinstance(name, str) or not re.fullmatch(_VARIANT, name):
             raise ConfigurationError(
                 "variants",
@@ -410,7 +382,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the true value unless the tree configures it."""
+    """Set a value of a node to the true value, unless the tree already contains the value."""
     configured = tree.get(node, {})
     if isinstance(configured, Mapping) and truth is not None:
         tree[node] = merge({name: truth}, configured)
@@ -419,14 +391,15 @@ def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:
     """Return the delay of the odometry's twist relative to its stamp [s]; None if unknown.
 
-    The twist is the mean over a batch of lines, stamped with the newest: the delay is half a batch.
+    The twist is the mean over a batch and is stamped with the newest line, so the delay is half a
+    batch.
     """
     if tree.get("feedback", "optical") != "optical":
         return None
     simulation = tree.get("simulation", {})
     configured = simulation.get("control_period") if isinstance(simulation, Mapping) else None
     period = SimulationConfiguration().control_period if configured is None else configured
-    longest = 0.4  # [s], twice the largest `feedback_delay`
+    longest = 0.4  # s; twice the largest `feedback_delay`
     usable = isinstance(period, int | float) and 0.0 < period <= longest
     return 0.5 * period if usable else None
 
@@ -436,15 +409,3 @@ def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> None:
         raise ConfigurationError(
             key, f"has the names {', '.join(names)}, must have: {', '.join(known)}"
         )
-
-
-def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with the values of `layer`, which are merged mapping by mapping."""
-    merged = dict(base)
-    for key, value in layer.items():
-        below = merged.get(key)
-        if isinstance(value, Mapping) and isinstance(below, Mapping) and type(value) is dict:
-            merged[key] = merge(below, value)
-        else:
-            merged[key] = value
-    return merged

@@ -14,14 +14,14 @@ _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", "
 
 
 def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
-    """Return the overrides that set both options in an experiment.
+    """Return the overrides that apply both options to an experiment.
 
     Args:
-        ground: a named ground, a YAML file, or a picture; None keeps the experiment's.
-        dpi: dots per inch on the ground; None keeps the experiment's.
+        ground: a named ground, a YAML file or a picture; None keeps the experiment's ground.
+        dpi: dots per inch on the ground; None keeps the experiment's value.
 
     Raises:
-        ConfigurationError: a picture without dots per inch.
+        ConfigurationError: a picture is given without dots per inch.
     """
     if ground is None or not is_picture(ground):
         named = () if ground is None else (f"ground={json.dumps(ground)}",)
@@ -36,13 +36,13 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
 
 
 def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
-    """Render the grounds of a run before its nodes start; raise an error for unusable pictures.
+    """Render the grounds of a run before its nodes start, and check their pictures.
 
-    Rendering a ground of 2400 dpi takes longer than the timeouts of the nodes.
+    Rendering a ground with 2400 dpi takes longer than the timeouts of the nodes.
 
     Args:
         configurations: configurations of the run's variants.
-        cache: folder from which the nodes load their ground.
+        cache: folder from which the nodes load the rendered grounds.
 
     Raises:
         ConfigurationError: a picture cannot be read, or is smaller than a camera's field of view.

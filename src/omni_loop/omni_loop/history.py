@@ -1,8 +1,9 @@
 """Time histories of a run, from a recording or from a run in one process.
 
-Every array has one row per control stamp. A missing value is NaN. Both sources give the same bits,
-because both use the same arithmetic: a recording contains the heading as the quaternion of
-`quaternion_from_yaw`, so the heading of a run in one process is converted to it and back.
+Every array has one row per control stamp, and a missing value is NaN. Both sources give
+bit-identical results, because both use the same arithmetic: a recording contains the heading as the
+quaternion of `quaternion_from_yaw`, so the heading of a run in one process is converted to this
+quaternion and back.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from omni_platform.signals import UNMEASURED_VARIANCE
 
 PER_WHEEL = "per wheel"
 
-# Names of the columns of an array with one row per stamp; none for one number per stamp.
+# Column names of an array with several numbers per stamp; none for one number per stamp.
 _NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
 _WHEELS = {"components": (PER_WHEEL,)}
 _TWIST = {"components": ("v_x", "v_y", "yaw rate")}
@@ -32,7 +33,7 @@ _QUATERNION = {"components": ("q_z", "q_w")}
 class RunHistory:
     """Time histories of one run, T control stamps and N wheels.
 
-    `from_samples` and `from_quaternions` make a history. Its arrays are read-only.
+    Histories are created by `from_samples` and `from_quaternions`. The arrays are read-only.
 
     Attributes:
         wheel_names: names of the wheels, in the order of the columns.
@@ -43,15 +44,15 @@ class RunHistory:
         wheel_angle: rotation of each wheel [rad], shape (T, N).
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
         brake_torque: torque of each brake [N m], shape (T, N).
-        enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a rolling wheel,
-            shape (T, N).
+        enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a freely rolling
+            wheel, shape (T, N).
         error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
-        pedal: the driver's brake demand 0..1, shape (T,).
+        pedal: brake demand of the driver, 0 to 1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
         estimate_variance: variances of `estimate` [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
         assist_state: state of the brake assistant at each stamp, a value of `AssistState`; an empty
-            text, or no array, if unknown.
-        real_time_factor: simulated over elapsed time [1], NaN if unknown.
+            text, or no entries, if it is unknown.
+        real_time_factor: ratio of simulated to elapsed time [1], NaN if unknown.
 
     Raises:
         ValueError: shapes do not fit together, or stamps do not increase.
@@ -90,13 +91,13 @@ class RunHistory:
             raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
 
     def columns(self, name: str) -> tuple[str, ...]:
-        """Return the names of the columns of a signal, none for a scalar signal."""
+        """Return the column names of a signal; none for a scalar signal."""
         components = SIGNALS[name]
         return self.wheel_names if components == (PER_WHEEL,) else components
 
     @classmethod
     def from_samples(cls, *, pose: ArrayLike, **samples: Any) -> RunHistory:
-        """Make a history from the samples of a run in one process.
+        """Create a history from the samples of a run in one process.
 
         Args:
             pose: x, y, yaw of `base_link` in `odom` [m, m, rad], shape (T, 3).
@@ -117,17 +118,17 @@ class RunHistory:
         real_time_factor: float = math.nan,
         **samples: ArrayLike,
     ) -> RunHistory:
-        """Make a history from samples with the heading as (q_z, q_w), as in a recording.
+        """Create a history from samples whose heading is given as (q_z, q_w), as in a recording.
 
-        Rows of the estimate that were not measured (a component that is not finite, or whose
-        variance is `UNMEASURED_VARIANCE` or more) become NaN.
+        Rows of the estimate that were not measured become NaN: those with a component that is not
+        finite, or whose variance is `UNMEASURED_VARIANCE` or more.
 
         Args:
             position: x, y of `base_link` in `odom` [m], shape (T, 2).
             orientation: (q_z, q_w) of `quaternion_from_yaw`, shape (T, 2).
             wheel_names: names of the N wheels.
-            assist_state: state of the brake assistant, if known.
-            real_time_factor: simulated over elapsed time [1].
+            assist_state: state of the brake assistant at each stamp, if known.
+            real_time_factor: ratio of simulated to elapsed time [1].
             **samples: the other attributes by name.
 
         Raises:
@@ -153,7 +154,7 @@ class RunHistory:
 
     @property
     def time(self) -> FloatArray:
-        """Control stamps in seconds [s], shape (T,)."""
+        """Control stamps [s], shape (T,)."""
         return np.asarray(self.stamp_ns * 1e-9, dtype=np.float64)
 
     @property
@@ -190,18 +191,18 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
-    """Return (q_z, q_w) of a heading [rad]; recordings use the same formula, to the bit.
+    """Return (q_z, q_w) of a heading [rad], bit-identical to the values in recordings.
 
-    `math` rather than numpy: numpy's vectorized sine may differ from it in the last bit.
+    The module `math` is used because numpy's vectorized sine may differ in the last bit.
     """
     return math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
 def continuous_yaw(orientation: FloatArray) -> FloatArray:
-    """Return headings [rad] without jumps from (q_z, q_w).
+    """Return headings [rad] without jumps, computed from (q_z, q_w).
 
     Args:
-        orientation: (q_z, q_w), shape (T, 2), less than half a turn between rows.
+        orientation: (q_z, q_w), with less than half a turn between rows, shape (T, 2).
 
     Returns:
         Headings, the first in (-pi, pi], shape (T,).

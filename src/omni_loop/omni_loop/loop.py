@@ -1,7 +1,7 @@
-"""The loop of plant, estimator and controller in one process, without ROS.
+"""Closed loop of plant, estimator and controller in one process, without ROS.
 
-The loop passes the same values between the same cores in the same order as the graph in lockstep,
-so that both give the same bits. `steps` is the loop; the other functions use it.
+The loop passes the same values between the same cores in the same order as the ROS graph in
+lockstep, so the results are bit-identical. `steps` is the loop; the other functions use it.
 """
 
 import dataclasses
@@ -21,10 +21,10 @@ from omni_sim.simulator import Observation, Simulator
 
 
 class Plant(Protocol):
-    """The vehicle to be braked: the simulator."""
+    """The vehicle to be braked, that is, the simulator."""
 
     def observe(self) -> Observation:
-        """Return state and measurements at the current stamp."""
+        """Return state and measurements at the present stamp."""
 
     def advance(self, brake_enable: quantities.FloatArray) -> None:
         """Advance by one control period; `brake_enable` has the pressure shares [1], shape (N,)."""
@@ -41,17 +41,17 @@ class Controller(Protocol):
     """Decides which brakes act: the brake assistant."""
 
     def update(self, demand: BrakeDemand) -> Decision:
-        """Return the brake enables for the driver's demand."""
+        """Return the brake enables for a demand of the driver."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
-    """Outputs of the parts of the loop at a control stamp.
+    """Outputs of all parts of the loop at one control stamp.
 
     Attributes:
-        observation: observation of the plant.
-        feedback: feedback of the estimator.
-        decision: decision of the controller.
+        observation: output of the plant.
+        feedback: output of the estimator.
+        decision: output of the controller.
     """
 
     observation: Observation
@@ -63,7 +63,7 @@ def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterato
     """Run the loop endlessly: observe, estimate, decide, advance.
 
     Args:
-        plant: vehicle, which advances by one control period between two moments.
+        plant: vehicle, advanced by one control period between two moments.
         estimator: source of the twist, called with every observation.
         controller: brake assistant, called with every estimate.
     """
@@ -87,7 +87,7 @@ def _demand(observation: Observation, feedback: signals.TwistSample) -> BrakeDem
 
 
 class SensorEstimator:
-    """Passes the readings of the velocity sensor through."""
+    """Returns the readings of the velocity sensor unchanged."""
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the reading of the velocity sensor."""
@@ -95,7 +95,7 @@ class SensorEstimator:
 
 
 class LineEstimator:
-    """Passes the lines of the cameras to an odometry.
+    """Estimates the twist from the lines of the cameras with an odometry.
 
     Attributes:
         last: latest estimate of the odometry, None before the first one.
@@ -129,12 +129,13 @@ def run_closed_loop(
 
     Args:
         configuration: the whole loop.
-        simulator: a simulator of this configuration, for inspection after the run; made if None.
-        estimator: estimator that replaces that of the configuration, if given.
+        simulator: simulator of this configuration, for inspection after the run; created if None.
+        estimator: estimator that replaces that of the configuration; None to use the configured
+            one.
 
     Returns:
-        The history at every control stamp. Its real-time factor is unknown: this function reads
-        no clock.
+        The history at every control stamp. Its real-time factor is unknown, because this function
+        reads no clock.
     """
     plant = simulator or Simulator(configuration)
     estimator = estimator or make_estimator(configuration)
@@ -145,9 +146,9 @@ def run_closed_loop(
 def _until_over(
     configuration: experiment.ExperimentConfiguration, moments: Iterable[Moment]
 ) -> Iterator[tuple[Moment, signals.TwistSample | None]]:
-    """Yield the moments of a run, each with the odometry's twist (None without lines)."""
+    """Yield the moments of a run, each with the twist of the odometry (None without cameras)."""
     progress = RunProgress(configuration)
-    # The assistant does not use this odometry, whose estimate is only recorded.
+    # The assistant does not use this odometry; its estimate is only recorded.
     recorded: Estimator | None = None
     if configuration.simulation.render_lines and not configuration.uses_lines:
         recorded = LineEstimator(make_odometry("", configuration.odometry))
@@ -164,7 +165,7 @@ def _until_over(
 def record(
     wheel_names: tuple[str, ...], moments: Iterable[tuple[Moment, signals.TwistSample | None]]
 ) -> history.RunHistory:
-    """Return the history of a run from its moments.
+    """Convert the moments of a run to a history.
 
     Args:
         wheel_names: wheel names of the plant.

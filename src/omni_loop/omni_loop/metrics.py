@@ -1,11 +1,11 @@
-"""Metrics of a braking run: distance, rotation, switchings, odometry error.
+"""Metrics of a braking run, such as distance, rotation, valve switchings and odometry error.
 
-Braking lasts from the first stamp with the pedal down to the end of the history, in which the
+Braking lasts from the first stamp with the pedal down to the end of the history, by which the
 vehicle must have come to rest (`RestCriterion`). If the vehicle has not come to rest, or if the
-pedal is never pressed or is pressed at a standstill, some quantities are undefined. They are NaN,
-with the reason in their note, and never an intermediate value.
+pedal is never pressed or is pressed at rest, some quantities are undefined. Their value is then
+NaN, never an intermediate value, and their note gives the reason.
 
-All positions are those of `base_link`. The quantities, in the order of the result:
+All positions are those of `base_link`. The quantities, in the order of the result, are
 
 ==================== ===== ===================================================================
 stopping_distance    m     straight line from the start of braking to the final position
@@ -23,8 +23,8 @@ yaw_rate_rmse        rad/s root mean square error of the odometry's yaw rate
 real_time_factor     1     simulated over elapsed time
 ==================== ===== ===================================================================
 
-At every stamp of the run with a measurement, the odometry is compared with the truth at the
-control stamp at which the brake assistant uses it.
+The odometry is compared with the true twist at every stamp of the run with a measurement: at the
+control stamp at which the brake assistant uses the measurement.
 """
 
 import dataclasses
@@ -63,12 +63,12 @@ class Metric:
     """One measured quantity.
 
     Attributes:
-        value: measured value, NaN if it is undefined.
+        value: measured value; NaN if it is undefined.
         unit: SI symbol, ``deg`` or ``1``.
-        reference: value in the dissertation, if there is one.
-        at_most: upper limit of the value, if there is one.
-        at_least: lower limit of the value, if there is one.
-        note: reason why the value is NaN, or a remark for the reader; else empty.
+        reference: value in the dissertation; None if there is none.
+        at_most: upper limit of the value; None if there is none.
+        at_least: lower limit of the value; None if there is none.
+        note: reason why the value is NaN, or a remark for the reader; otherwise empty.
     """
 
     value: float
@@ -80,7 +80,7 @@ class Metric:
 
     @property
     def status(self) -> str:
-        """``met`` or ``missed`` (NaN misses every limit), empty without a limit."""
+        """``met`` or ``missed`` (NaN misses every limit); empty if the metric has no limit."""
         if self.at_most is None and self.at_least is None:
             return ""
         above = self.at_least is None or self.value >= self.at_least
@@ -90,20 +90,20 @@ class Metric:
 
 @dataclasses.dataclass(frozen=True)
 class RestCriterion:
-    """Criterion for a vehicle at rest.
+    """Definition of a vehicle at rest.
 
-    The tires are springs, on which a stopping vehicle rocks back and forth for a moment. The
-    vehicle comes to rest at the first stamp at which it is as slow as `speed` and `yaw_rate` and
-    after which it never exceeds the larger `rocking` limits. A vehicle with deceleration a reaches
-    this stamp `speed` / a before its speed is zero. A run ends by another rule,
-    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for a while, because
-    later rocking is not yet known.
+    The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
+    comes to rest at the first stamp at which it is no faster than `speed` and `yaw_rate`, if it
+    never exceeds the larger `rocking` limits afterwards. A vehicle with the deceleration a reaches
+    this stamp by the time `speed` / a before its speed is zero. A run ends by another rule,
+    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time, because
+    later rocking cannot be known in advance.
 
     Attributes:
         speed: speed of `base_link` [m/s].
         yaw_rate: magnitude of the yaw rate [rad/s].
-        rocking_speed: speed that a vehicle at rest may still reach [m/s].
-        rocking_yaw_rate: yaw rate that a vehicle at rest may still reach [rad/s].
+        rocking_speed: speed that a vehicle at rest may reach while rocking [m/s].
+        rocking_yaw_rate: yaw rate that a vehicle at rest may reach while rocking [rad/s].
     """
 
     speed: float = 0.1
@@ -112,7 +112,7 @@ class RestCriterion:
     rocking_yaw_rate: float = 0.4
 
     def first_stamp(self, twist: FloatArray, start: int = 0) -> int | None:
-        """Return the index of the first stamp at rest, None if the vehicle moves to the end.
+        """Return the index of the first stamp at rest; None if the vehicle moves until the end.
 
         Args:
             twist: body twists [m/s, m/s, rad/s], shape (T, 3).
@@ -133,11 +133,11 @@ def run_metrics(
     *,
     rest: RestCriterion | None = None,
 ) -> dict[str, Metric]:
-    """Measure a run; the module's table lists the quantities.
+    """Compute the metrics of a run; the module's table lists them.
 
     Args:
-        history: the run.
-        rest: criterion for a vehicle at rest.
+        history: history of the run.
+        rest: definition of a vehicle at rest.
     """
     metrics = _braking_metrics(history, rest or RestCriterion())
     metrics |= _odometry_metrics(history)
@@ -146,7 +146,7 @@ def run_metrics(
 
 
 def still_rolls(history: RunHistory) -> bool:
-    """Return whether a vehicle moves at the end of its history though its pedal is down."""
+    """Return whether the vehicle still moves at the end of its history with the pedal down."""
     start = history.brake_start
     if start is None or not history.pedal[-1] > 0.0:
         return False
@@ -158,9 +158,9 @@ def results_document(
 ) -> dict[str, Any]:
     """Return the JSON document of a command that computes metrics.
 
-    A metric is named ``<quantity>.<variant>``, that of a wheel ``<quantity>.<variant>_<wheel>``
-    with `variant` and `wheel` as separate entries. Values that are not finite become None, with the
-    reason in `note`.
+    A metric is named ``<quantity>.<variant>``, and that of a wheel
+    ``<quantity>.<variant>_<wheel>``, with `variant` and `wheel` as separate entries. Values that
+    are not finite become None, with the reason in `note`.
 
     Args:
         name: name of the experiment.
@@ -177,7 +177,7 @@ def results_document(
 
 
 def results_entry(metric: Metric) -> dict[str, Any]:
-    """Return the entry of a metric in the document, with None for values that are not finite."""
+    """Return a metric as an entry of the document, with None for values that are not finite."""
     entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
     for name in ("reference", "at_most", "at_least"):
         if (number := getattr(metric, name)) is not None:
@@ -215,7 +215,7 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
     }
     notes = {"lateral_deviation": _NO_DIRECTION}
-    # Includes the stamp before braking: a release together with the pedal is a switching.
+    # The stamp before braking is included, so a release that coincides with the pedal is counted.
     switchings = _switchings(history.enable[max(start - 1, 0) : stop + 1])
     values["brake_switchings"] = float(np.sum(switchings))
     notes["brake_switchings"] = _NO_ENABLES
@@ -239,7 +239,7 @@ def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) 
 
 
 def _fail_safe_share(states: tuple[str, ...]) -> Metric:
-    """Return the share of stamps at which the assistant's state is a fault; braking stamps only."""
+    """Return the share of braking stamps at which the assistant's state is a fault."""
     if not any(states):
         return Metric(math.nan, "1", note=_NO_STATES)
     faults = Counter(state for state in states if state in _FAULTS)
@@ -252,7 +252,7 @@ def _fail_safe_share(states: tuple[str, ...]) -> Metric:
 
 
 def _switchings(enable: FloatArray) -> FloatArray:
-    """Return the number of changes of each wheel's enable (T, N), NaN without enables."""
+    """Return how often each wheel's enable changes (T, N); NaN without enables."""
     counts = np.full(enable.shape[1], np.nan)
     for wheel in range(enable.shape[1]):
         known = enable[np.isfinite(enable[:, wheel]), wheel]

@@ -1,4 +1,4 @@
-"""Options of every command that runs the loop: overrides and the user's classes."""
+"""Options of every command that runs the loop: overrides and user classes."""
 
 from omni_platform import command_options, configuration
 
@@ -8,12 +8,12 @@ class LoopOptions(configuration.Configuration):
 
     overrides: tuple[str, ...] = command_options.overrides_option()
     law: str | None = command_options.option(None, metavar="NAME")
-    """control law, built in or my_module:MyLaw; stands for --set brake_assist.law="""
+    """control law, built in or my_module:MyLaw; equivalent to --set brake_assist.law="""
     odometry: str | None = command_options.option(None, metavar="MODULE:CLASS")
-    """your own odometry, for which lines are rendered; stands for --set feedback="""
+    """your own odometry class, for which lines are rendered; equivalent to --set feedback="""
 
     simulator: str | None = command_options.option(None, choices=("single", "rollers", "mujoco"))
-    """physics of the vehicle; stands for --set vehicle.wheel_model="""
+    """wheel model of the vehicle; equivalent to --set vehicle.wheel_model="""
 
     @property
     def changes(self) -> list[str]:

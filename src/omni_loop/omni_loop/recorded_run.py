@@ -1,9 +1,9 @@
-"""A run read back from its rosbag2 folder, without ROS.
+"""Reading of a run from its rosbag2 folder, without ROS.
 
-Only the small topics are decoded, not the line batches, which make up nearly all of a bag.
+Only the small topics are decoded, not the line batches, which make up nearly all of a recording.
 `ground_truth/odom` gives the control stamps. Every other message belongs to the control stamp t_k
-with ``t_{k-1} < stamp <= t_k``. The odometry's stamp is that of its newest line, up to one line
-period before the control stamp.
+with ``t_{k-1} < stamp <= t_k``. The stamp of the odometry is that of its newest line, which is up
+to one line period before the control stamp.
 """
 
 from __future__ import annotations
@@ -26,7 +26,15 @@ if TYPE_CHECKING:
     from omni_recording.folder import Bag
     from omni_recording.mcap import RecordedChannel
 
-__all__ = ["BagError", "Stream", "ordered", "planar_twist", "read_run", "read_streams"]
+__all__ = [
+    "BagError",
+    "Stream",
+    "measured_twist",
+    "ordered",
+    "planar_twist",
+    "read_run",
+    "read_streams",
+]
 
 
 _TOPICS = (
@@ -39,8 +47,8 @@ _TOPICS = (
     topics.DIAGNOSTICS,
 )
 _TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
-_ASSISTANT = "brake_assist"  # name of its diagnostics status after the namespace
-# A run may lack the odometry or the brake assistant; the values are then NaN.
+_ASSISTANT = "brake_assist"  # name of the assistant's diagnostics status, after the namespace
+# If a run has no odometry or no brake assistant, the values are NaN.
 _REQUIRED = (topics.WHEEL_STATES, topics.PEDAL)
 
 # Diagonal of a row-major 6 x 6 covariance: v_x, v_y, rotation about z.
@@ -56,23 +64,24 @@ class Stream:
 
     @classmethod
     def of(cls, entries: Iterable[tuple[int, Any]]) -> Stream:
-        """Return a stream from pairs of stamp [ns] and message, sorted by stamp."""
+        """Create a stream from pairs of stamp [ns] and message, sorted by stamp."""
         ordered = sorted(entries, key=lambda entry: entry[0])
         stamps = np.array([stamp for stamp, _ in ordered], dtype=np.int64)
         return cls(stamps, tuple(message for _, message in ordered))
 
 
 def read_run(bag_folder: Path | str) -> RunHistory:
-    """Read the history of a run from a rosbag2 folder, whatever the namespace of its vehicle.
+    """Read the history of a run from a rosbag2 folder, for any namespace of the vehicle.
 
-    Values without a message (for example no enable in the last period) are NaN. A recording of a
-    real vehicle has no ground truth, so its motion is the integral of the measured twist.
+    Values without a message are NaN, for example without an enable in the last period. A recording
+    of a real vehicle has no ground truth; its motion is the integral of the measured twist.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
 
     Raises:
-        BagError: the bag is missing, empty, cut off, damaged or foreign, or lacks a topic.
+        BagError: the recording is missing, empty, truncated, damaged or of another kind, or lacks a
+            topic.
     """
     from omni_recording.folder import open_vehicle
 
@@ -88,15 +97,15 @@ def read_run(bag_folder: Path | str) -> RunHistory:
 def read_streams(
     bag: Bag, chosen: Iterable[topics.Topic], required: Collection[topics.Topic] = ()
 ) -> dict[str, Stream]:
-    """Return the messages of some small topics by topic name below the vehicle's namespace.
+    """Return the messages of some small topics, by topic name without the vehicle's namespace.
 
     Args:
         bag: the recording of a vehicle.
-        chosen: the topics.
+        chosen: topics to read.
         required: topics that must exist.
 
     Raises:
-        BagError: the bag cannot be read, lacks a topic, or one is of another type.
+        BagError: the recording cannot be read, or lacks a topic, or a topic has another type.
     """
     from omni_recording import decode, folder
 
@@ -138,7 +147,15 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     wheels = len(wheel_names)
 
     def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
-        return _sampled(stamps, streams.get(topic), width, values)
+        """Return one row of values per control stamp, NaN without a message."""
+        rows = np.full((len(stamps), width), np.nan)
+        if topic in streams:
+            # t_{k-1} < stamp <= t_k; of several messages in one period, the last one is used.
+            places = np.searchsorted(stamps, streams[topic].stamp_ns, side="left")
+            for place, message in zip(places.tolist(), streams[topic].messages, strict=True):
+                if place < len(stamps):
+                    rows[place] = values(message)
+        return rows
 
     def by_wheel(topic: str, field: str) -> FloatArray:
         return sampled(topic, wheels, lambda message: ordered(message, field, wheel_names))
@@ -169,20 +186,20 @@ def _true_motion(truth: Stream) -> dict[str, Any]:
 
 
 def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
-    """Return the motion at the stamps of the wheel speeds, integrated from the measured twist.
+    """Return the motion at the stamps of the wheel speeds, by integration of the measured twist.
 
     Raises:
         ValueError: the twist is never measured.
     """
     stream = streams.get(_ESTIMATE)
     messages = stream.messages if stream else ()
-    known = np.array([m.twist.covariance[0] < UNMEASURED_VARIANCE for m in messages], np.bool_)
+    twists = np.reshape([measured_twist(message.twist) for message in messages], (-1, 3))
+    known = np.all(np.isfinite(twists), axis=1)
     if stream is None or not np.any(known):
         raise ValueError(f"neither /{_TRUTH} nor a measured /{_ESTIMATE} is recorded")
     stamp_ns = streams[_WHEELS].stamp_ns
     time, measured_at = (1e-9 * (one - stamp_ns[0]) for one in (stamp_ns, stream.stamp_ns[known]))
-    measured = np.array([planar_twist(message.twist.twist) for message in messages])[known]
-    twist = np.column_stack([np.interp(time, measured_at, values) for values in measured.T])
+    twist = np.column_stack([np.interp(time, measured_at, values) for values in twists[known].T])
     steps = 0.5 * (twist[1:] + twist[:-1]) * np.diff(time)[:, np.newaxis]
     yaw = np.concatenate(([0.0], np.cumsum(steps[:, 2])))
     along, left, _ = steps.T
@@ -197,7 +214,7 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
 
 
 def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
-    """Return the assistant's state at each control stamp, held until the next report."""
+    """Return the assistant's state at each control stamp; a state is held until the next report."""
     states = [""] * len(stamps)
     for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
         for status in message.status:
@@ -208,26 +225,8 @@ def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: 
     return states
 
 
-def _sampled(
-    stamps: NDArray[np.int64],
-    stream: Stream | None,
-    width: int,
-    values: Callable[[Any], Any],
-) -> FloatArray:
-    """Return one row of values per control stamp, NaN without a message."""
-    rows = np.full((len(stamps), width), np.nan)
-    if stream is None:
-        return rows
-    # t_{k-1} < stamp <= t_k; a later message of the same period replaces an earlier one.
-    places = np.searchsorted(stamps, stream.stamp_ns, side="left")
-    for place, message in zip(places.tolist(), stream.messages, strict=True):
-        if place < len(stamps):
-            rows[place] = values(message)
-    return rows
-
-
 def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
-    """Return a JointState field in the order of the wheels."""
+    """Return a field of a JointState in the order of `wheel_names`."""
     values: FloatArray = getattr(message, field)
     if list(message.name) == list(wheel_names):
         if len(values) != len(wheel_names):
@@ -242,3 +241,12 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
 def planar_twist(twist: Any) -> tuple[float, float, float]:
     """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs Twist."""
     return twist.linear.x, twist.linear.y, twist.angular.z
+
+
+def measured_twist(twist: Any) -> FloatArray:
+    """Return ``(v_x, v_y, yaw rate)`` [m/s, m/s, rad/s] of a geometry_msgs TwistWithCovariance.
+
+    Components that were not measured are NaN; their variance is `UNMEASURED_VARIANCE` or more.
+    """
+    variance = np.asarray(twist.covariance)[_VARIANCES]
+    return np.where(variance < UNMEASURED_VARIANCE, planar_twist(twist.twist), np.nan)

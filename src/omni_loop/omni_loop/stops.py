@@ -1,4 +1,4 @@
-"""The stops of a recorded drive; each is a separate run, from the pedal to rest."""
+"""Division of a recorded drive into its stops, each of which is a run of its own."""
 
 import dataclasses
 import math
@@ -20,10 +20,10 @@ def cut(history: RunHistory, first: int, last: int) -> RunHistory:
 def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
     """Return the stops of a history, in order.
 
-    A stop begins when the pedal goes down in motion and ends at rest with the pedal still down. Its
-    part of the history also has the second before and the half second after. Slowing down without
-    coming to rest is no stop. A history without a stop, or with one stop that begins in motion, is
-    returned unchanged.
+    A stop begins when the pedal is pressed in motion, and ends at rest with the pedal still down.
+    The part of the history also contains one second before and half a second after the stop.
+    Braking that does not end at rest is not a stop. A history without a stop, or with a single stop
+    that begins in motion, is returned unchanged.
     """
     spans = _spans(history, RestCriterion())
     if not spans or (len(spans) == 1 and _moves(history, 0)):

@@ -1,7 +1,7 @@
-"""Sweeps: an experiment with several values of one or more keys, in one process.
+"""Sweeps: an experiment with several values of one or more keys, run in one process.
 
-``vehicle.load.mass=0,100,250`` gives three runs; several such texts give all combinations. A run
-gives the same bits as one over the graph.
+``vehicle.load.mass=0,100,250`` gives three runs; several such texts give all combinations. The
+results are bit-identical to those of runs over the ROS graph.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ MOST = 1000
 """Largest number of runs of a sweep."""
 
 SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
-"""Quantities in the table and the figure of a sweep."""
+"""Quantities that the table and the figure of a sweep show."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SweptRun:
 
 
 def is_swept(override: str) -> bool:
-    """Return whether a ``dotted.key=value`` text stands for several values."""
+    """Return whether a ``dotted.key=value`` text contains several values."""
     _, _, value = override.partition("=")
     return "," in value and not value.lstrip().startswith(("[", "{", '"', "'"))
 
@@ -72,7 +72,7 @@ def sweep(
 
     Args:
         configurations: variant, values of the swept keys, and configuration of each run.
-        report: receives the completed share [0..1] and a text.
+        report: called with the completed share (0 to 1) and a text.
     """
     results = []
     for done, (variant, values, configuration) in enumerate(configurations):
@@ -94,6 +94,6 @@ def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistor
 
 
 def number(text: str) -> float | None:
-    """Return a value as a number, None for a text."""
+    """Convert a value to a number; None if it is not a number."""
     value = load_yaml(text)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

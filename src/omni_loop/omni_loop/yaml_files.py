@@ -10,11 +10,19 @@ import yaml
 from omni_platform.configuration import ConfigurationError
 
 LARGEST_YAML = 1 << 20
-"""Largest number of characters of a configuration; reading it takes up to half a minute."""
+"""Largest number of characters of a configuration; reading as many takes a few seconds."""
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and refuses repeated keys."""
+class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
+    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and rejects repeated keys.
+
+    libyaml parses the text and Python composes it, because deep nesting would crash libyaml's
+    composer.
+    """
+
+    def __init__(self, text: str) -> None:
+        yaml.CSafeLoader.__init__(self, text)
+        yaml.composer.Composer.__init__(self)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
@@ -34,10 +42,10 @@ _Loader.add_implicit_resolver(
 
 
 def load_yaml(text: str) -> Any:
-    """Return the content of a YAML text, with numbers such as 1e-3 as numbers.
+    """Return the content of a YAML text; texts such as 1e-3 are read as numbers.
 
     Raises:
-        yaml.YAMLError: the text is no YAML.
+        yaml.YAMLError: the text is not YAML.
         ValueError: the text is too long, or a value such as a date is invalid.
     """
     if len(text) > LARGEST_YAML:
@@ -53,7 +61,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 
     Args:
         path: the file.
-        key: configuration key or option, for messages.
+        key: configuration key or option, for error messages.
 
     Raises:
         ConfigurationError: the file cannot be read, or contains no mapping.

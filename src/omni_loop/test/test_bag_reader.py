@@ -209,7 +209,7 @@ def test_topics_may_have_a_namespace(tmp_path: Path, run: RunHistory) -> None:
 
 def test_two_vehicles_in_one_recording_are_no_run(tmp_path: Path, run: RunHistory) -> None:
     folder = write_bag(tmp_path / "bag", run, namespace="/one", second="/two")
-    with pytest.raises(BagError, match=r"holds the vehicles /one, /two; `ros2 bag convert`"):
+    with pytest.raises(BagError, match=r"contains the vehicles /one, /two; `ros2 bag convert`"):
         read_run(folder)
 
 

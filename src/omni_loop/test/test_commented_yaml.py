@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from omni_loop.commented_yaml import commented_yaml, rounded
+from omni_loop.commented_yaml import commented_yaml
 
 VALUES = {
     "body": {"mass": 300.0, "height": 1e-7},
@@ -24,11 +24,3 @@ def test_values_survive_notes_and_heading() -> None:
     assert "names:\n  - a_name_of_some_length_0\n" in text
     assert "  height: 1.0e-07 # a guess\n" in text
     assert "wheels: # in order\n  left: {x: 1.0e+16, name: 'off'}\n" in text
-
-
-def test_numbers_are_rounded_at_any_depth() -> None:
-    assert rounded({"a": {"b": 1.23456789}, "c": True, "d": 7}, 3) == {
-        "a": {"b": 1.23},
-        "c": True,
-        "d": 7,
-    }

@@ -84,7 +84,7 @@ def test_a_recording_is_driven_again() -> None:
         (HEAD, "no row"),
         (HEAD + "0,1,0,0,x\n", "line 2: pedal is 'x'"),
         (HEAD + "0,1,0,0,0\n0,1,0,0,0\n", "time: must increase"),
-        (HEAD + "0,1,0,0,2\n", r"pedal: must be in 0\.\.1"),
+        (HEAD + "0,1,0,0,2\n", r"pedal\[0\]: 2 is out of range"),
         (HEAD + "0,nan,0,0,1\n", "forward.*nan.* is not a finite number"),
         (HEAD + "0,1,0,0,0\n90,1,0,0,1\n", "duration_limit: 30 s end before"),
     ],

@@ -8,11 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from omni_loop.experiment import (
-    ExperimentConfiguration,
-    ExperimentLibrary,
-    parse_override,
-)
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.layers import parse_override
 from omni_loop.yaml_files import LARGEST_YAML
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
 
@@ -119,6 +116,13 @@ def test_a_part_that_is_no_mapping_is_refused_by_name(
 def test_the_nodes_know_who_is_there(library: ExperimentLibrary, override: str, key: str) -> None:
     with pytest.raises(ConfigurationError) as refused:
         load(library, override)
+    assert refused.value.key == key
+
+
+@pytest.mark.parametrize("key", ["imu.x", "brake_assist.imu_y", "vehicle.wheels.rear_left.x"])
+def test_a_place_far_away_is_refused_before_the_start(library: ExperimentLibrary, key: str) -> None:
+    with pytest.raises(ConfigurationError, match="at most 100 m") as refused:
+        load(library, f"{key}=1e308")
     assert refused.value.key == key
 
 

@@ -40,7 +40,7 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
     "a brake does not follow its command",
     "a brake without torque, in the closed loop: any of four wheels, some of six, four directions, "
     "6 to 10 m/s",
-    "the stop is at most 15 % longer than unassisted, with the same rotation",
+    "the stop is at most 20 % longer than unassisted, with the same rotation",
     within="the whole stop",
 )
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_stop_with_a_dead_brake_is_not_worse_than_unassisted(
 ) -> None:
     unassisted, assisted = stops(changes, wheel, brake=0.0)
     assert assisted.stopped
-    assert assisted.stopping_distance <= 1.15 * unassisted.stopping_distance
+    assert assisted.stopping_distance <= 1.2 * unassisted.stopping_distance
     assert assisted.orientation_change <= 1.2 * unassisted.orientation_change + 5.0
 
 

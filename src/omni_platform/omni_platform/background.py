@@ -1,9 +1,9 @@
-"""A single background thread for numba kernels that release the GIL.
+"""Single background thread for numba kernels that release the GIL.
 
-A thread that waits for the GIL loses some ten microseconds. So work in the background should be one
-kernel that takes some tenths of a millisecond, with little Python around it. Two processors then
-run two kernels in the time of one. With a single processor the work is done when its result is
-needed.
+A thread that waits for the GIL loses about ten microseconds. Background work should therefore be
+one kernel that takes some tenths of a millisecond, with little Python code around it. Two
+processors then run two kernels in the time of one. With a single processor, the work is done when
+its result is needed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 _T = TypeVar("_T")
 
 ALONE = "OMNI_ONE_THREAD"
-"""Environment variable that keeps a process to one thread if it is not empty."""
+"""Environment variable that limits a process to one thread if it is not empty."""
 
 
 class _Work(Generic[_T]):
@@ -32,7 +32,7 @@ class _Work(Generic[_T]):
         self._error: BaseException | None = None
 
     def do(self) -> None:
-        """Do the work unless another thread has begun it."""
+        """Do the work unless another thread has started it."""
         if not self._begun.acquire(blocking=False):
             return
         try:
@@ -42,7 +42,7 @@ class _Work(Generic[_T]):
         self._under_way.release()
 
     def result(self) -> _T:
-        """Return the result; while waiting, do other queued work."""
+        """Return the result; do other queued work while waiting."""
         self.do()
         while self._under_way.locked():
             try:
@@ -57,7 +57,7 @@ class _Work(Generic[_T]):
 
 @cache
 def _queue() -> SimpleQueue[_Work[Any]] | None:
-    """Return the queue of the background thread, None if there is no such thread."""
+    """Return the queue of the background thread; None if this process has no such thread."""
     if len(os.sched_getaffinity(0)) < 2 or os.environ.get(ALONE):
         return None
     queue: SimpleQueue[_Work[Any]] = SimpleQueue()
@@ -70,17 +70,17 @@ def _queue() -> SimpleQueue[_Work[Any]] | None:
     return queue
 
 
-os.register_at_fork(after_in_child=_queue.cache_clear)  # a fork does not have the thread
+os.register_at_fork(after_in_child=_queue.cache_clear)  # the thread does not exist in a fork
 
 
 def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
     """Queue work for the background thread, and return a function that returns its result.
 
-    The returned function is to be called once; it does the work itself if no thread has begun it.
+    The returned function must be called once; it does the work itself if no thread has started it.
 
     Args:
         work: usually a call of one long kernel.
-        worth: whether the work takes some tenths of a millisecond; otherwise it is not queued.
+        worth: whether the work takes some tenths of a millisecond; shorter work is not queued.
     """
     queue = _queue() if worth else None
     if queue is None:

@@ -118,7 +118,7 @@ def parse_options(
 
     Raises:
         ConfigurationError: a value does not fit; the key of the error is the option as typed.
-        SystemExit: the words are no options of `cls`; explained on standard error.
+        SystemExit: the words are not options of `cls`; standard error gives the reason.
     """
     parser = parser or argparse.ArgumentParser()
     add_options(parser, cls)

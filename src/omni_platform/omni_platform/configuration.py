@@ -11,6 +11,10 @@ A field is a bool, int, float, str, a tuple of floats or strings, another `Confi
 An option of a command (`omni_platform.command_options`) may also be a `Path`, or ``X | None``.
 Invalid values are never corrected: they raise `ConfigurationError`, which names the key, the value
 and what is permitted.
+
+Every number but a seed has a smallest and a largest value. The range is that of wheeled vehicles
+and their sensors, widened by about a factor of ten: wider values are typing errors, and results
+computed from them could overflow.
 """
 
 from __future__ import annotations
@@ -78,10 +82,10 @@ class ConfigurationError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """Properties of a parameter besides its value; a missing bound is None.
+    """Properties of a parameter in addition to its value; a missing bound is None.
 
-    The description is the one given in the declaration, else the string below the field, which is
-    read from the source when it is shown.
+    The description is the one given in the declaration or, without one, the string below the field,
+    which is read from the source when it is shown.
     """
 
     given: str | None
@@ -94,7 +98,7 @@ class ParameterInfo:
 
     @property
     def description(self) -> str:
-        """The given description, else the docstring below the field, on one line."""
+        """The given description, or the string below the field, on one line."""
         if self.given is not None or self.field is None:
             return self.given or ""
         cls, name = self.field
@@ -221,7 +225,7 @@ def join_key(parent: str, key: str) -> str:
 
 
 def element_configuration(kind: Any) -> type[Configuration] | None:
-    """Return the configuration class of a ``Mapping[str, Configuration]``, else None."""
+    """Return the configuration class of a ``Mapping[str, Configuration]``; None for other types."""
     if typing.get_origin(kind) is Mapping:
         element = typing.get_args(kind)[1]
         if is_configuration(element):
@@ -230,7 +234,7 @@ def element_configuration(kind: Any) -> type[Configuration] | None:
 
 
 def without_none(kind: Any) -> Any:
-    """Return the type ``X`` of a field that is declared ``X | None``, else the type itself."""
+    """Return the type ``X`` of a field declared as ``X | None``; return other types unchanged."""
     members = typing.get_args(kind) if isinstance(kind, types.UnionType) else ()
     kept = [member for member in members if member is not type(None)]
     return kept[0] if len(kept) == 1 and len(members) == 2 else kind
@@ -403,7 +407,7 @@ def _described(value: Any) -> str:
     """Return a description of a value and its type."""
     if value is None:
         return "is nothing"
-    return f"{value!r} is {_type_in_words(type(value))}"
+    return f"{value!r:.200} is {_type_in_words(type(value))}"
 
 
 def _type_in_words(kind: type) -> str:

@@ -8,7 +8,7 @@ from omni_platform.geometry import WheelMount
 from omni_platform.sensors import Mount
 
 _BODY_HEIGHT = 0.2  # [m], only for the picture
-_WIDTH_SHARE = 0.4  # width of a wheel over its radius, only for the picture
+_WIDTH_SHARE = 0.4  # ratio of wheel width to radius, only for the picture
 
 
 def urdf(
@@ -17,11 +17,11 @@ def urdf(
     sensors: Mapping[str, Mount],
     size: tuple[float, float] | None = None,
 ) -> str:
-    """Return a vehicle as a URDF.
+    """Return the URDF of a vehicle.
 
-    `base_link` is on the ground under the platform's center. The joint of a wheel has the wheel's
-    name, so that `wheel_states` are its joint states; a camera's frame is in its footprint, x
-    along the measuring direction.
+    `base_link` is on the ground below the platform's center. The joint of a wheel has the name of
+    the wheel, so that `wheel_states` are joint states. The frame of a camera is in its footprint,
+    with x along the measuring direction.
 
     Args:
         name: name of the robot.
@@ -40,7 +40,7 @@ def urdf(
     ElementTree.SubElement(body, "box", size=_numbers(length, width, _BODY_HEIGHT))
     for wheel_name, wheel in wheels.items():
         link = ElementTree.SubElement(robot, "link", name=f"{wheel_name}_wheel")
-        # A cylinder stands along z, a wheel turns about its y.
+        # The axis of a cylinder is z, the axis of a wheel is its y.
         cylinder = _visual(link, (0.0, 0.0, 0.0), (math.pi / 2.0, 0.0, 0.0))
         thickness = str(_WIDTH_SHARE * wheel.radius)
         ElementTree.SubElement(cylinder, "cylinder", radius=str(wheel.radius), length=thickness)

@@ -4,9 +4,9 @@ Frames follow REP-103: the body frame `base_link` is at the geometric center of 
 x forward, y left, z up. `k` is the unit ground normal, so that for vectors in the ground plane
 ``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
 
-The roller angle gamma turns the roller axis that touches the ground out of the rolling
-direction: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active
-direction follows Eq. (30), ``u_i . n_wi = -cos(gamma)``; nothing physical depends on it.
+The roller angle gamma is the angle from the rolling direction to the axis of the roller on the
+ground: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active direction
+follows Eq. (30), ``u_i . n_wi = -cos(gamma)``; it has no physical effect.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ class WheelMount(Configuration):
     """One omni-wheel on the platform, in the body frame."""
 
     x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Wheel contact, forward of the platform center"""
+    """Position of the wheel contact, forward of the platform center"""
     y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
-    """Wheel contact, left of the platform center"""
+    """Position of the wheel contact, left of the platform center"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Rolling direction u of the wheel, counter-clockwise from forward"""
+    """Rolling direction u of the wheel, counter-clockwise from the forward direction"""
     roller_angle_deg: float = parameter(unit="deg", minimum=-180.0, maximum=180.0)
-    """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0 for
-    a kiwi drive, +/-45 for Mecanum)"""
+    """Axis of the roller on the ground, counter-clockwise from the rolling direction (gamma: 0
+    for a kiwi drive, +/-45 for Mecanum wheels)"""
     radius: float = parameter(0.2, unit="m", minimum=1e-3, maximum=10.0)
-    """Radius of the unloaded wheel over its rollers"""
+    """Radius of the unloaded wheel including its rollers"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,16 +63,16 @@ class PlatformGeometry:
 
     @classmethod
     def from_wheels(cls, wheels: Mapping[str, WheelMount]) -> PlatformGeometry:
-        """Lay out the wheels of a platform.
+        """Return the geometry of the wheels of a platform.
 
         Args:
-            wheels: mounts by wheel name; their order becomes the order of the rows.
+            wheels: mounting of each wheel by name; the order of the wheels is that of the rows.
 
         Raises:
             ConfigurationError: no wheel is given.
         """
         if not wheels:
-            raise ConfigurationError("wheels", "a platform needs wheels, none is given")
+            raise ConfigurationError("wheels", "a platform needs at least one wheel")
         mounts = list(wheels.values())
         heading = np.array([math.radians(mount.heading_deg) for mount in mounts])
         gamma = np.array([math.radians(mount.roller_angle_deg) for mount in mounts])
@@ -101,3 +101,10 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return ``a_x b_y - a_y b_x`` for planar vectors of shape (..., 2)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
+
+
+def turned(vectors: FloatArray, angle: FloatArray | float) -> FloatArray:
+    """Rotate planar vectors of shape (..., 2) counter-clockwise by angles [rad]."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.asarray(np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1))

@@ -1,11 +1,11 @@
-"""How compiled kernels are declared.
+"""Decorators that declare compiled kernels.
 
-numba counts the references to every array whenever it passes or unpacks it. Kernels that receive
-the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two thirds of
-their run time and of their compilation on these counts. A `lean` kernel does not count references.
-It may therefore neither create an array (slices assigned from other arrays create one) nor return
-one, also not in a tuple; its caller provides all arrays. A kernel that creates arrays is declared
-as `kernel` and should be short. The largest kernels are `linked`.
+numba counts the references to every array whenever it passes or unpacks the array. A kernel that
+receives the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two
+thirds of its run time, and of its compilation, on these counts. A `lean` kernel does not count
+references. It must therefore neither create an array (assigning a slice creates one) nor return
+one, not even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared
+as `kernel` and should be short. The largest kernels are also `linked`.
 """
 
 from importlib.metadata import entry_points
@@ -17,12 +17,12 @@ from numba.core.dispatcher import Dispatcher
 from numba.np import linalg
 
 from omni_platform.compilation.cache import KernelCache
-from omni_platform.compilation.calls import linked, omit_entries_for_python
+from omni_platform.compilation.calls import linked
 
 __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 njit = numba.njit
-"""numba's own decorator; modules import it from here, so that their caches follow the content."""
+"""numba's decorator; modules import it from here, so that their caches depend on the content."""
 
 
 def _enable_caching(dispatcher: Any) -> None:
@@ -30,10 +30,10 @@ def _enable_caching(dispatcher: Any) -> None:
 
 
 def _defer_blas() -> None:
-    """Defer numba's search for a BLAS from the first loaded kernel to the first call of BLAS.
+    """Defer numba's search for a BLAS library until BLAS is first called.
 
-    The search imports all of scipy.linalg, 0.3 s in each process. SciPy is always installed, and
-    compiling a product of matrices still loads it.
+    The search imports all of scipy.linalg, which takes 0.3 s in each process. SciPy is always
+    installed, and compiling a matrix product still loads it.
     """
     look = linalg.ensure_blas
     linalg.ensure_blas = lambda: None
@@ -44,10 +44,10 @@ def _defer_blas() -> None:
 
 
 def _defer_transforms() -> None:
-    """Keep numba from loading scipy.fft with its first kernel, 0.2 s in each process.
+    """Keep numba from loading scipy.fft with its first kernel, which takes 0.2 s in each process.
 
-    Modules whose kernels call it import `rocket_fft`. Other extensions of numba are loaded as
-    usual.
+    Modules whose kernels call scipy.fft import `rocket_fft`. Other extensions of numba are loaded
+    as usual.
     """
     entrypoints._already_initialized = True
     for extension in entry_points(group="numba_extensions", name="init"):
@@ -56,18 +56,17 @@ def _defer_transforms() -> None:
 
 
 setattr(Dispatcher, "enable_caching", _enable_caching)  # noqa: B010 - of `njit(cache=True)`
-omit_entries_for_python()
 _defer_blas()
 _defer_transforms()
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=True)
-"""Declares a kernel that makes or returns arrays."""
+"""Declares a kernel that creates or returns arrays."""
 
 lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
-"""Declares a kernel that neither creates nor returns arrays, like all kernels that it calls."""
+"""Declares a kernel that, like all kernels it calls, neither creates nor returns arrays."""
 
 lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
-"""As `lean` and inlined, for kernels with many arguments and few callers."""
+"""Like `lean`, and inlined; for kernels with many arguments and few callers."""
 
 inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always", _nrt=False)
-"""As `lean_inline`, but never compiled alone: numba makes it a part of its callers."""
+"""Like `lean_inline`, but never compiled alone: numba makes it a part of its callers."""

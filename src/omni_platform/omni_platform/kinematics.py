@@ -16,9 +16,9 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
 
-# A roller axis within 0.06 deg of the wheel axis transmits no usable drive force.
+# A roller axis within 0.06 deg of the wheel axis cannot transmit a useful drive force.
 _MINIMUM_COS_GAMMA = 1e-3
-# Smallest over largest singular value of M, lengths scaled by the platform's radius.
+# Smallest ratio of the singular values of M, with lengths divided by the platform's radius.
 _MINIMUM_CONDITION = 1e-6
 
 
@@ -56,11 +56,11 @@ class PlatformKinematics:
 
     @staticmethod
     def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
-        """Return the kinematics of wheels, cached for all runs of a campaign."""
+        """Return the kinematics of these wheels, cached for all runs of a campaign."""
         return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:
-        """Return the matrix of Eqs. (30), (32) for wheels of some radii [m], shape (N, 3)."""
+        """Return the matrix of Eqs. (30), (32) for wheels with these radii [m], shape (N, 3)."""
         cos_gamma = np.cos(self.geometry.roller_angle)
         inverse: FloatArray = self.matrix / (radius * cos_gamma)[:, np.newaxis]
         return inverse
@@ -70,11 +70,11 @@ class PlatformKinematics:
         return np.linalg.pinv(self._inverse).astype(np.float64)
 
     def wheel_speeds(self, twist: FloatArray, radius: FloatArray | None = None) -> FloatArray:
-        """Return the wheel speeds of perfect rolling, Eqs. (28), (32).
+        """Return the wheel speeds for rolling without slip, Eqs. (28), (32).
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
-            radius: effective rolling radius [m], shape (N,); that of the geometry by default.
+            radius: effective rolling radius [m], shape (N,); by default that of the geometry.
 
         Returns:
             Wheel speeds [rad/s], shape (..., N).
@@ -82,7 +82,7 @@ class PlatformKinematics:
         return twist @ (self._inverse if radius is None else self._inverse_with(radius)).T
 
     def twist(self, wheel_speeds: FloatArray) -> FloatArray:
-        """Return the body twist that fits the wheel speeds best, in the least-squares sense.
+        """Return the body twist that fits the wheel speeds best (least squares).
 
         Args:
             wheel_speeds: speeds of the wheels [rad/s], shape (..., N).
@@ -105,24 +105,6 @@ class PlatformKinematics:
         velocities: FloatArray = twist[:2] + twist[2] * np.column_stack((-r[:, 1], r[:, 0]))
         return velocities
 
-    def slip_velocities(self, twist: FloatArray, wheel_speeds: FloatArray) -> FloatArray:
-        """Return the contact points' sliding velocities along the active directions.
-
-        ``v_s = n_w . v_i - omega R (n_w . u_i)``, the projection meant by Eq. (22); zero is
-        perfect rolling, Eq. (28).
-
-        Args:
-            twist: body twist [m/s, m/s, rad/s], shape (3,).
-            wheel_speeds: speeds of the wheels [rad/s], shape (N,).
-
-        Returns:
-            Sliding velocities [m/s], shape (N,).
-        """
-        g = self.geometry
-        hub = np.sum(g.active * self.wheel_velocities(twist), axis=1)
-        rim = wheel_speeds * g.radius * np.sum(g.active * g.rolling, axis=1)
-        return np.asarray(hub - rim, dtype=np.float64)
-
 
 @lru_cache(maxsize=64)
 def _laid_out(wheels: tuple[tuple[str, WheelMount], ...]) -> PlatformKinematics:
@@ -137,7 +119,7 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the smallest singular value of ``M`` in units of the platform's radius [1]."""
+    """Return the smallest singular value of ``M``, with lengths in platform radii [1]."""
     return float(_singular_values(matrix, geometry)[-1])
 
 

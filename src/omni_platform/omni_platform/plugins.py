@@ -1,6 +1,7 @@
-"""User's classes, named in a configuration as ``module:Class`` or as an entry point."""
+"""User classes that a configuration names as ``module:Class`` or as an entry point."""
 
 import ast
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
@@ -13,11 +14,12 @@ from typing import Any
 from omni_platform.configuration import ConfigurationError, did_you_mean
 
 
+@functools.cache
 def described_modules(package: str) -> dict[str, tuple[str, str]]:
     """Return the descriptions of the modules of a package without importing them.
 
     Args:
-        package: dotted name; modules that begin with ``_`` do not count.
+        package: dotted name of the package; modules whose names begin with ``_`` are omitted.
 
     Returns:
         Dictionary from name to (module, sentence). A module gives one entry, its name with the
@@ -44,16 +46,16 @@ def _constant(tree: ast.Module, name: str) -> Any:
 
 
 def check_name(key: str, name: str, built_in: Collection[str], group: str) -> None:
-    """Refuse an unknown name of a class; nothing is imported.
+    """Check that the name of a class is known; nothing is imported.
 
     Args:
         key: key of the configuration.
-        name: a built-in part, an entry point of `group`, or ``module:Class``.
+        name: name of a built-in part, an entry point of `group`, or ``module:Class``.
         built_in: names of the built-in parts.
         group: group of entry points.
 
     Raises:
-        ConfigurationError: the name is none of them.
+        ConfigurationError: the name is none of these.
     """
     if name in built_in or ":" in name:
         return
@@ -70,7 +72,7 @@ def load_class(
 ) -> type[Any]:
     """Import a user's class.
 
-    The module is searched on the path of Python and in the working directory.
+    The module is searched for on Python's path and in the working directory.
 
     Args:
         key: key of the configuration.
@@ -80,7 +82,7 @@ def load_class(
         methods: methods that the class must have.
 
     Raises:
-        ConfigurationError: the class cannot be imported, or has not all of these methods.
+        ConfigurationError: the class cannot be imported, or lacks a required method.
     """
     check_name(key, name, built_in, group)
     place = name if ":" in name else _entry_points(group).get(name, name)  # the search takes 20 ms
@@ -90,7 +92,7 @@ def load_class(
         sys.path.append(folder)
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # a user's module may raise anything
+    except Exception as error:  # a user's module may raise any exception
         raise ConfigurationError(
             key,
             f"{name!r}: cannot import {module_name!r} ({type(error).__name__}: {error}); it must "
@@ -125,7 +127,7 @@ def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
         return cls(*arguments)
     except ConfigurationError:
         raise
-    except Exception as error:  # a user's class may raise anything
+    except Exception as error:  # a user's class may raise any exception
         raise ConfigurationError(
             key, f"{name!r} cannot be made ({type(error).__name__}: {error})"
         ) from error

@@ -1,4 +1,4 @@
-"""Types of numbers in all packages: arrays of doubles in SI, stamps in integer nanoseconds."""
+"""Number types of all packages: arrays of doubles in SI units, integer stamps in nanoseconds."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,8 @@ Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
 SECOND_NS = 1_000_000_000
-"""A second of stamps [ns]."""
+"""One second [ns]."""
 
 LARGEST_OFFSET = 100.0
-"""Largest distance of a part from the platform's center, along x or y [m]; a larger value is taken
-for a typing error."""
+"""Largest distance of a part from the platform's center, along x or y [m]; a
+larger value is treated as a typing error."""

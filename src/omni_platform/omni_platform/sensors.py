@@ -15,26 +15,26 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Smallest share of a line's field of view that the next line shows again (section 4.4) [1]."""
+"""Smallest share of a line's field of view that the next line shows again [1] (section 4.4)."""
 
 
 class Mount(Configuration):
-    """Mounting of a ground sensor in the body frame, with its uncertainty."""
+    """Mounting of a ground sensor in the body frame, with the uncertainty of the calibration."""
 
     x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Center of the footprint, forward of base_link"""
     y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Center of the footprint, left of base_link"""
     heading_deg: float = parameter(unit="deg", minimum=-360.0, maximum=360.0)
-    """Sensor axis (measuring direction), counter-clockwise from forward"""
+    """Sensor axis (measuring direction), counter-clockwise from the forward direction"""
     scale_error: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Relative standard error of the scale that remains after calibration (`omni
-    calibrate-sensors`); the scale of a camera is pixel pitch times line rate; 0 if the scale is
-    taken as exact"""
+    calibrate-sensors`); the scale of a camera is pixel pitch times line rate; 0 for an exact
+    scale"""
     heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
-    """Standard error of the axis"""
+    """Standard error of the axis direction"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
-    """Standard error of the distance at which the axis passes base_link"""
+    """Standard error of the distance between base_link and the line of the axis"""
 
     @property
     def heading(self) -> float:
@@ -51,13 +51,13 @@ class LineSensor(Mount):
     """A line camera, which measures the velocity of its position along its axis."""
 
     pixels: int = parameter(1024, unit="px", minimum=16, maximum=16384)
-    """Pixels of a line"""
+    """Number of pixels per line"""
     length: float = parameter(0.05, unit="m", minimum=1e-6, maximum=1.0)
     """Field of view along the axis"""
     width: float = parameter(0.02, unit="m", minimum=1e-6, maximum=1.0)
     """Field of view across the axis"""
     line_rate: float = parameter(2500.0, unit="1/s", above=0.0, maximum=1e6)
-    """Lines per second"""
+    """Line rate"""
 
     @property
     def pixel_pitch(self) -> float:
@@ -74,12 +74,13 @@ class FlowSensor(Mount):
     """An optical-flow sensor, which measures the velocity along and to the left of its axis."""
 
     rate: float = parameter(100.0, unit="1/s", minimum=0.1, maximum=1e5)
-    """Measurements per second"""
+    """Measurement rate"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
-    """Standard deviation of each velocity if a measurement states none"""
+    """Standard deviation of each velocity, used if a measurement does not state it"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=1000.0)
-    """Largest speed that the sensor can measure, above which a velocity counts as unmeasured; for a
-    sensor that counts angles, its largest rate times its height; 0 for no limit"""
+    """Largest speed that the sensor can measure; a faster velocity counts as unmeasured. For a
+    sensor that measures angular rates, the largest rate times the height above the ground; 0 for
+    no limit"""
 
     @property
     def directions(self) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
-"""Types of samples, one for each signal, with the values that the messages of its topic contain.
+"""Types of samples, one for each signal, with the same values as the messages of its topic.
 
-In one process, simulator, odometry and brake assistant pass samples to each other directly. In a
-graph, `messages.py` of each package converts standard messages to samples.
+In one process, simulator, odometry and brake assistant exchange samples directly. In a ROS graph,
+the `messages.py` of each package converts standard messages to samples.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ VALID, MISSING, INVALID = range(3)
 """Validity of a sample: MISSING if none has been received, INVALID if it cannot be read."""
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance of a component that is not measured, or more, in the square of its unit."""
+"""Smallest variance that marks a component as not measured [square of its unit]."""
 
 
 class TwistSample(NamedTuple):
@@ -89,7 +89,7 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 class LineBatchError(ValueError):
-    """A batch of lines is invalid; the message gives the reason."""
+    """A batch of lines is invalid; the message states the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +99,8 @@ class LineBatch:
     Attributes:
         stamp_ns: exposure of the newest line [ns].
         lines: gray levels, uint8 or uint16, oldest line first, shape (m, pixels).
-        fault: why the lines cannot be used, such as an unknown format; empty if they can.
+        fault: reason why the lines cannot be used, such as an unknown format; empty for usable
+            lines.
 
     Raises:
         LineBatchError: the lines have another type or shape.
@@ -111,7 +112,7 @@ class LineBatch:
 
     @classmethod
     def unusable(cls, stamp_ns: int, fault: str) -> LineBatch:
-        """Make a batch without lines, with the reason."""
+        """Create a batch without lines, with the reason."""
         return cls(stamp_ns, np.empty((0, 0), np.uint8), fault)
 
     def __post_init__(self) -> None:

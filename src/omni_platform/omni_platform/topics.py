@@ -1,7 +1,7 @@
-"""The topics of a vehicle: name, message type, publisher and durability of each, in one place.
+"""Topics of a vehicle: name, message type, publisher and durability of each, in one place.
 
-Every topic has reliable delivery unless a ``qos_overrides`` parameter of a node changes it, or the
-odometry's parameter `best_effort_cameras`. `omni_ros.qos` has the depths of the queues.
+All topics are reliable unless a node's ``qos_overrides`` parameter changes this, or the odometry's
+parameter `best_effort_cameras`. `omni_ros.qos` defines the depths of the queues.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class Topic(NamedTuple):
         name: name of the topic, relative to the namespace.
         type: type of its messages.
         publisher: node that publishes the topic.
-        latched: whether the last message is kept for later subscriptions.
+        latched: whether the last message is kept for subscribers that join later.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Topic(NamedTuple):
 
     @property
     def path(self) -> str:
-        """The name of the topic of a vehicle without a namespace."""
+        """Name of the topic for a vehicle without a namespace."""
         return f"/{self.name}"
 
 
@@ -41,7 +41,7 @@ WHEEL_STATES = Topic("wheel_states", JOINT_STATE, "simulator")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "simulator")
 PEDAL = Topic("brake/pedal", JOINT_STATE, "simulator")
 COMMAND = Topic("driver/command", "geometry_msgs/msg/TwistStamped", "simulator")
-"""The velocity that the drive follows."""
+"""Commanded velocity that the drive follows."""
 VELOCITY_SENSOR = Topic("velocity_sensor/twist", TWIST_WITH_COVARIANCE, "simulator")
 GROUND_TRUTH = Topic("ground_truth/odom", ODOMETRY, "simulator")
 MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", "simulator")
@@ -50,9 +50,9 @@ SIDESLIP = Topic("odometry/sideslip", JOINT_STATE, "linescan_odometry")
 ODOM = Topic("odom", ODOMETRY, "linescan_odometry")
 ENABLE = Topic("brake/enable", JOINT_STATE, "brake_assist")
 SLIDING = Topic("brake_assist/error", JOINT_STATE, "brake_assist")
-"""The sliding variable of each wheel [m/s]."""
+"""Error of each wheel, the switching function of the law [m/s]."""
 TEST_RATIOS = Topic("brake_assist/test_ratios", JOINT_STATE, "brake_assist")
-"""Normalized innovations of fault detection over their gates [1]."""
+"""Test ratios of fault detection: normalized innovations squared divided by their gates [1]."""
 
 
 def lines(sensor: str) -> Topic:

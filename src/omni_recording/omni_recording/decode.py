@@ -1,8 +1,8 @@
 """Decoding of recorded bytes into messages of ROS 2 Jazzy types, without ROS.
 
-The definitions come from this installation and never from the recording, because rosbags turns a
-definition into Python code and runs it. A recording whose own definition of a type differs is
-refused, because its bytes would be decoded wrongly.
+The definitions come from this installation and never from the recording, because rosbags converts a
+definition to Python code and runs it. A recording with a different definition of a type is
+rejected, because its bytes would be decoded incorrectly.
 """
 
 from collections.abc import Collection, Iterator
@@ -18,7 +18,7 @@ _ENCODING = "cdr"
 
 
 class DecodeError(ValueError):
-    """A message or a topic that cannot be decoded; the text gives the reason."""
+    """A message or topic cannot be decoded; the text states the reason."""
 
 
 class MessageDecoder:
@@ -31,7 +31,7 @@ class MessageDecoder:
         self._problems: dict[tuple[str, ...], str] = {}
 
     def problem(self, channel: RecordedChannel) -> str:
-        """Return why the messages of a channel cannot be decoded; empty if they can."""
+        """Return the reason why a channel's messages cannot be decoded; empty if they can."""
         kind = (channel.type_name, channel.encoding, channel.definition_encoding)
         key = (*kind, channel.definition)
         if key not in self._problems:
@@ -48,7 +48,7 @@ class MessageDecoder:
         problem = self.problem(message.channel)
         if problem:
             raise DecodeError(problem)
-        # The generated code may raise any error on foreign bytes.
+        # The generated code may raise any exception on invalid bytes.
         try:
             return self._store.deserialize_cdr(message.data, name)
         except Exception as error:
@@ -67,9 +67,9 @@ class MessageDecoder:
         if channel.encoding != _ENCODING:
             return f"its messages are encoded as {channel.encoding[:40]!r}, not as {_ENCODING}"
         if not self.is_known(channel.type_name):
-            return f"its type {channel.type_name[:80]!r} is not one of ROS 2 Jazzy's"
+            return f"its type {channel.type_name[:80]!r} does not belong to ROS 2 Jazzy"
         if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
-            return ""  # no definition to compare; decoding will show
+            return ""  # nothing to compare; decoding will show whether it works
         if len(channel.definition) > LIMITS.definition:
             return f"the definition of its type has {len(channel.definition)} characters"
         return self._difference(channel)

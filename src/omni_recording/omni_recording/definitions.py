@@ -1,8 +1,8 @@
-"""Message definitions of a ROS 2 installation, for self-describing files.
+"""Message definitions of a ROS 2 installation, which make recordings self-describing.
 
 A message package installs ``share/<package>/msg/<Name>.msg`` and, next to it, a JSON description of
-the type with the official type hashes. Both files together give exactly the types of the running
-system, without a parser of the message language.
+the type that contains the official type hashes. Together, the two files give exactly the types of
+the running system, without a parser of the message language.
 """
 
 import dataclasses
@@ -31,12 +31,12 @@ _TIME = "builtin_interfaces/msg/Time"
 
 
 class MessageDefinitionError(LookupError):
-    """A message type whose definition cannot be found; the text names the folders searched."""
+    """The definition of a message type was not found; the text lists the searched folders."""
 
 
 @dataclasses.dataclass(frozen=True)
 class MessageDefinition:
-    """The description of a message type in a recording.
+    """Description of a message type in a recording.
 
     Attributes:
         type_name: name of the type, such as ``sensor_msgs/msg/Image``.
@@ -55,10 +55,10 @@ class MessageDefinition:
 
 
 def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
-    """Return the folders into which message packages may be installed.
+    """Return the folders in which message packages may be installed.
 
-    The folder of the running Python comes last: ROS from wheels installs there without adding it
-    to ``AMENT_PREFIX_PATH``.
+    The folder of the running Python is the last one: the ROS wheels are installed there but not
+    added to ``AMENT_PREFIX_PATH``.
     """
     named = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return tuple(Path(prefix) for prefix in (*filter(None, named), sys.prefix))

@@ -6,7 +6,7 @@ from omni_platform.configuration import InputError
 
 
 class BagError(InputError):
-    """A recording that cannot be used.
+    """A recording cannot be used.
 
     Attributes:
         folder: path of the recording.

@@ -1,7 +1,7 @@
-"""A rosbag2 folder on the disk: its metadata and its files.
+"""A rosbag2 folder on disk: its metadata and its files.
 
-Only regular files inside the folder are opened, whatever ``metadata.yaml`` names. A single
-``.mcap`` file counts as a bag without metadata.
+Only regular files inside the folder are opened, even if ``metadata.yaml`` names others. A single
+``.mcap`` file is treated as a recording without metadata.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from omni_recording.limits import LIMITS
 
 METADATA = "metadata.yaml"
 
-# Topics of a vehicle; the text before them is the vehicle's namespace.
+# Topics of a vehicle; the text before a topic is the vehicle's namespace.
 _VEHICLE_TOPIC = re.compile(
     r"(?P<namespace>.*?)/(wheel_states|brake/(pedal|enable)|odometry/twist|ground_truth/odom"
     r"|line_scan/[^/]+/lines)"
@@ -37,7 +37,7 @@ class Bag:
         path: path of the folder or of the single file.
         files: MCAP files of the recording in order of time.
         message_count: number of messages according to the metadata; None without metadata.
-        counts: messages by topic according to the metadata; empty without metadata.
+        counts: number of messages by topic according to the metadata; empty without metadata.
         ros_distro: ROS distribution of the recorder; empty if unknown.
         namespace: namespace such as ``/robot1``, which is removed from the topics of messages and
             summary.
@@ -58,7 +58,7 @@ def open_bag(path: Path | str) -> Bag:
         path: a rosbag2 folder or a single ``.mcap`` file.
 
     Raises:
-        BagError: there is no recording, or it cannot be read; the message gives the reason.
+        BagError: there is no recording, or it cannot be read; the message states the reason.
     """
     path = Path(path)
     if path.is_dir():
@@ -74,7 +74,7 @@ def open_bag(path: Path | str) -> Bag:
 
 
 def _remedy(folder: Path) -> str:
-    """Return the remedy for a folder without metadata, empty if there is none."""
+    """Return a remedy for a folder without metadata; empty if there is none."""
     try:
         inside = sorted(entry.name for entry in folder.iterdir() if (entry / METADATA).exists())
         cut_off = any(folder.glob("*.mcap"))
@@ -104,7 +104,7 @@ def open_vehicle(path: Path | str) -> Bag:
         names = ", ".join(sorted(name or "/" for name in found))
         raise BagError(
             bag.path,
-            f"holds the vehicles {names}; `ros2 bag convert` keeps the topics of one",
+            f"contains the vehicles {names}; `ros2 bag convert` keeps the topics of one",
         )
     return dataclasses.replace(bag, namespace=found.pop() if found else "")
 
@@ -114,7 +114,7 @@ def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
-        problems: receives the problems of files that cannot be read, which are omitted.
+        problems: list to which the problems of unreadable files are added; such files are omitted.
 
     Raises:
         BagError: there are no files, or a file cannot be read and `problems` is None.
@@ -145,10 +145,7 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
     """
     for file in bag.files:
         try:
-            if bag.namespace:
-                yield from _messages_below(bag.namespace, mcap.McapMessages(file))
-            else:
-                yield from mcap.McapMessages(file)
+            yield from mcap.McapMessages(file, namespace=bag.namespace)
         except (mcap.McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
 
@@ -156,7 +153,8 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
 def bag_summary(bag: Bag) -> mcap.McapSummary:
     """Return topics, counts and times of the whole recording.
 
-    The values come from the summaries of the files; a file without a summary is read through.
+    The values are read from the summaries of the files; a file without a summary is read
+    completely.
 
     Raises:
         BagError: a file is damaged or incomplete, or has another format.
@@ -164,20 +162,15 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
     parts = []
     for file in bag.files:
         try:
-            parts.append(mcap.read_summary(file) or _counted(file))
+            parts.append(mcap.read_summary(file, bag.namespace) or _counted(file, bag.namespace))
         except (mcap.McapError, OSError) as error:
             raise file_problem(bag.path, file, error) from None
     counts: dict[str, int] = {}
     for part in parts:
-        for recorded, count in part.counts.items():
-            topic = recorded.removeprefix(bag.namespace)
+        for topic, count in part.counts.items():
             counts[topic] = counts.get(topic, 0) + count
     timed = [part for part in parts if any(part.counts.values())]
-    channels: dict[tuple[str, str], mcap.RecordedChannel] = {
-        (channel.topic, channel.type_name): _below(bag.namespace, channel)
-        for part in parts
-        for channel in part.channels
-    }
+    channels = {(one.topic, one.type_name): one for part in parts for one in part.channels}
     return mcap.McapSummary(
         tuple(channels.values()),
         counts,
@@ -189,28 +182,15 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
 
 
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
-    """Return the error of the recording for an error in one of its files."""
+    """Convert an error in one file to an error of the recording."""
     if isinstance(error, mcap.McapError):
         hint = "; `omni bag recover` keeps the complete messages" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
     return BagError(folder, f"{file.name} cannot be read: {error.strerror or error}")
 
 
-def _messages_below(namespace: str, messages: mcap.McapMessages) -> Iterator[mcap.RecordedMessage]:
-    renamed: dict[int, mcap.RecordedChannel] = {}  # by id(channel), which the reader keeps alive
-    for message in messages:
-        key = id(message.channel)
-        if key not in renamed:
-            renamed[key] = _below(namespace, message.channel)
-        yield dataclasses.replace(message, channel=renamed[key])
-
-
-def _below(namespace: str, channel: mcap.RecordedChannel) -> mcap.RecordedChannel:
-    return dataclasses.replace(channel, topic=channel.topic.removeprefix(namespace))
-
-
-def _counted(file: Path) -> mcap.McapSummary:
-    reader = mcap.McapMessages(file)
+def _counted(file: Path, namespace: str) -> mcap.McapSummary:
+    reader = mcap.McapMessages(file, namespace=namespace)
     counts: dict[str, int] = {}
     first_ns, last_ns = 1 << 63, 0
     for message in reader:
@@ -293,7 +273,7 @@ def _file_within(folder: Path, name: Any, version: int) -> Path:
 
 
 def _require_regular(folder: Path, path: Path) -> None:
-    # Opening a pipe would wait forever, and reading a device would not end.
+    # Opening a pipe would wait forever, and reading a device would never end.
     try:
         mode = path.stat().st_mode
     except OSError as error:  # such as a broken or circular link
@@ -303,17 +283,17 @@ def _require_regular(folder: Path, path: Path) -> None:
 
 
 class _PlainLoader(yaml.SafeLoader):
-    """YAML loader without merge keys, because a few lines with such keys may exhaust the memory."""
+    """YAML loader without merge keys, since a few lines with such keys can exhaust the memory."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave merge keys unexpanded, so that they are refused as unknown keys."""
+        """Leave merge keys unexpanded, so that they are rejected as unknown keys."""
 
 
 def read_plain_yaml(text: str) -> Any:
     """Return a YAML document of plain values.
 
     Raises:
-        ValueError: the text is no such document; the message gives the reason in one line.
+        ValueError: the text is not such a document; the message states the reason in one line.
     """
     load: Callable[..., Any] = yaml.load
     try:
@@ -345,8 +325,8 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
 def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.RecordedMessage]:
     """Return messages by log time; messages with the same time keep the order of the file.
 
-    In a file, topics need not be in order with each other. Messages are buffered for a second of
-    recorded time, or up to 128 MiB.
+    In a file, messages of different topics need not be in order. Messages are buffered for a second
+    of recorded time, or up to 128 MiB.
     """
     waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0

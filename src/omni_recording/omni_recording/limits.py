@@ -1,4 +1,4 @@
-"""Limits for reading recordings, which may be damaged or meant to exhaust the memory."""
+"""Limits for reading recordings, which may be damaged or designed to exhaust the memory."""
 
 import dataclasses
 
@@ -8,19 +8,19 @@ class Limits:
     """Largest sizes and counts.
 
     Attributes:
-        record: size of a record, and of a chunk when it is unpacked [B].
-        description: size of all schemas and channels of a file together [B].
-        definition: length of the definition of one type; the largest of ROS 2 have 20 KiB.
+        record: size of a record, and of an unpacked chunk [B].
+        description: total size of all schemas and channels of a file [B].
+        definition: length of the definition of a type; the largest of ROS 2 has 20 KiB.
         chunks: number of chunks in an index.
         metadata: size of ``metadata.yaml`` [B].
         note: size of another file stored with the recording [B].
         qos: length of the quality of service of a channel.
-        waiting: size of the messages that are held back to sort them by time [B].
+        waiting: total size of the messages that are buffered to sort them by time [B].
         columns: number of columns of a table.
-        label: length of a joint's name that becomes part of a column's name.
+        label: length of a joint name that becomes part of a column name.
         topic: length of the name of an exported topic; a file name has at most 255 characters.
-        topics: number of topics exported at once, each to an open file.
-        rows: number of rows written to a table at once.
+        topics: number of topics that are exported at once, each to an open file.
+        rows: number of rows that are written to a table at once.
     """
 
     record: int = 1 << 28

@@ -1,11 +1,12 @@
-"""Reader of the messages of MCAP files, also damaged ones, in bounded memory.
+"""Reader for the messages of MCAP files, including damaged ones, with bounded memory.
 
-`mcap.stream_reader.StreamReader` limits the size of a record. It limits neither the size of an
-unpacked chunk nor the lengths inside a record, which may point beyond the record's end. This reader
-compares every length with the available bytes before it reads anything, and the library parses
-complete records only. It reads from the front without an index, so it also reads an unfinished
-recording.
+`mcap.stream_reader.StreamReader` limits the size of a record, but neither the size of an unpacked
+chunk nor the lengths inside a record, which may point beyond the record's end. This reader compares
+every length with the available bytes before it reads anything, and the library parses only complete
+records. It reads from the front without an index, so it can also read an unfinished recording.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import struct
@@ -31,11 +32,12 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapError(ValueError):
-    """A file that is no MCAP file, is damaged, or declares lengths beyond the limits.
+    """A file is not an MCAP file, is damaged, or declares lengths beyond the limits.
 
     Attributes:
         problem: the defect of the file.
-        unfinished: whether the file is only incomplete, as after a killed recorder.
+        unfinished: whether the file is only incomplete, for example because the recorder was
+            killed.
     """
 
     def __init__(self, problem: str, *, unfinished: bool = False) -> None:
@@ -71,9 +73,9 @@ class RecordedMessage:
 
     Attributes:
         channel: channel of the message.
-        log_ns: time at which it was recorded [ns].
-        publish_ns: time at which it was published [ns].
-        sequence: number that the recorder gave it.
+        log_ns: time of recording [ns].
+        publish_ns: time of publication [ns].
+        sequence: number that the recorder assigned to the message.
         data: serialized message.
     """
 
@@ -90,11 +92,11 @@ class McapSummary:
 
     Attributes:
         channels: all channels of the file.
-        counts: messages by topic.
+        counts: number of messages, by topic.
         first_ns: earliest log time [ns]; 0 without messages.
         last_ns: latest log time [ns]; 0 without messages.
         chunks: number of chunks.
-        compressions: compressions of the chunks, sorted; an empty word for none.
+        compressions: compression methods of the chunks, sorted; an empty text for none.
     """
 
     channels: tuple[RecordedChannel, ...]
@@ -112,23 +114,26 @@ class McapMessages:
         path: a regular file.
         on_damage: called with the problem of a chunk that cannot be unpacked and is omitted; if
             None, such a chunk raises the error.
+        namespace: namespace that is removed from the topics.
     """
 
-    def __init__(self, path: Path, on_damage: Callable[[str], None] | None = None) -> None:
+    def __init__(
+        self, path: Path, on_damage: Callable[[str], None] | None = None, namespace: str = ""
+    ) -> None:
         self._path = path
         self._on_damage = on_damage
-        self._tables = _Tables()
+        self._tables = _Tables(namespace)
         self.profile = ""
         self.compressions: set[str] = set()
         self.chunks = 0
 
     @property
     def channels(self) -> tuple[RecordedChannel, ...]:
-        """Every channel found so far."""
+        """All channels found so far."""
         return tuple(self._tables.channels.values())
 
     def __iter__(self) -> Iterator[RecordedMessage]:
-        """Return the messages up to the end of the data.
+        """Yield the messages up to the end of the data.
 
         Raises:
             McapError: the file is damaged or incomplete at the next message, or has another format.
@@ -162,11 +167,12 @@ class McapMessages:
                 self._tables.add(opcode, part)
 
 
-def read_summary(path: Path) -> McapSummary | None:
+def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
     """Return the summary of a file without reading its messages; None if it has none.
 
     Args:
         path: a regular file.
+        namespace: namespace that is removed from the topics.
 
     Raises:
         McapError: the file is damaged or incomplete, or has another format.
@@ -189,11 +195,10 @@ def read_summary(path: Path) -> McapSummary | None:
         if not len(MAGIC) <= start <= end:
             raise McapError(f"is damaged: its footer gives byte {start} of {size} for the summary")
         file.seek(start)
-        return _summary(_framed(file, end, wanted=_SUMMARY_RECORDS))
+        return _summary(_framed(file, end, wanted=_SUMMARY_RECORDS), _Tables(namespace))
 
 
-def _summary(records: Iterator[tuple[int, bytes]]) -> McapSummary | None:
-    tables = _Tables()
+def _summary(records: Iterator[tuple[int, bytes]], tables: _Tables) -> McapSummary | None:
     statistics: Any = None
     compressions: set[str] = set()
     chunks = 0
@@ -233,7 +238,8 @@ _SUMMARY_RECORDS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, 
 class _Tables:
     """Schemas and channels by their numbers."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str) -> None:
+        self._namespace = namespace
         self.channels: dict[int, RecordedChannel] = {}
         self._schemas: dict[int, Any] = {}
         self._size = 0
@@ -253,7 +259,7 @@ class _Tables:
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # more seconds than a ROS stamp can hold
+        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # larger than a ROS stamp can be
             raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
         return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD.size :])
 
@@ -265,8 +271,9 @@ class _Tables:
         if schema is not None:
             name, language = schema.name, schema.encoding
             text = schema.data.decode(errors="replace")
+        topic = channel.topic.removeprefix(self._namespace)
         return RecordedChannel(
-            channel.topic, name, text, language, channel.message_encoding, channel.metadata
+            topic, name, text, language, channel.message_encoding, channel.metadata
         )
 
     def _store(
@@ -293,7 +300,7 @@ def _check_head(file: IO[bytes]) -> None:
 
 
 def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
-    """Return the records of the data section and check the end of the file."""
+    """Yield the records of the data section, and check the end of the file."""
     size = file.seek(0, 2)
     file.seek(0)
     _check_head(file)
@@ -303,7 +310,7 @@ def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-    """Return the selected records up to the footer or to byte `size`; skip the others."""
+    """Yield the selected records up to the footer or to byte `size`; skip all others."""
     place = file.tell()
     while True:
         head = file.read(_HEAD.size) if place < size else b""
@@ -342,13 +349,13 @@ def _chunk_records(raw: bytes) -> Iterator[tuple[int, bytes]]:
         start = place + _HEAD.size
         place = start + length
         if place > len(raw):
-            raise McapError("is damaged: a record is longer than the chunk that holds it")
+            raise McapError("is damaged: a record is longer than its chunk")
         if opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
             yield opcode, raw[start:place]
 
 
 def _parsed(kind: Any, content: bytes) -> Any:
-    """Let the library parse one record whose bytes are complete."""
+    """Parse one complete record with the library."""
     try:
         return kind.read(ReadDataStream(BytesIO(content)))
     except (EndOfFile, struct.error, OverflowError, ValueError) as error:

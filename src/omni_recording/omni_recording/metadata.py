@@ -13,7 +13,7 @@ UNSET_TIME = 2**63 - 1  # [ns] start time that rosbag2 writes if there are no me
 
 @dataclasses.dataclass(frozen=True)
 class RecordedQos:
-    """Quality of service that a topic's publisher offers, with the names that rosbag2 uses."""
+    """Quality of service that a topic's publisher offers, with rosbag2's names."""
 
     depth: int
     history: str = "keep_last"
@@ -23,7 +23,7 @@ class RecordedQos:
 
 @dataclasses.dataclass(frozen=True)
 class RecordedTopic:
-    """A topic of a recording: its full name, the definition of its type, its offered QoS."""
+    """A topic of a recording: full name, type definition, and offered QoS."""
 
     name: str
     definition: MessageDefinition
@@ -32,14 +32,14 @@ class RecordedTopic:
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """Content of a recording: messages by topic, first and last stamp [ns]."""
+    """Extent of a recording: number of messages by topic, first and last stamp [ns]."""
 
     counts: Mapping[str, int]
     first_ns: int = UNSET_TIME
     last_ns: int = 0
 
     def information(self) -> dict[str, Any]:
-        """Return the entries of rosbag2 for a file, which are repeated for the whole recording."""
+        """Return rosbag2's entries for a file, which are repeated for the whole recording."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.first_ns},
             "duration": {"nanoseconds": max(0, self.last_ns - self.first_ns)},
@@ -68,7 +68,7 @@ def bag_information(
             }
             for topic in topics
         ],
-        # These two are for compressed files and messages. Compressed chunks are internal to MCAP.
+        # For compressed files and messages only; compressed chunks are internal to MCAP.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],

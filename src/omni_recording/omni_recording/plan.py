@@ -1,36 +1,36 @@
-"""Parameters of the recorder, and the stamps under which it writes messages."""
+"""Parameters of the recorder, and the stamps with which it writes messages."""
 
 import heapq
 from collections.abc import Mapping
 
 from omni_platform.configuration import Configuration, ConfigurationError, check_choice, parameter
-from omni_platform.quantities import SECOND_NS
+from omni_platform.quantities import LARGEST_OFFSET, SECOND_NS
 from omni_recording.definitions import MessageDefinition
 from omni_recording.write import COMPRESSIONS, Rosbag2Writer
 from omni_ros.messages import leading_stamp
 
 RELIABILITIES = ("reliable", "best_effort")
-# Topics on which many nodes may publish; their stamps are not in order with each other.
+# Topics on which several nodes may publish, so the stamps need not be in order.
 SHARED_TOPICS = frozenset({"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static"})
 
-_HELD_BACK_NS = SECOND_NS  # delay for sorting a shared topic by stamp
+_HELD_BACK_NS = SECOND_NS  # delay for sorting the messages of a shared topic by stamp
 
 
 class RecorderConfiguration(Configuration):
     """Parameters of the recorder."""
 
     folder: str = parameter()
-    """Folder of the recording, made with its parents; must be empty if it exists"""
+    """Folder of the recording, created with its parents; must be empty if it exists"""
     topics: tuple[str, ...] = parameter()
     """Topics to record"""
     types: tuple[str, ...] = parameter()
     """Type of each topic, such as sensor_msgs/msg/Image"""
     latched_topics: tuple[str, ...] = parameter(())
-    """Those of the topics whose publishers offer transient_local durability"""
+    """Topics whose publishers offer transient_local durability"""
     reliability: str = parameter("reliable", choices=RELIABILITIES)
-    """Reliability that the recorder asks for"""
+    """Reliability that the recorder requests"""
     queue_depth: int = parameter(2000, minimum=1, maximum=100_000)
-    """Queue size of a topic"""
+    """Queue size of each topic"""
     compression: str = parameter("none", choices=tuple(COMPRESSIONS))
     """Compression of the chunks"""
     chunk_size: int = parameter(1 << 20, unit="B", minimum=1, maximum=1 << 27)
@@ -40,18 +40,18 @@ class RecorderConfiguration(Configuration):
     synchronize: bool = parameter(False)
     """Wait for the disk at every flush, so that a power failure loses no more than a crash"""
     transforms_from: str = parameter("")
-    """One of the topics, an odometry whose poses are recorded on /tf as well; empty for none"""
+    """Topic of an odometry whose poses are also recorded on /tf; empty for none"""
     fixed_frames: tuple[str, ...] = parameter(())
     """Frames fixed to base_link, recorded on /tf_static"""
-    fixed_poses: tuple[float, ...] = parameter(())
+    fixed_poses: tuple[float, ...] = parameter((), minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """x [m], y [m] and heading [rad] of each fixed frame, one after the other"""
 
     strict: bool = parameter(True)
-    """End with an error once a topic has a second publisher or its stamps run back: the recording
-    may then contain messages of another run"""
+    """End with an error when a topic has a second publisher or its stamps decrease, because the
+    recording may then contain messages of another run"""
 
     def check_consistency(self) -> None:
-        """Raise an error if a required value is empty or lists do not match."""
+        """Check that required values are not empty and that the lists agree."""
         if not self.folder:
             raise ConfigurationError("folder", "is empty")
         if not self.topics:
@@ -75,10 +75,10 @@ class RecorderConfiguration(Configuration):
 class StampedRecording:
     """Writes messages with their own stamps, so that a recording does not depend on timing.
 
-    A list of stamped messages has the stamp of its first message, if that is plausible. A message
-    without a stamp gets the latest stamp received on any topic. Messages of a shared topic are held
-    back for a second of stamps and sorted, so that their order does not depend on the speed of the
-    nodes.
+    A list of stamped messages receives the stamp of its first message if this is plausible. A
+    message without a stamp receives the latest stamp of any topic. Messages of a shared topic are
+    buffered for one second of stamps and sorted, so that their order does not depend on the speed
+    of the nodes.
 
     Args:
         writer: the recording.
@@ -92,7 +92,7 @@ class StampedRecording:
         self._latest_ns = 0
         self._newest_ns: dict[str, int] = {}
         self._held: list[tuple[int, str, bytes]] = []  # a heap
-        self.problem: str | None = None  # first evidence of another run
+        self.problem: str | None = None  # first sign of another run
 
     def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
         """Write a message.
@@ -103,14 +103,14 @@ class StampedRecording:
             stamp_ns: stamp of the message [ns]; None to read it from the beginning of the message.
 
         Raises:
-            RecordingError: the file cannot be written anymore.
+            RecordingError: the file can no longer be written.
         """
         if stamp_ns is None and topic in self._stamped:
             stamp_ns = leading_stamp(data)
             if topic in SHARED_TOPICS and stamp_ns is not None:
                 heapq.heappush(self._held, (stamp_ns, topic, data))
                 return
-            self._judge(topic, stamp_ns)
+            self._check_stamp(topic, stamp_ns)
         elif stamp_ns is None and topic in self._of_stamped:
             first_ns = leading_stamp(data, of_list=True)
             if first_ns is not None and abs(first_ns - self._latest_ns) <= _HELD_BACK_NS:
@@ -126,7 +126,7 @@ class StampedRecording:
         """Write the buffered messages.
 
         Raises:
-            RecordingError: the file cannot be written anymore.
+            RecordingError: the file can no longer be written.
         """
         self._release(None)
 
@@ -135,7 +135,7 @@ class StampedRecording:
             stamp_ns, topic, data = heapq.heappop(self._held)
             self._writer.write(topic, stamp_ns, data)
 
-    def _judge(self, topic: str, stamp_ns: int | None) -> None:
+    def _check_stamp(self, topic: str, stamp_ns: int | None) -> None:
         newest_ns = self._newest_ns.get(topic, 0)
         if topic in SHARED_TOPICS or self.problem is not None:
             return
@@ -143,7 +143,7 @@ class StampedRecording:
             self.problem = f"{topic} has a message with a stamp before zero, or with none"
         elif stamp_ns < newest_ns:
             self.problem = (
-                f"the stamps of {topic} run back from {newest_ns / SECOND_NS:g} s to "
+                f"the stamps of {topic} decrease from {newest_ns / SECOND_NS:g} s to "
                 f"{stamp_ns / SECOND_NS:g} s: another publisher is active there"
             )
         else:

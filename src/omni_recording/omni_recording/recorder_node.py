@@ -1,8 +1,8 @@
-"""Records serialized messages of topics into a rosbag2 folder.
+"""Node that records serialized messages into a rosbag2 folder.
 
-Messages are not decoded, except an odometry that is also recorded as `/tf`. On SIGINT or SIGTERM
-the node stores the messages received so far, closes the recording, and reports ``{"recorded":
-{topic: count}}``, see `omni_ros.report`.
+Messages are not decoded, except for an odometry that is also recorded as `/tf`. On SIGINT or
+SIGTERM, the node stores the messages received so far, closes the recording, and reports
+``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
 
 import contextlib
@@ -55,12 +55,12 @@ class RecorderNode(Node):
                 compression=configuration.compression,
                 synchronize=configuration.synchronize,
             )
+            self._recording = plan.StampedRecording(
+                self.writer, {topic.name: topic.definition for topic in topics}
+            )
+            self._transforms.begin(self._recording)
         except write.RecordingError as error:
             raise process.NodeError(str(error)) from error
-        self._recording = plan.StampedRecording(
-            self.writer, {topic.name: topic.definition for topic in topics}
-        )
-        self._begin()
         guarded = []
         for topic, kind in kinds.items():
             qos = QoSProfile(
@@ -87,14 +87,8 @@ class RecorderNode(Node):
             )
         return RecordedTransforms(odometry, configuration.fixed_frames, configuration.fixed_poses)
 
-    def _begin(self) -> None:
-        try:
-            self._transforms.begin(self._recording)
-        except write.RecordingError as error:
-            raise process.NodeError(str(error)) from error
-
-    def judge(self) -> None:
-        """Raise if a topic has a second publisher, whose messages may belong to another run."""
+    def check_publishers(self) -> None:
+        """Raise an error if a topic has a second publisher, which may belong to another run."""
         if self._strict and self.failure is None:
             problem = self._recording.problem or self._guard.second()
             if problem is not None:
@@ -122,7 +116,7 @@ class RecorderNode(Node):
 
 
 def record(node: RecorderNode, spinner: process.Spinner) -> None:
-    """Record until a signal asks to stop, then finish the recording and report the counts.
+    """Record until a signal requests shutdown, then finish the recording and report the counts.
 
     Raises:
         NodeError: the recording failed; the counts in the file are still reported.
@@ -131,7 +125,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
         _take(node, spinner)
         if node.failure is None:
             _drain(node, spinner)
-        node.judge()
+        node.check_publishers()
         if node.failure is not None:
             raise node.failure
         node.finish()
@@ -144,14 +138,15 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
-    """Store messages in groups, once per `pause` [s], because waking up for each is far slower."""
-    # The clock is read here, as a node's timer would queue behind the messages of a busy graph.
+    """Store messages in groups, once per `pause` [s], as waking for each one is much slower."""
+    # The clock is read here, because a timer of the node would have to wait behind the messages of
+    # a busy graph.
     due = time.monotonic() + node.flush_period
     while not spinner.stop and node.failure is None:
         time.sleep(min(pause, node.flush_period))
         _take_arrived(node, spinner, due)
         if time.monotonic() >= due:
-            node.judge()
+            node.check_publishers()
             node.writer.flush()
             due = time.monotonic() + node.flush_period
 
@@ -170,14 +165,14 @@ def _drain(
     longest_wait: float = 1.0,
     quiet: float = 0.2,
 ) -> None:
-    """Store the messages received so far, so that the recording is complete.
+    """Store the messages that have been received, so that the recording is complete.
 
     Args:
         node: the recorder.
-        spinner: runs the callbacks of received messages.
-        longest: longest time for emptying full queues to a slow disk [s].
-        longest_wait: longest wait for messages in transit, also if publishers continue [s].
-        quiet: time without a message after which no messages are expected [s].
+        spinner: spinner, which runs the callbacks of received messages.
+        longest: longest time for writing full queues to a slow disk [s].
+        longest_wait: longest time to wait for messages in transit, even if publishers continue [s].
+        quiet: time without a message after which no further messages are expected [s].
     """
     _take_arrived(node, spinner, time.monotonic() + longest)
     deadline = time.monotonic() + longest_wait

@@ -1,9 +1,9 @@
-"""Messages as rows of a table: one column for every plain value inside.
+"""Conversion of messages to table rows, with one column for each plain value.
 
-Examples of columns are ``twist.twist.linear.x``, ``header.stamp_ns`` (times become nanoseconds) and
-``covariance[7]``. The arrays of a ``JointState`` have a column for each joint, such as
-``velocity.front_left``. A message that would need more than `Limits.columns` columns, such as an
-image, is not converted.
+Examples of columns are ``twist.twist.linear.x``, ``header.stamp_ns`` (times are converted to
+nanoseconds) and ``covariance[7]``. The arrays of a ``JointState`` have a column for each joint,
+such as ``velocity.front_left``. A message that would need more than `Limits.columns` columns, such
+as an image, is not converted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,14 +24,14 @@ Cell = tuple[str, str, Value]
 
 
 class TooWideError(ValueError):
-    """A message that would need more columns than a table has."""
+    """A message needs more columns than a table may have."""
 
 
 def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]:
     """Return the columns of a decoded message.
 
     Args:
-        decoder: decoder, which has the fields of the type.
+        decoder: decoder, which knows the fields of the type.
         type_name: type of the message.
         message: message as returned by `MessageDecoder.decode`.
 
@@ -45,7 +45,7 @@ def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]
     for cell in _cells(decoder, type_name, message, ""):
         cells.append(cell)
         if len(cells) > LIMITS.columns:
-            raise TooWideError(f"a message holds more than {LIMITS.columns} values")
+            raise TooWideError(f"a message contains more than {LIMITS.columns} values")
     return cells
 
 
@@ -59,7 +59,7 @@ def _cells(decoder: MessageDecoder, type_name: str, message: Any, prefix: str) -
         elif kind == _NAME:
             yield from _nested(decoder, parts, value, path)
         elif name == "name" and labels is not None:
-            continue  # joint names are in the columns' names
+            continue  # joint names are part of the column names
         else:
             by_label = labels if name in _JOINT_VALUES else None
             yield from _elements(decoder, parts[0], value, path, by_label)
@@ -80,7 +80,7 @@ def _elements(
     labels: Sequence[str] | None,
 ) -> Iterator[Cell]:
     if len(values) > LIMITS.columns:
-        raise TooWideError(f"{path} holds more than {LIMITS.columns} values")
+        raise TooWideError(f"{path} contains more than {LIMITS.columns} values")
     kind, parts = element
     for index, value in enumerate(values):
         labeled = labels is not None and len(labels) == len(values)
@@ -101,6 +101,6 @@ def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
 
 
 def _plain(value: Any) -> Value:
-    """Return a NumPy number as a Python number."""
+    """Convert a NumPy number to a Python number."""
     plain: Value = value.item() if hasattr(value, "item") else value
     return plain

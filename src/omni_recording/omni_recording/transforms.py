@@ -1,11 +1,10 @@
 """Transforms that viewers need in a recording: `/tf` from an odometry, and `/tf_static`.
 
-Their type is `tf2_msgs/msg/TFMessage`. ROS from wheels does not have this type, so no node can
-publish it. The recorder writes the transforms directly: the pose of every `nav_msgs/msg/Odometry`,
-and the frames that are fixed to the platform.
+The type of these topics is `tf2_msgs/msg/TFMessage`. The ROS wheels do not contain this type, so no
+node can publish it. The recorder writes the transforms directly: the pose of every
+`nav_msgs/msg/Odometry`, and the frames that are fixed to the platform.
 """
 
-import contextlib
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -27,7 +26,7 @@ class RecordedTransforms:
     """Transforms that a recording contains in addition to the received messages.
 
     Attributes:
-        topics: the topics that are added.
+        topics: topics that are added to the recording.
     """
 
     def __init__(
@@ -46,14 +45,19 @@ class RecordedTransforms:
         self._fixed: bytes | None = None
         if not odometry and not frames:
             return  # loading the types of rosbags takes time
-        self._serializer = TransformSerializer()
-        definition = self._serializer.definition
+        self._store = get_typestore(Stores.ROS2_JAZZY)
+        definition = definitions.MessageDefinition(
+            type_name=_TYPE,
+            text=self._store.generate_msgdef(_TYPE, ros_version=2)[0],
+            type_hash=self._store.hash_rihs01(_TYPE),
+            stamped=False,  # the stamps are inside a list
+        )
         if odometry:
             self.topics.append(RecordedTopic(MOVING_TOPIC, definition, RecordedQos(100)))
         if frames:
             latched = RecordedQos(1, durability="transient_local")
             self.topics.append(RecordedTopic(STATIC_TOPIC, definition, latched))
-            self._fixed = self._serializer.fixed(BASE_FRAME, frames, poses)
+            self._fixed = self._fixed_frames(frames, poses)
 
     def begin(self, recording: plan.StampedRecording) -> None:
         """Write the transforms at the beginning of a recording.
@@ -65,63 +69,29 @@ class RecordedTransforms:
             recording.add(STATIC_TOPIC, self._fixed)
 
     def follow(self, recording: plan.StampedRecording, topic: str, data: bytes) -> None:
-        """Write the transform of a message that has been recorded, if it is the odometry's.
+        """Write the transform of a message that has been recorded, if it is from the odometry.
 
         Raises:
-            RecordingError: the file cannot be written anymore.
+            RecordingError: the file can no longer be written.
         """
         if topic != self._odometry:
             return
-        # Bytes that are no odometry have been recorded, but give no transform.
-        with contextlib.suppress(ValueError):
-            transform = self._serializer.of_odometry(data)
-            recording.add(MOVING_TOPIC, transform, leading_stamp(data))
-
-
-class TransformSerializer:
-    """Serializes transforms.
-
-    Attributes:
-        definition: definition of the message type of transforms.
-    """
-
-    def __init__(self) -> None:
-        self._store = get_typestore(Stores.ROS2_JAZZY)
-        self.definition = definitions.MessageDefinition(
-            type_name=_TYPE,
-            text=self._store.generate_msgdef(_TYPE, ros_version=2)[0],
-            type_hash=self._store.hash_rihs01(_TYPE),
-            stamped=False,  # the stamps are inside a list
-        )
-
-    def of_odometry(self, data: bytes) -> bytes:
-        """Return the pose of a serialized odometry message as the transform to its child frame.
-
-        Raises:
-            ValueError: the bytes are no odometry.
-        """
         try:
             odometry: Any = self._store.deserialize_cdr(data, ODOMETRY_TYPE)
-        except Exception as error:  # may raise any error on foreign bytes
-            raise ValueError(f"its bytes are no {ODOMETRY_TYPE}: {error}") from None
+        except Exception:  # invalid bytes are recorded but give no transform
+            return
         pose = odometry.pose.pose
         place = (pose.position.x, pose.position.y, pose.position.z)
-        return self._message(
-            [self._transform(odometry.header, odometry.child_frame_id, place, pose.orientation)]
+        transform = self._transform(
+            odometry.header, odometry.child_frame_id, place, pose.orientation
         )
+        recording.add(MOVING_TOPIC, self._message([transform]), leading_stamp(data))
 
-    def fixed(self, parent: str, frames: Sequence[str], poses: Sequence[float]) -> bytes:
-        """Return frames that are fixed to a parent, stamped with the start of the run.
-
-        Args:
-            parent: frame to which they are fixed.
-            frames: names of the fixed frames.
-            poses: x, y [m] and heading [rad] of each frame in the parent, one frame after the
-                other.
-        """
+    def _fixed_frames(self, frames: Sequence[str], poses: Sequence[float]) -> bytes:
+        """Return frames that are fixed to `base_link`, stamped with the start of the run."""
         types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent)
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_FRAME)
         transforms = []
         for index, frame in enumerate(frames):
             x, y, heading = poses[3 * index : 3 * index + 3]

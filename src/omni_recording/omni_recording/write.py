@@ -1,10 +1,10 @@
 """Writer of serialized messages into a rosbag2 folder with one MCAP file.
 
 The layout is that of rosbag2's MCAP storage: ``<folder>/metadata.yaml`` (version 9, quality of
-service in words) and ``<folder>/<folder name>_0.mcap`` (profile ``ros2``, ``ros2msg`` schemas,
-``cdr`` messages). Both exist from the start. Every chunk is passed to the operating system as a
-whole, so a reader gets all data up to the last flush even if the process is killed; `synchronize`
-protects against a power cut.
+service as text) and ``<folder>/<folder name>_0.mcap`` (profile ``ros2``, ``ros2msg`` schemas,
+``cdr`` messages). Both files exist from the start. Every chunk is passed to the operating system as
+a whole, so all data up to the last flush can be read even if the process is killed; `synchronize`
+also protects against a power failure.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ _END_WITHOUT_SUMMARY = (
 )
 
 
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, made faster
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
 
 
 class RecordingError(WorkError):
-    """A recording cannot be created or continued; the message gives the reason."""
+    """A recording cannot be created or continued; the message states the reason."""
 
 
 class Rosbag2Writer:
     """A recording in progress.
 
-    After a `RecordingError` the file is cut back to its last complete chunk and closed, as far as
-    the disk allows; it stays readable, and further writes raise again.
+    After a `RecordingError`, the file is truncated to its last complete chunk and closed, as far as
+    the disk allows. It remains readable, and further writes raise the error again.
 
     Args:
-        folder: folder of the recording; made with its parents, and empty if it exists.
+        folder: folder of the recording; created with its parents; must be empty if it exists.
         topics: all topics that will be written.
         chunk_size: size of the messages after which a chunk ends [B].
         compression: compression of the chunks, a key of `COMPRESSIONS`.
-        synchronize: wait at every flush until the data are on the disk itself.
+        synchronize: whether to wait at every flush until the data are on the disk.
 
     Raises:
         RecordingError: the folder is not empty or cannot be written.
@@ -79,8 +79,8 @@ class Rosbag2Writer:
             raise RecordingError("a topic is given twice; each can be recorded only once")
         self._first_ns, self._last_ns = metadata.UNSET_TIME, 0
         self._pending = 0
-        # End and content of the part of the file that is complete and passed to the operating
-        # system.
+        # Position and content of the complete part of the file that has been passed to the
+        # operating system.
         self._safe_end, self._safe = 0, metadata.Extent(dict(self._counts))
         self._closed = False
         self._failure: RecordingError | None = None
@@ -91,7 +91,7 @@ class Rosbag2Writer:
         with self._ending_on_failure():
             self._writer = Writer(
                 self._file,
-                chunk_size=2**62,  # chunks are ended here, not by the MCAP writer
+                chunk_size=2**62,  # this class ends the chunks, not the MCAP writer
                 compression=COMPRESSIONS[compression],
                 index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
             )
@@ -101,7 +101,7 @@ class Rosbag2Writer:
             self._write_metadata()
 
     def __enter__(self) -> Rosbag2Writer:
-        """Return the recording, which is finished when the block is left, also by an exception."""
+        """Return the recording, which is finished when the block is left, even by an exception."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -109,7 +109,7 @@ class Rosbag2Writer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages by topic in the file, up to the last flush."""
+        """Number of messages in the file up to the last flush, by topic."""
         return dict(self._safe.counts)
 
     def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
@@ -122,13 +122,13 @@ class Rosbag2Writer:
             publish_ns: publish time [ns], not negative; the log time if None.
 
         Raises:
-            RecordingError: the file cannot be written anymore.
+            RecordingError: the file can no longer be written.
             ValueError: the stamp is negative.
         """
         if self._closed:
             raise self._failure or RecordingError(f"the recording {self._folder} is closed")
         published = stamp_ns if publish_ns is None else publish_ns
-        if min(stamp_ns, published) < 0:  # here, for it would leave half a record in the chunk
+        if min(stamp_ns, published) < 0:  # an error later would leave half a record in the chunk
             raise ValueError(f"the stamp {min(stamp_ns, published)} ns must not be negative")
         count = self._counts[topic]
         self._writer.add_message(self._channels[topic], stamp_ns, data, published, count)
@@ -140,10 +140,10 @@ class Rosbag2Writer:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and hand it to the operating system; does nothing without new messages.
+        """End the chunk and pass it to the operating system; without new messages, do nothing.
 
         Raises:
-            RecordingError: the file cannot be written anymore.
+            RecordingError: the file can no longer be written.
         """
         if self._pending and not self._closed:
             with self._ending_on_failure():
@@ -151,7 +151,7 @@ class Rosbag2Writer:
                 self._commit()
 
     def close(self) -> None:
-        """Finish the file and the metadata; may be called again.
+        """Finish the file and the metadata; may be called repeatedly.
 
         Raises:
             RecordingError: the file could not be finished; it is readable up to its last chunk.
@@ -163,7 +163,8 @@ class Rosbag2Writer:
             information = _in_yaml(self._information())
             self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
             self._writer.finish()
-            # Closing is the last chance to notice a full disk, so it comes before the metadata.
+            # Closing is the last chance to notice a full disk, so it is done before writing the
+            # metadata.
             self._file.flush()
             self._synchronize_file(self._file.fileno())
             self._file.close()
@@ -173,8 +174,8 @@ class Rosbag2Writer:
 
     def _make_folder(self) -> None:
         try:
-            # Only an existing folder must be empty: other processes may add files to a new one at
-            # once.
+            # Only an existing folder must be empty, because other processes may add files to a new
+            # folder at once.
             self._folder.mkdir(parents=True)
         except FileExistsError:
             if any(self._folder.iterdir()):
@@ -206,7 +207,7 @@ class Rosbag2Writer:
     def _commit(self) -> None:
         """Store the end of the last complete chunk.
 
-        A chunk counts only if the disk also has space for the end of the file after it.
+        A chunk counts as complete only if the disk also has space for the end of the file after it.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()
@@ -237,13 +238,13 @@ class Rosbag2Writer:
             raise
 
     def _end_early(self) -> None:
-        """Cut the file back to its last complete chunk and finish it there, if possible."""
+        """Truncate the file to its last complete chunk and finish it there, if possible."""
         self._closed = True
         path = self._folder / self._file_name
         with contextlib.suppress(OSError):
             self._file.close()
-        # On a full disk, cutting makes room for the few bytes that follow. Each step helps even if
-        # the next one fails: a file without an end can still be streamed.
+        # On a full disk, truncation frees space for the few bytes that follow. Each step is useful
+        # even if the next one fails: a file without an end can still be read as a stream.
         with contextlib.suppress(OSError):
             os.truncate(path, self._safe_end)
             with path.open("ab", buffering=0) as file:

@@ -104,7 +104,7 @@ def clocked(folder: Path) -> tuple[Rosbag2Writer, StampedRecording]:
 
 @pytest.mark.parametrize(
     ("second", "words"),
-    [(1, "/clock run back from 2 s to 1 s"), (-1, "/clock has a message with a stamp before zero")],
+    [(1, "/clock decrease from 2 s to 1 s"), (-1, "/clock has a message with a stamp before zero")],
 )
 def test_time_that_runs_back_is_a_sign_of_another_run(
     second: int, words: str, tmp_path: Path

@@ -1,4 +1,4 @@
-"""The environment that a node process runs in; needs no ROS to be imported."""
+"""Environment of a node process; importing this module does not require ROS."""
 
 import os
 import re
@@ -8,21 +8,21 @@ from pathlib import Path
 
 from omni_platform.configuration import ConfigurationError
 
-# Id of the process whose end also ends the node; set by the process that starts a graph.
+# ID of the process whose end also ends the node; set by the process that starts a graph.
 PARENT_PID_VARIABLE = "OMNI_PARENT_PID"
 # File descriptor to which a node writes its reports; set by the process that reads them.
 REPORT_VARIABLE = "OMNI_REPORT_FD"
-# File to which the reports are appended if the parent cannot pass on a file descriptor.
+# File to which reports are appended if the parent cannot pass on a file descriptor.
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
-_LARGEST_DOMAIN = 232  # the UDP ports of a larger domain would exceed 65535
+_LARGEST_DOMAIN = 232  # larger domains would have UDP ports above 65535
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 
 
 def chosen_domain(environment: Mapping[str, str]) -> int | None:
-    """Return the ROS domain chosen by the user, None if none is chosen.
+    """Return the ROS domain that the user has chosen; None if none is chosen.
 
     Args:
         environment: environment variables; an empty ROS_DOMAIN_ID counts as unset, as in ROS.
@@ -33,7 +33,7 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
     text = environment.get(_DOMAIN_VARIABLE, "")
     if not text:
         return None
-    # No leading zeros: ROS takes them for octal.
+    # Leading zeros are rejected, because ROS reads such a number as octal.
     if not re.fullmatch(r"0|[1-9][0-9]{0,2}", text) or int(text) > _LARGEST_DOMAIN:
         raise ConfigurationError(
             _DOMAIN_VARIABLE, f"{text!r} is not a whole number from 0 to {_LARGEST_DOMAIN}"
@@ -42,7 +42,7 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
 
 
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
-    """Let ROS write its logs to the folder for temporary files if there is no home folder.
+    """Make ROS write its logs to the folder for temporary files if there is no home folder.
 
     Otherwise ROS would end the process.
 
@@ -54,7 +54,7 @@ def name_log_folder(environment: MutableMapping[str, str]) -> None:
 
 
 def node_environment(domain: int) -> dict[str, str]:
-    """Return this process's environment with the variables for the nodes of a local graph.
+    """Return the environment of this process with the variables for nodes of a local graph.
 
     A discovery range and a DDS profile set by the user are kept.
 

@@ -1,4 +1,4 @@
-"""Configurations as flat, dotted parameters, the form that ROS 2 parameters take.
+"""Configurations as flat, dotted parameters, which is the form of ROS 2 parameters.
 
 A nested configuration becomes ``parent.child``; a mapping of named entries becomes a list
 ``wheels.names`` and parameters such as ``wheels.front_left.x``, because ROS parameters must be
@@ -27,8 +27,8 @@ def flatten(
 
     Args:
         configuration: the configuration.
-        prefix: dotted path put before every name.
-        part: a base class of the configuration, to take only its fields.
+        prefix: dotted path that is put before each name.
+        part: a base class of the configuration, to return only its fields.
 
     Returns:
         bool, int, float, str, or list of float or str, by parameter name.
@@ -53,7 +53,7 @@ def flatten(
 
 
 def unflatten(cls: type[C], read: ReadParameter) -> C:
-    """Build a configuration by reading one parameter after the other.
+    """Build a configuration by reading its parameters one by one.
 
     Args:
         cls: the configuration to build.
@@ -95,7 +95,7 @@ def _read_mapping(
 
 
 def _default_of(cls: type[declared.Configuration], name: str) -> Any:
-    """Return a field's default, or None where a value is required."""
+    """Return a field's default; None if a value is required."""
     field = cls.__dataclass_fields__[name]
     if callable(field.default_factory):
         return field.default_factory()

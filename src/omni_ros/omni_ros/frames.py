@@ -1,4 +1,4 @@
-"""Prefix of the frames of one of several vehicles."""
+"""Frame prefix of a vehicle, for graphs with several vehicles."""
 
 from typing import Any
 
@@ -9,12 +9,12 @@ class FrameConfiguration(Configuration):
     """Names of the frames in the messages of a node."""
 
     frame_prefix: str = parameter("")
-    """Prefix of every frame, such as robot1/, so that vehicles can share one /tf; as in
-    robot_state_publisher"""
+    """Prefix of all frames, such as robot1/, so that several vehicles can share one /tf; the
+    same as in robot_state_publisher"""
 
 
 def prefix_frames(message: Any, prefix: str) -> None:
-    """Put a prefix before every frame that a message names.
+    """Put a prefix before each frame that a message names.
 
     Args:
         message: any message; one with a header, or a list of markers or transforms.

@@ -1,4 +1,4 @@
-"""Conversions between the cores' arrays and the standard messages."""
+"""Conversions between the arrays of the cores and standard messages."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # length of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
-# Places of (v_x, v_y, yaw rate) in the twist of six components.
+# Indices of (v_x, v_y, yaw rate) in a twist with six components.
 _PLANAR = (0, 1, 5)
 
 
@@ -41,7 +41,7 @@ def message_class(kind: str, key: str = "type") -> Any:
     """Return the class of a message type such as ``sensor_msgs/msg/Image``.
 
     Raises:
-        ConfigurationError: the type is not installed; its key is `key`.
+        ConfigurationError: the type is not installed; the error names `key`.
     """
     package, _, name = kind.rpartition("/msg/")
     try:
@@ -53,12 +53,12 @@ def message_class(kind: str, key: str = "type") -> Any:
 
 
 def to_time(stamp_ns: int) -> Time:
-    """Return the message form of a stamp [ns]."""
+    """Convert a stamp [ns] to a message stamp."""
     return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Return a message stamp in [ns]."""
+    """Convert a message stamp to [ns]."""
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
@@ -68,11 +68,11 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     Args:
         data: CDR with its encapsulation header, of a type that begins with a
             `builtin_interfaces/Time`.
-        of_list: whether the message begins with a list of messages of such a type instead; then
-            the stamp of the first one is returned.
+        of_list: whether the message begins with a list of messages of such a type; the stamp of the
+            first one is then returned.
 
     Returns:
-        The stamp; None if it is missing, or before zero, which a recording cannot contain.
+        The stamp; None if it is missing or negative, which a recording cannot contain.
     """
     offset = _STAMP_OFFSET + (_LENGTH.size if of_list else 0)
     if len(data) < offset + _LITTLE_ENDIAN_STAMP.size:
@@ -96,7 +96,7 @@ def joint_state(
     velocity: FloatArray | None = None,
     effort: FloatArray | None = None,
 ) -> JointState:
-    """Return values by name as a `JointState`; quantities that are None stay empty."""
+    """Return values by name as a `JointState`; quantities given as None stay empty."""
     message = JointState(header=header(stamp_ns), name=names)
     if position is not None:
         message.position = _doubles(position)
@@ -108,7 +108,7 @@ def joint_state(
 
 
 def planar_twist(stamp_ns: int, twist: FloatArray) -> geometry.TwistStamped:
-    """Return a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] in `base_link`."""
+    """Return a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] in `base_link` as a message."""
     message = geometry.TwistStamped(header=header(stamp_ns, BASE_FRAME))
     _set_planar(message.twist, twist)
     return message
@@ -155,7 +155,7 @@ def planar_odometry(
 
 
 def planar_pose(pose: FloatArray) -> geometry.Pose:
-    """Return x, y [m] and yaw [rad] as a pose on the ground."""
+    """Convert x, y [m] and yaw [rad] to a pose on the ground."""
     x, y, yaw = (float(value) for value in pose)
     turn = geometry.Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
     return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=turn)
@@ -192,7 +192,7 @@ class _Header(NamedTuple):
 
 
 class LineImage(NamedTuple):
-    """An `Image` of lines, read from its serialized form, with the fields of the message."""
+    """Fields of an `Image` that contains lines, read from its serialized form."""
 
     header: _Header
     height: int
@@ -206,7 +206,7 @@ class LineImage(NamedTuple):
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     """Return a batch of lines as a serialized image; each row is a line, oldest first.
 
-    It is serialized here for the same reason as in `diagnostics`.
+    The image is serialized here for the same reason as in `diagnostics`.
 
     Args:
         stamp_ns: stamp of the newest line [ns].
@@ -227,7 +227,7 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
 
 
 def read_line_image(wire: bytes) -> LineImage | Image:
-    """Return an image from its serialized form, four times as fast as rclpy.
+    """Read an image from its serialized form, four times as fast as rclpy.
 
     Raises:
         ValueError: the message is incomplete.
@@ -243,26 +243,26 @@ def read_line_image(wire: bytes) -> LineImage | Image:
         step, size = struct.unpack_from("<II", wire, at + -at % 4)
     except (struct.error, IndexError):
         raise ValueError(f"an image of {len(wire)} bytes is cut off") from None
-    # A copy, because the kernels are compiled for arrays that can be written to.
+    # A copy is made because the kernels are compiled for writable arrays.
     data = bytearray(memoryview(wire)[at + -at % 4 + 8 :][:size])
     return LineImage(_Header(_Stamp(*stamp), frame), height, width, encoding, big, step, data)
 
 
 def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[str, int]:
-    """Return a text, which ends with a zero, and the offset of the next field."""
+    """Return a zero-terminated text and the offset of the next field."""
     end = start + length
     return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)
 
 
 def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> CameraInfo:
-    """Return a line camera's size and scale.
+    """Return a message with the size and scale of a line camera.
 
     The image has one row. ``k[0]`` is the scale along the axis [px/m on the ground], ``k[4]`` the
-    scale across the axis (one pixel per width of the field of view), ``k[2]`` the center [px].
+    scale across the axis (one pixel per width of the field of view), and ``k[2]`` the center [px].
 
     Args:
         frame: frame of the sensor.
-        pixels: pixels of a line.
+        pixels: number of pixels per line.
         length: field of view along the axis [m]; 0 if unknown, which makes all entries zero, as for
             an uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.
@@ -304,10 +304,10 @@ def lines_of(message: Image | LineImage) -> LineArray:
 def diagnostics(
     stamp_ns: int, name: str, level: int, message: str, values: Mapping[str, str]
 ) -> bytes:
-    """Return one component's status; level is 0 OK, 1 warning, 2 error, 3 stale.
+    """Return the status of one component; level is 0 OK, 1 warning, 2 error, 3 stale.
 
-    The result is a serialized `DiagnosticArray` (CDR, little endian) with zeros as padding. The
-    middleware leaves the padding uninitialized, so that recordings of equal runs would differ.
+    The result is a serialized `DiagnosticArray` (CDR, little endian) whose padding is zero. The
+    middleware would not initialize the padding, so recordings of equal runs would differ.
     """
     written = _Cdr()
     written.stamp(stamp_ns)
@@ -324,7 +324,7 @@ def diagnostics(
 
 
 class _Cdr(bytearray):
-    """The serialized message after its first four bytes."""
+    """Serialized message after its first four bytes."""
 
     def numbers(self, *values: int) -> None:
         for value in values:
@@ -345,10 +345,10 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a planar covariance (3, 3) in the form of the messages, shape (36,).
+    """Return a planar covariance (3, 3) as the 6 x 6 covariance of messages, shape (36,).
 
-    The other three axes are not measured. A variance of zero would mean an exact measurement for
-    a node that fuses the message, such as `robot_localization`.
+    The other three axes are not measured. For a node that fuses the message, such as
+    `robot_localization`, a variance of zero would mean an exact measurement.
     """
     matrix = UNMEASURED_VARIANCE * np.eye(6)
     matrix[np.ix_(_PLANAR, _PLANAR)] = covariance

@@ -1,4 +1,4 @@
-"""Declares a component's configuration as ROS parameters."""
+"""Declaration of a component's configuration as ROS parameters."""
 
 import sys
 import typing
@@ -10,18 +10,13 @@ from rclpy import exceptions
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from omni_platform.configuration import (
-    LARGEST_INTEGER,
-    Configuration,
-    ConfigurationError,
-    ParameterInfo,
-    did_you_mean,
-)
+from omni_platform import configuration as declared
+from omni_platform.configuration import Configuration, ConfigurationError, ParameterInfo
 from omni_ros.flat_parameters import unflatten
 
 C = TypeVar("C", bound=Configuration)
 
-# Parameters of rclpy, which are declared only where they are used.
+# Parameters of rclpy that are declared only where they are used.
 _OF_RCLPY = ("use_sim_time", "start_type_description_service")
 _OF_RCLPY_BELOW = "qos_overrides."
 
@@ -33,7 +28,7 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
     configured when it starts, except those in `changeable`.
 
     Args:
-        node: the node that gets the parameters.
+        node: node that receives the parameters.
         cls: the configuration; nested fields become dotted names, see
             `omni_ros.flat_parameters`.
         changeable: names of the parameters that can be changed while the node runs.
@@ -49,21 +44,23 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
 
 
 def refuse_unknown_parameters(node: Node) -> None:
-    """Refuse values given to parameters that the node does not have.
+    """Raise an error if values are given for parameters that the node does not have.
 
-    Otherwise a mistyped name would leave the default in place without a message. Call this after
-    the node has declared all of its configurations.
+    Otherwise the default would silently be used instead of a mistyped name. This must be called
+    after the node has declared all of its configurations.
 
     Args:
         node: the node.
 
     Raises:
-        ConfigurationError: names the unknown parameter and the nearest known one.
+        ConfigurationError: a parameter is unknown; the message names it and the most similar known
+            one.
     """
     for name in _given(node):
         known = node.has_parameter(name) or name in _OF_RCLPY or name.startswith(_OF_RCLPY_BELOW)
         if not known:
-            hint = did_you_mean(name, [key for key in node._parameters if key not in _OF_RCLPY])
+            names = [key for key in node._parameters if key not in _OF_RCLPY]
+            hint = declared.did_you_mean(name, names)
             raise ConfigurationError(name, f"is not a parameter of {node.get_name()}{hint}")
 
 
@@ -74,9 +71,9 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Return integers given for doubles, or for a list of doubles, as doubles, else None.
+    """Convert integers given for a double or a list of doubles; return None for other values.
 
-    ROS would refuse an integer such as 1 for a double.
+    ROS would reject an integer such as 1 for a double.
     """
     if given is not None:
         if kind is float and given.type_ == Parameter.Type.INTEGER:
@@ -92,7 +89,7 @@ def _declare(node: Node, key: str, kind: Any, default: Any, descriptor: Paramete
         if doubles is not None:
             node.declare_parameter(key, doubles, descriptor, ignore_override=True)
         elif default is None or isinstance(default, tuple):
-            # Arrays are declared by type, or an empty one would become an array of bytes.
+            # Arrays are declared by type, because an empty one would become an array of bytes.
             node.declare_parameter(key, _parameter_type(kind), descriptor)
         else:
             node.declare_parameter(key, default, descriptor)
@@ -130,7 +127,7 @@ def _descriptor(kind: Any, info: ParameterInfo, read_only: bool) -> ParameterDes
     descriptor.additional_constraints = info.bounds_in_words()
     if kind not in (float, int):
         return descriptor
-    largest = sys.float_info.max if kind is float else LARGEST_INTEGER
+    largest = sys.float_info.max if kind is float else declared.LARGEST_INTEGER
     bounds = {
         "from_value": kind(-largest if lower is None else lower),
         "to_value": kind(largest if info.maximum is None else info.maximum),

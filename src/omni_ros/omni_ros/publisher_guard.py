@@ -1,4 +1,4 @@
-"""Guard of topics that must have one publisher."""
+"""Detection of a second publisher on topics that must have only one."""
 
 import time
 from collections.abc import Sequence
@@ -7,14 +7,14 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # rcl's name of a new publisher's node
+_NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # name of a new publisher's node in rcl
 
 
 class PublisherGuard:
-    """Watches topics for a second publisher.
+    """Monitors topics for a second publisher.
 
     Args:
-        node: the node that watches the graph.
+        node: node that observes the graph.
         subscribed: subscriptions that must have one publisher.
         published: publishers that must be the only ones of their topics.
         period: time between two checks of the graph [s]; a check of the subscriptions costs less.
@@ -34,7 +34,7 @@ class PublisherGuard:
         self._rival: str | None = None
 
     def second(self) -> str | None:
-        """Return a sentence about a topic with more than one publisher, None if there is none."""
+        """Return a sentence about a topic with several publishers; None if there is none."""
         for subscription in self._subscribed:
             if subscription.get_publisher_count() > 1:
                 return self._sentence(subscription.topic_name)

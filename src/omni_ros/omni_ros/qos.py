@@ -1,4 +1,4 @@
-"""Quality of service of the graph's topics, with parameters to override it."""
+"""Quality of service of the topics, with parameters to override it."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,37 +9,16 @@ from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
-# At 100 Hz a recorder may stall for two seconds without a loss.
-RELIABLE = policies.QoSProfile(
-    history=policies.HistoryPolicy.KEEP_LAST,
-    depth=200,
-    reliability=policies.ReliabilityPolicy.RELIABLE,
-)
-
-# For topics of which only the newest message counts: a stalled node then has 0.1 s to process.
-RECENT = policies.QoSProfile(
-    history=policies.HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=policies.ReliabilityPolicy.RELIABLE,
-)
-
-# Also matches cameras whose drivers offer best effort, as most sensor drivers do; may lose lines.
-BEST_EFFORT = policies.QoSProfile(
-    history=policies.HistoryPolicy.KEEP_LAST,
-    depth=20,
-    reliability=policies.ReliabilityPolicy.BEST_EFFORT,
-)
-
-# For messages that are published once: later subscriptions receive them too.
-LATCHED = policies.QoSProfile(
-    history=policies.HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=policies.ReliabilityPolicy.RELIABLE,
-    durability=policies.DurabilityPolicy.TRANSIENT_LOCAL,
-)
-
-
-# Policies that a parameter may set; deadline and liveliness report a silent node to others.
+# All profiles keep the newest messages and are reliable unless stated otherwise. At 100 Hz, a
+# recorder may stall for two seconds without a loss.
+RELIABLE = policies.QoSProfile(depth=200)
+# For topics of which only the newest message is used; a halted node then has 0.1 s to process.
+RECENT = policies.QoSProfile(depth=10)
+# Also compatible with best-effort publishers, such as most sensor drivers; lines may be lost.
+BEST_EFFORT = policies.QoSProfile(depth=20, reliability=policies.ReliabilityPolicy.BEST_EFFORT)
+# For messages that are published once; subscribers that join later receive them too.
+LATCHED = policies.QoSProfile(depth=1, durability=policies.DurabilityPolicy.TRANSIENT_LOCAL)
+# Policies that parameters may set; deadline and liveliness report a silent node to other nodes.
 _OVERRIDABLE = (
     policies.QoSPolicyKind.HISTORY,
     policies.QoSPolicyKind.DEPTH,

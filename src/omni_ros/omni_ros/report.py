@@ -1,4 +1,4 @@
-"""Reports of a node to the process that started it: one JSON document per line on a separate pipe.
+"""Reports of a node to the process that started it: one JSON document per line on a pipe.
 
 Standard output is not used because the DDS implementation prints its errors there.
 """
@@ -14,7 +14,7 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor or file named in the environment, if any.
+    """Write a document to the file descriptor or file that the environment names, if any.
 
     Args:
         document: strict JSON.
@@ -22,7 +22,7 @@ def report(document: Mapping[str, Any]) -> None:
     descriptor = os.environ.get(REPORT_VARIABLE)
     file = os.environ.get(REPORT_FILE_VARIABLE)
     line = json.dumps(document, allow_nan=False).encode() + b"\n"
-    with contextlib.suppress(OSError):  # the reader has gone
+    with contextlib.suppress(OSError):  # the reading process has ended
         if descriptor is not None:
             os.write(int(descriptor), line)
         if file is not None:

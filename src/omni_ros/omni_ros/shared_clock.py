@@ -1,4 +1,4 @@
-"""Publisher of simulated time, which only the first of several simulators in a domain uses."""
+"""Publisher of simulated time, active only in the first of several simulators in a domain."""
 
 import time
 
@@ -12,14 +12,15 @@ _TOPIC = "/clock"
 
 
 class SharedClock:
-    """Publishes `/clock` only while no other node does, so that time never runs back.
+    """Publishes `/clock` only if no other node does, so that the time never decreases.
 
-    A simulator that joins others creates its publisher of `/clock` once theirs has ended.
+    If other simulators run already, this simulator creates its publisher of `/clock` after theirs
+    have ended.
 
     Args:
         node: the node that publishes.
         alone: whether to publish at once, as in a ROS domain without other simulators.
-        discovery: time in which the nodes of a ROS domain find each other [s].
+        discovery: time in which the nodes of a ROS domain discover each other [s].
         period: time between two checks of the publishers [s].
     """
 
@@ -31,7 +32,7 @@ class SharedClock:
         self._due = time.monotonic() + (0.0 if alone else discovery)
 
     def publisher(self) -> Publisher | None:
-        """Return the publisher of the time, None while another node publishes it."""
+        """Return the publisher of the time; None while another node publishes it."""
         now = time.monotonic()
         if now >= self._due:
             self._due = now + self._period
@@ -47,7 +48,7 @@ class SharedClock:
         if self._publisher is None and not others:
             self._publisher = advertise(self._node, Clock, _TOPIC)
         elif others and others[0][1:] != own:
-            # Two simulators that began at the same time see the same order and choose the same one.
+            # Two simulators that start at the same time see the same order and select the same one.
             if self._publisher is not None:
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None

@@ -1,5 +1,6 @@
-"""How a node waits for its subscribers before it publishes."""
+"""Wait of a node for its subscribers before it publishes."""
 
+import time
 from collections.abc import Iterable
 
 from rclpy.publisher import Publisher
@@ -9,20 +10,35 @@ from omni_ros import process
 
 
 class StartupConfiguration(Configuration):
-    """Parameters of the wait for subscribers, without which the first messages would be lost."""
+    """Wait for subscribers, without which the first messages would be lost."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
-    """Subscriptions that each output must have before the node starts to work"""
-    match_timeout: float = parameter(20.0, unit="s", above=0.0)
-    """Longest wait for these subscriptions"""
+    """Number of subscriptions that each output must have before the node starts to work"""
+    match_timeout: float = parameter(20.0, unit="s", above=0.0, maximum=3600.0)
+    """Longest time to wait for these subscriptions"""
 
     def await_subscribers(
         self, publishers: Iterable[Publisher], spinner: process.Spinner, count: int | None = None
     ) -> None:
-        """Wait for `count` subscriptions, `subscribers` by default, of each publisher.
+        """Wait for `count` subscriptions of each publisher, so that none misses a message.
+
+        Args:
+            publishers: publishers to wait for.
+            spinner: spinner, which notices a request to stop.
+            count: number of subscriptions that each publisher must have; `subscribers` by default.
 
         Raises:
-            MatchTimeoutError: names the topic without a subscription.
+            NodeError: a topic has too few subscriptions; the message names the topic.
         """
         count = self.subscribers if count is None else count
-        process.await_subscribers(publishers, count, spinner, self.match_timeout)
+        for publisher in publishers:
+            deadline = time.monotonic() + self.match_timeout
+            # Discovery runs in DDS threads and wakes no executor, so the count is polled.
+            while publisher.get_subscription_count() < count and not spinner.stop:
+                if time.monotonic() > deadline:
+                    raise process.NodeError(
+                        f"{publisher.topic_name} has {publisher.get_subscription_count()} of "
+                        f"{count} expected subscribers after {self.match_timeout:g} s; is the "
+                        "subscribing node running in the same ROS domain?"
+                    )
+                time.sleep(0.005)

@@ -1,4 +1,4 @@
-"""The status of a node on `/diagnostics`, published at every change and at a fixed rate."""
+"""Status of a node on `/diagnostics`, published at every change and at a fixed rate."""
 
 import dataclasses
 import time
@@ -14,15 +14,15 @@ from omni_platform.quantities import SECOND_NS
 from omni_ros import messages, parameters, qos
 
 OK, WARN, ERROR = range(3)  # levels
-_SILENCE = 1.0  # [s] without an update, after which the last status no longer holds
+_SILENCE = 1.0  # s; time without an update after which a status is outdated
 
 
 class StatusConfiguration(Configuration):
     """Rate at which a node publishes its status."""
 
     diagnostics_period: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
-    """Real time between two messages on /diagnostics, from the start on; 0: by the stamps of the
-    input only, for runs that repeat bit for bit"""
+    """Real time between two messages on /diagnostics, from the start on; 0 to publish only by
+    the stamps of the inputs, for bit-identical runs"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Status:
 
     Attributes:
         level: 0 OK, 1 warning, 2 error.
-        message: one line for people.
-        values: details by key.
+        message: one line of text.
+        values: details by name.
     """
 
     level: int
@@ -41,18 +41,18 @@ class Status:
 
 
 def steady_clock() -> Clock:
-    """Return the clock for watchdog timers, which runs while simulated time is paused."""
+    """Return a clock for watchdog timers, which also runs while simulated time is paused."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusReporter:
     """Publishes the status of a node.
 
-    The rate is kept by a steady clock, so that a node reports before its first input and while
+    The rate is based on a monotonic clock, so a node reports even before its first input and while
     simulated time is paused.
 
     Args:
-        node: the node, which gets the parameter of `StatusConfiguration`.
+        node: node, which receives the parameter of `StatusConfiguration`.
         first: status until the first update.
     """
 
@@ -63,9 +63,9 @@ class StatusReporter:
         self._status = first
         self._key: Hashable = None
         self._published_ns = -1
-        self._logged = OK  # level that was logged last
-        self._published = False  # whether a status was published since the last call of the timer
-        self._updated: float | None = None  # time of the last update on the steady clock [s]
+        self._logged = OK  # last level that was logged
+        self._published = False  # whether a status was published since the last timer call
+        self._updated: float | None = None  # time of the last update on a monotonic clock [s]
         period = parameters.declare_configuration(node, StatusConfiguration).diagnostics_period
         if period > 0.0:
             node.create_timer(period, self._repeat, clock=steady_clock())
@@ -76,7 +76,7 @@ class StatusReporter:
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0
         self._status = status
-        # An unchanged status is published again after a second, for late subscriptions.
+        # An unchanged status is published again after a second, for subscribers that join later.
         if changed or not 0 <= age_ns < SECOND_NS:
             if changed and key != self._key:
                 self._log(status)

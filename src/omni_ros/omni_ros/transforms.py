@@ -1,6 +1,6 @@
-"""Live transforms, if `tf2_msgs` is installed; ROS from PyPI does not have it."""
+"""Live transforms, published only if `tf2_msgs` is installed; the ROS wheels do not contain it."""
 
-import importlib
+import contextlib
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -8,13 +8,15 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from omni_platform.configuration import ConfigurationError
+from omni_ros.messages import message_class
 from omni_ros.qos import LATCHED
 
 MISSING = "tf2_msgs is not installed: no live transforms"
 
 
 class TransformPublisher:
-    """Publishes poses on `/tf`, and once on `/tf_static` the frames that are fixed to the platform.
+    """Publishes poses on `/tf` and, once, the frames fixed to the platform on `/tf_static`.
 
     Args:
         node: the node that publishes.
@@ -22,7 +24,9 @@ class TransformPublisher:
     """
 
     def __init__(self, node: Node, fixed: list[TransformStamped]) -> None:
-        self._message = _message_class()
+        self._message: Any = None
+        with contextlib.suppress(ConfigurationError):
+            self._message = message_class("tf2_msgs/msg/TFMessage")
         self.available = self._message is not None
         if self._message is not None:
             self._moving = node.create_publisher(self._message, "/tf", QoSProfile(depth=100))
@@ -41,10 +45,3 @@ class TransformPublisher:
         transform.transform.translation.z = place.z
         transform.transform.rotation = odometry.pose.pose.orientation
         self._moving.publish(self._message(transforms=[transform]))
-
-
-def _message_class() -> Any:
-    try:
-        return importlib.import_module("tf2_msgs.msg").TFMessage
-    except ImportError:
-        return None

@@ -1,1 +1,1 @@
-"""Tire, wheel, vehicle, ground and line-camera simulation and its ROS node."""
+"""Simulation of tires, wheels, vehicle, ground and line cameras, and its ROS node."""

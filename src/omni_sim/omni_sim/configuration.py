@@ -1,4 +1,4 @@
-"""Configuration of the simulated machine: vehicle, ground, sensors, maneuver and time steps."""
+"""Configuration of the simulator: vehicle, ground, sensors, maneuver and time steps."""
 
 from collections.abc import Mapping
 
@@ -25,28 +25,29 @@ class GroundConfiguration(Configuration):
     texture: TextureConfiguration = section(TextureConfiguration)
     """Texture of the ground"""
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
-    """Friction factor mu/mu_0 of the ground, relative to the tire's own data"""
+    """Friction factor mu/mu_0 of the ground, relative to the friction in the tire data"""
     patches: Mapping[str, FrictionPatch] = section(dict)
-    """Patches with different friction"""
+    """Patches of ground with different friction, by name"""
     elevation: ElevationConfiguration = section(ElevationConfiguration)
-    """Height of the ground, flat by default"""
+    """Height of the ground; flat by default"""
 
 
 class SimulationConfiguration(Configuration):
-    """Steps and end of a simulation."""
+    """Time steps and end of a simulation."""
 
     physics_step: float = parameter(0.0005, unit="s", minimum=1e-6, maximum=0.01)
-    """Fixed step of the physics"""
+    """Fixed time step of the physics"""
     control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
     """Time between two control steps"""
-    duration_limit: float = parameter(30.0, unit="s", above=0.0)
+    duration_limit: float = parameter(30.0, unit="s", above=0.0, maximum=3600.0)
     """Longest duration of a run"""
-    settling_time: float = parameter(0.5, unit="s", minimum=0.0)
-    """Time for which the vehicle must be at rest before the run ends"""
-    rest_speed: float = parameter(0.05, unit="m/s", above=0.0)
-    """Speed below which the vehicle is at rest"""
+    settling_time: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
+    """Time at rest after which the run ends"""
+    rest_speed: float = parameter(0.05, unit="m/s", above=0.0, maximum=1.0)
+    """Speed below which the vehicle counts as at rest"""
     render_lines: bool = parameter(True)
-    """Render the line cameras and read the flow sensors; if false, there is no optical odometry"""
+    """Whether the line cameras are rendered and the flow sensors read; if false, no optical
+    odometry is available"""
 
     @property
     def control_period_ns(self) -> int:
@@ -55,14 +56,14 @@ class SimulationConfiguration(Configuration):
 
     @property
     def steps_per_period(self) -> int:
-        """Physics steps in a control period."""
+        """Number of physics steps in a control period."""
         return round(self.control_period / self.physics_step)
 
     def check_consistency(self) -> None:
-        """Refuse a control period that is no multiple of the physics step.
+        """Check that the control period is a multiple of the physics step.
 
         Raises:
-            ConfigurationError: the period is no such multiple; names both values.
+            ConfigurationError: the period is not a multiple; the message states both values.
         """
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
@@ -76,23 +77,23 @@ class SimulatorConfiguration(Configuration):
     """Configuration of a simulator: vehicle, ground, sensors and maneuver."""
 
     seed: int = parameter(1, minimum=0)
-    """Seed of every random draw"""
+    """Seed of all random numbers"""
     vehicle: VehicleConfiguration = parameter()
-    """Vehicle"""
+    """Vehicle and its sensors' mounting"""
     ground: GroundConfiguration = section(GroundConfiguration)
     """Ground"""
     sensors: Mapping[str, LineSensor] = parameter()
     """Line cameras by name"""
     camera: CameraConfiguration = section(CameraConfiguration)
-    """Exposure common to the line cameras"""
+    """Exposure and optics of all line cameras"""
     flow_sensors: Mapping[str, FlowSensor] = section(dict)
     """Optical-flow sensors by name"""
     flow: FlowConfiguration = section(FlowConfiguration)
-    """Errors common to the flow sensors"""
+    """Errors of all flow sensors"""
     maneuver: ManeuverConfiguration = section(ManeuverConfiguration)
     """Demands of the scripted driver"""
     velocity_sensor: VelocitySensorConfiguration = section(VelocitySensorConfiguration)
-    """Noisy sampled velocity sensor"""
+    """Simulated velocity sensor with noise and sampling"""
     imu: ImuConfiguration = section(ImuConfiguration)
     """Inertial measurement unit"""
     encoders: EncoderConfiguration = section(EncoderConfiguration)
@@ -103,13 +104,13 @@ class SimulatorConfiguration(Configuration):
     """Steps and end of the simulation"""
 
     def check_consistency(self) -> None:
-        """Refuse a camera that is too slow to deliver a pair of lines in every control period.
+        """Check that each camera delivers at least two lines in every control period.
 
-        Also refuse an exposure longer than a line period, and a run that ends before the driver's
-        demands.
+        Also check that no exposure is longer than a line period, and that the run does not end
+        before the driver's demands.
 
         Raises:
-            ConfigurationError: names the sensor or the duration.
+            ConfigurationError: a check fails; the message names the sensor or the duration.
         """
         for name, sensor in self.sensors.items():
             if sensor.line_rate * self.simulation.control_period < 2.0:

@@ -1,7 +1,8 @@
 """Wheel encoders: mean speed of each wheel over a control period, from integer counts.
 
-A reading is ``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, with
-the angle ``q`` of a count. With infinite resolution it is the true speed at the stamp plus noise.
+A reading is ``omega = (floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, where
+``q`` is the angle of one count. With infinite resolution it is the true speed at the stamp plus
+noise.
 """
 
 import math
@@ -12,24 +13,25 @@ import numpy as np
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.state import Structured
 
 
 class EncoderConfiguration(Configuration):
-    """Resolution and noise of the wheel encoders; perfect ones by default."""
+    """Resolution and noise of the wheel encoders; ideal encoders by default."""
 
     resolution: int = parameter(0, minimum=0, maximum=100_000_000)
-    """Counts per turn of a wheel (0: infinite resolution)"""
-    noise: float = parameter(0.0, unit="rad/s", minimum=0.0)
-    """Standard deviation of a speed"""
+    """Counts per wheel revolution (0: infinite resolution)"""
+    noise: float = parameter(0.0, unit="rad/s", minimum=0.0, maximum=100.0)
+    """Standard deviation of a measured wheel speed"""
 
 
 class Encoders(NamedTuple):
-    """Encoders in the layout of the kernel.
+    """Constants and state of the encoders for the kernel.
 
     Attributes:
         angle_step: angle of a count [rad], 0 for infinite resolution.
-        noise: standard deviation [rad/s].
-        angle: angle at the last stamp, rounded down to counts [rad], shape (N,).
+        noise: standard deviation of a reading [rad/s].
+        angle: wheel angle at the last stamp, rounded down to counts [rad], shape (N,).
     """
 
     angle_step: float
@@ -38,7 +40,7 @@ class Encoders(NamedTuple):
 
 
 def build_encoders(configuration: EncoderConfiguration, wheels: int) -> Encoders:
-    """Return the encoders in the layout of the kernel, before their first reading."""
+    """Return the encoders for the kernel, before their first reading."""
     resolution = configuration.resolution
     count = 2.0 * math.pi / resolution if resolution else 0.0
     return Encoders(count, configuration.noise, np.zeros(wheels))
@@ -49,27 +51,25 @@ def read_encoders(
     encoders: Encoders,
     step: int,
     period: float,
-    angle: FloatArray,
-    speed: FloatArray,
+    wheels: Structured,
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Read the encoders; once per stamp.
+    """Read the encoders; must be called once per stamp.
 
     Args:
-        encoders: changed in place.
-        step: number of the stamp; at the first stamp there is no difference of angles, so the true
+        encoders: encoders, changed in place.
+        step: number of the stamp; at the first stamp no difference of angles exists, so the true
             speed is read.
         period: time between two stamps [s].
-        angle: true wheel angles [rad], shape (N,).
-        speed: true wheel speeds [rad/s], shape (N,).
+        wheels: true states of the wheels, records `state.WHEEL`, shape (N,).
         draw: standard normal noise, shape (N,).
-        reading: receives the speeds [rad/s], shape (N,).
+        reading: output, the wheel speeds [rad/s], shape (N,).
     """
-    for i in range(speed.size):
-        reading[i] = speed[i]
+    for i in range(wheels.size):
+        reading[i] = wheels[i].speed
         if encoders.angle_step > 0.0:
-            whole = math.floor(angle[i] / encoders.angle_step) * encoders.angle_step
+            whole = math.floor(wheels[i].angle / encoders.angle_step) * encoders.angle_step
             if step > 0:
                 reading[i] = (whole - encoders.angle[i]) / period
             encoders.angle[i] = whole

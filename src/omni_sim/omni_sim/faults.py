@@ -1,18 +1,18 @@
 """Sensor faults, which replace the fault-free readings of a channel.
 
 The channels are the velocity sensor, the gyro, the accelerometer and the wheel encoders. A fault
-affects one axis (or wheel) of a channel, or all, from its onset and for a limited time. With the
-fault-free reading ``y`` and the time ``tau`` since the onset, the reading is
+affects one axis (or wheel) of a channel, or all of them, from its onset on for a limited time. With
+the fault-free reading ``y`` and the time ``tau`` since the onset, the faulty reading is
 
-    offset   y + a                   drop_out  NaN
-    drift    y + a tau               zero      0
-    ramp     y + a min(tau / T, 1)   stuck     y of the onset
-    scale    (1 + a) y               whisper   y of the onset, with 1e-9 of noise
-    sine     y + a sin(2 pi tau / T) delay     y a time T ago
-    noise    y + a * N(0, 1)         swap      the reading of the other axis
-    sign     -y                      echo      a y + (1 - a) times y of the onset
+    offset   y + a                   drop_out     NaN
+    drift    y + a tau               zero         0
+    ramp     y + a min(tau / T, 1)   stuck        y at the onset
+    scale    (1 + a) y               stuck_noise  y at the onset plus 1e-9 N(0, 1)
+    sine     y + a sin(2 pi tau / T) delay        y at the time T ago
+    noise    y + a N(0, 1)           swap         reading of the other axis
+    sign     -y                      echo         a y + (1 - a) times y at the onset
 
-Faults of one channel are applied in their order.
+Several faults of one channel are applied one after another.
 """
 
 import math
@@ -29,26 +29,14 @@ CHANNELS = ("twist", "gyro", "accelerometer", "encoder")
 """Channels: the velocity sensor, gyro and accelerometer, the wheel encoders."""
 
 KINDS = (
-    "offset",
-    "drift",
-    "ramp",
-    "scale",
-    "sine",
-    "noise",
-    "sign",
-    "drop_out",
-    "zero",
-    "stuck",
-    "whisper",
-    "delay",
-    "swap",
-    "echo",
+    *("offset", "drift", "ramp", "scale", "sine", "noise", "sign", "drop_out", "zero", "stuck"),
+    *("stuck_noise", "delay", "swap", "echo"),
 )
 """Kinds of faults."""
 
 TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
-(_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _WHISPER, _DELAY,
- _SWAP, _ECHO) = range(len(KINDS))  # fmt: skip
+(_OFFSET, _DRIFT, _RAMP, _SCALE, _SINE, _NOISE, _SIGN, _DROP_OUT, _ZERO, _STUCK, _STUCK_NOISE,
+ _DELAY, _SWAP, _ECHO) = range(len(KINDS))  # fmt: skip
 
 # Columns of the table of faults.
 _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
@@ -62,30 +50,31 @@ class FaultConfiguration(Configuration):
     """One fault of one sensor."""
 
     channel: str = parameter(choices=CHANNELS)
-    """Faulty signal"""
+    """Channel that is faulty"""
     kind: str = parameter(choices=KINDS)
-    """Kind of the fault"""
+    """Kind of the fault; omni_sim/faults.py has the equation of each"""
     axis: int = parameter(-1, minimum=-1, maximum=63)
     """Axis of the channel, or index of the wheel; -1 for all"""
     time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
     """Onset of the fault"""
     duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the fault"""
-    amplitude: float = parameter(0.0)
-    """Size ``a`` in the unit of the channel; for a drift in this unit per second, for a scale
-    error and an echo as a share"""
+    amplitude: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
+    """Size ``a`` in the unit of the channel; per second for a drift, and a share for a scale
+    error or an echo"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
-    """Time ``T`` of a ramp, a sine or a delay"""
+    """Time ``T`` of a ramp, sine or delay"""
 
 
 class Faults(NamedTuple):
-    """The faults of a run and their state.
+    """Faults of a run, with their state.
 
     Attributes:
         table: one row per fault, shape (K, 7).
-        held: readings at the onsets, shape (K, W).
+        held: reading at the onset of each fault, shape (K, W).
         begun: whether the onset of each fault has passed, shape (K,).
-        past: the latest readings before each fault, a ring buffer by stamp, shape (K, 64, W).
+        past: latest readings before each fault is applied, a ring buffer by stamp,
+            shape (K, 64, W).
     """
 
     table: FloatArray
@@ -95,14 +84,14 @@ class Faults(NamedTuple):
 
 
 def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
-    """Return faults in the layout of the kernel.
+    """Return the faults of a run for the kernel.
 
     Args:
         faults: faults by name.
         wheels: number of encoders.
 
     Raises:
-        ConfigurationError: a fault is of an unknown axis or wheel.
+        ConfigurationError: a fault affects an unknown axis or wheel.
     """
     sizes = (3, 1, 2, wheels)
     for name, fault in faults.items():
@@ -137,7 +126,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
 def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
 ) -> float:
-    """Return the reading of a faulty axis; symbols as in the docstring of the module."""
+    """Return the reading of a faulty axis; the module's docstring defines the symbols."""
     kind: float = row[_KIND]
     a: float = row[_AMPLITUDE]
     period: float = row[_PERIOD]
@@ -161,7 +150,7 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
         return 0.0
     if kind == _STUCK:
         return held
-    if kind == _WHISPER:
+    if kind == _STUCK_NOISE:
         return held + _WHISPER_NOISE * draw
     if kind == _DELAY:
         return delayed
@@ -169,7 +158,7 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
         return other
     if kind == _ECHO:
         return a * y + (1.0 - a) * held
-    return math.nan  # a kind that has no line here
+    return math.nan  # a kind that has no branch here
 
 
 @kernel
@@ -181,7 +170,7 @@ def corrupt(
     draw: FloatArray,
     values: FloatArray,
 ) -> None:
-    """Apply the faults of a channel to a reading; call it once per stamp and channel.
+    """Apply the faults of a channel to a reading; must be called once per stamp and channel.
 
     Args:
         faults: faults of the run.

@@ -1,9 +1,10 @@
 """Optical-flow sensors, which count the displacement of the ground along two axes.
 
-A sensor integrates the motion of its position in its own axes and returns, at its own rate, the
-counts since the last reading; the fraction of a count remains in the sum. A driver divides the
-counts by the time in between and publishes the velocity with the variance of noise and rounding.
-Above its largest speed the sensor has no value; real sensors report this by their surface quality.
+A sensor integrates the motion of its position along its own axes. At its own rate it returns the
+counts since the last reading, and the fraction of a count remains in the sum. The driver divides
+the counts by the elapsed time and publishes the velocity with the variance of noise and rounding.
+Above its largest speed the sensor has no valid reading; real sensors report this by their surface
+quality.
 """
 
 import math
@@ -12,36 +13,37 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import turned
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import FlowSensor
 from omni_platform.signals import Flow
 
 
 class FlowConfiguration(Configuration):
-    """Errors of the flow sensors; defaults of a PMW3901 about 80 mm above the ground."""
+    """Errors of the flow sensors; the defaults are for a PMW3901 80 mm above the ground."""
 
-    resolution: float = parameter(0.0002, unit="m", minimum=0.0)
+    resolution: float = parameter(0.0002, unit="m", minimum=0.0, maximum=0.1)
     """Displacement of the ground per count"""
-    noise: float = parameter(0.0002, unit="m", above=0.0)
-    """Standard deviation of the displacement of one measurement along each axis"""
-    scale: float = parameter(0.005, minimum=-0.9)
+    noise: float = parameter(0.0002, unit="m", above=0.0, maximum=0.1)
+    """Standard deviation of a measured displacement, for each axis"""
+    scale: float = parameter(0.005, minimum=-0.9, maximum=10.0)
     """Scale error of all sensors"""
     failing: str = parameter("")
-    """Name of a failing sensor; empty for none"""
+    """Name of a faulty sensor; empty for none"""
     failure: str = parameter("zero", choices=("zero", "frozen", "invalid", "double"))
-    """Kind of the failure: reads zero, repeats its last reading (frozen), reads NaN (invalid) or
-    twice the velocity (double)"""
-    failure_start: float = parameter(0.0, unit="s", minimum=0.0)
-    """Time from which the sensor fails"""
+    """Kind of the fault: the sensor reads zero, repeats its last reading (frozen), reads NaN
+    (invalid), or reads twice the velocity (double)"""
+    failure_start: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
+    """Time at which the fault begins"""
 
 
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Refuse rates that do not match the control period [s], and a failure of an unknown sensor.
+    """Check that the rates match the control period [s] and that a faulty sensor exists.
 
     Raises:
-        ConfigurationError: names the sensor.
+        ConfigurationError: a check fails; the message names the sensor.
     """
     control_ns = round(SECOND_NS * control_period)
     for name, sensor in sensors.items():
@@ -69,50 +71,50 @@ class FlowSensorArray:
         random: np.random.Generator,
         twist: FloatArray,
     ) -> None:
-        """Place the sensors under a vehicle with a constant twist so far.
+        """Create the sensors under a vehicle that has moved with a constant twist.
 
         Args:
             sensors: sensors by name.
             configuration: errors of the sensors.
             random: source of the noise.
-            twist: body twist so far [m/s, m/s, rad/s], shape (3,).
+            twist: body twist before the start [m/s, m/s, rad/s], shape (3,).
         """
         self._sensors = sensors
         self._configuration = configuration
         self._random = random
         self._periods: dict[str, int] = {}
-        self._way: dict[str, FloatArray] = {}  # motion since the last reading, in sensor axes [m]
+        self._path: dict[str, FloatArray] = {}  # motion since the last reading, in sensor axes [m]
         self._last: dict[str, Flow] = {}
         v_x, v_y, rate = (float(value) for value in twist)
         for name, sensor in sensors.items():
             period_ns = round(SECOND_NS / sensor.rate)
             self._periods[name] = period_ns
             place = np.array([v_x - rate * sensor.y, v_y + rate * sensor.x])
-            self._way[name] = _turned(place, -sensor.heading) * period_ns / SECOND_NS
+            self._path[name] = turned(place, -sensor.heading) * period_ns / SECOND_NS
 
     def advance(self, trajectory: FloatArray) -> None:
-        """Advance along a trajectory: x, y, yaw of base_link at each step, shape (n + 1, >= 3)."""
+        """Integrate the motion along a trajectory of base_link: x, y, yaw, shape (n + 1, >= 3)."""
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():
-            place = trajectory[:, :2] + _turned(np.array([sensor.x, sensor.y]), yaw)
-            way = _turned(np.diff(place, axis=0), -(middle + sensor.heading))
-            self._way[name] = self._way[name] + np.sum(way, axis=0)
+            place = trajectory[:, :2] + turned(np.array([sensor.x, sensor.y]), yaw)
+            way = turned(np.diff(place, axis=0), -(middle + sensor.heading))
+            self._path[name] = self._path[name] + np.sum(way, axis=0)
 
     def measure(self, stamp_ns: int) -> dict[str, Flow]:
-        """Return the measurements at a stamp [ns] by name, without sensors that are not due."""
+        """Return the measurements that are due at a stamp [ns], by sensor name."""
         due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
         return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
 
     def _measure(self, name: str, stamp_ns: int, elapsed: float) -> Flow:
         c = self._configuration
-        way = self._way[name]
+        way = self._path[name]
         measured = way * (1.0 + c.scale) + c.noise * self._random.standard_normal(2)
         counted = (
             np.round(measured / c.resolution) * c.resolution if c.resolution > 0.0 else measured
         )
-        # The remainder of a count is added to the next measurement.
-        self._way[name] = (measured - counted) / (1.0 + c.scale)
+        # The fraction of a count is added to the next measurement.
+        self._path[name] = (measured - counted) / (1.0 + c.scale)
         velocity = counted / elapsed
         limit = self._sensors[name].maximum_speed
         if math.hypot(*way) / elapsed > limit > 0.0:
@@ -125,13 +127,6 @@ class FlowSensorArray:
                 "invalid": np.full(2, math.nan),
                 "double": 2.0 * velocity,
             }[c.failure]
-        variance = (c.noise**2 + c.resolution**2 / 6.0) / elapsed**2  # rounded at both ends
+        variance = (c.noise**2 + c.resolution**2 / 6.0) / elapsed**2  # rounding errors at both ends
         self._last[name] = Flow(stamp_ns, velocity, variance * np.eye(2))
         return self._last[name]
-
-
-def _turned(vector: FloatArray, angle: FloatArray | float) -> FloatArray:
-    """Return vectors (..., 2) turned by angles [rad]."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = vector[..., 0], vector[..., 1]
-    return np.asarray(np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1))

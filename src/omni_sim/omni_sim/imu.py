@@ -1,14 +1,14 @@
-"""The inertial measurement unit: yaw rate and specific force at its mounting position.
+"""Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
-The accelerometer gives the mean over a control period, like a unit that averages its samples. With
-the velocity ``V`` of the mounting point in the ground plane and the component ``g`` of gravity
-along the (sloping) plane, it is
+The accelerometer gives the mean over a control period, like an IMU that averages its samples. Let
+``V`` be the velocity of the mounting position in the ground plane and ``g`` the component of
+gravity along this (sloping) plane. Then the specific force is
 
     f = R(psi)^T ((V - V_before) / T - g)
 
 in the body axes at the middle of the period, rotated by the error of the mounting angle. The gyro
 gives the yaw rate at the stamp. Both have a scale error, a bias, white noise and a latency. The
-receiving nodes know none of these errors.
+nodes that receive the readings do not know these errors.
 """
 
 import math
@@ -22,43 +22,46 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.loads import GRAVITY
 
 IMU_DRAWS = 3
-"""Standard normal draws that a reading needs."""
+"""Number of standard normal values that a reading needs."""
 
 
 class ImuConfiguration(Configuration):
-    """Mounting and errors of the inertial measurement unit; defaults of a good MEMS unit."""
+    """Mounting and errors of the IMU; the defaults describe a good MEMS unit.
+
+    Errors are bounded by the usual largest ranges of such units, 2000 deg/s and 16 g.
+    """
 
     enabled: bool = parameter(True)
     """Whether the vehicle has an IMU"""
-    x: float = parameter(0.0, unit="m")
-    """Mounting, forward of the platform center"""
-    y: float = parameter(0.0, unit="m")
-    """Mounting, left of the platform center"""
+    x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Mounting position, forward of the platform center"""
+    y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
+    """Mounting position, left of the platform center"""
     misalignment_deg: float = parameter(0.2, unit="deg", minimum=-180.0, maximum=180.0)
-    """Error of the mounting angle"""
-    gyro_bias: float = parameter(0.005, unit="rad/s")
-    """Constant error"""
-    gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0)
+    """Error of the mounting angle about the vertical axis"""
+    gyro_bias: float = parameter(0.005, unit="rad/s", minimum=-35.0, maximum=35.0)
+    """Bias of the yaw rate"""
+    gyro_noise: float = parameter(0.003, unit="rad/s", minimum=0.0, maximum=35.0)
     """Standard deviation of the yaw rate"""
-    gyro_scale: float = parameter(0.002, minimum=-0.9)
-    """Error of the scale"""
-    bias_x: float = parameter(0.05, unit="m/s^2")
-    """Constant error of the x axis"""
-    bias_y: float = parameter(-0.05, unit="m/s^2")
-    """Constant error of the y axis"""
-    noise: float = parameter(0.05, unit="m/s^2", minimum=0.0)
-    """Standard deviation of an acceleration"""
-    scale: float = parameter(0.003, minimum=-0.9)
-    """Error of the scale of both axes"""
+    gyro_scale: float = parameter(0.002, minimum=-0.9, maximum=10.0)
+    """Scale error of the yaw rate"""
+    bias_x: float = parameter(0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
+    """Bias of the accelerometer's x axis"""
+    bias_y: float = parameter(-0.05, unit="m/s^2", minimum=-160.0, maximum=160.0)
+    """Bias of the accelerometer's y axis"""
+    noise: float = parameter(0.05, unit="m/s^2", minimum=0.0, maximum=160.0)
+    """Standard deviation of the accelerometer, for each axis"""
+    scale: float = parameter(0.003, minimum=-0.9, maximum=10.0)
+    """Scale error of both accelerometer axes"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
     """Latency of a reading, rounded to control periods"""
 
 
 class Imu(NamedTuple):
-    """Constants and state of the unit in the layout of the kernel.
+    """Constants and state of the IMU for the kernel.
 
     Attributes:
-        enabled: whether there is a unit.
+        enabled: whether the vehicle has an IMU.
         x: mounting position, forward of base_link [m].
         y: mounting position, left of base_link [m].
         cos: cosine of the error of the mounting angle [1].
@@ -66,7 +69,7 @@ class Imu(NamedTuple):
         rate: bias [rad/s], noise [rad/s] and scale error [1] of the gyro, shape (3,).
         force: bias of x and y [m/s^2], noise [m/s^2] and scale error [1] of the accelerometer,
             shape (4,).
-        memory: yaw [rad] and velocity of the mounting point [m/s] one stamp ago, shape (3,).
+        memory: yaw [rad] and velocity of the mounting position [m/s] at the last stamp, shape (3,).
         late: the latest readings, a ring buffer by stamp, shape (L, 3).
     """
 
@@ -82,10 +85,10 @@ class Imu(NamedTuple):
 
 
 def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
-    """Return the unit in the layout of the kernel, before its first reading.
+    """Return the IMU for the kernel, before its first reading.
 
     Args:
-        configuration: mounting and errors.
+        configuration: mounting and errors of the IMU.
         control_period: time between two readings [s].
     """
     c = configuration
@@ -113,17 +116,17 @@ def read_imu(
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Read the unit; once per stamp.
+    """Read the IMU; must be called once per stamp.
 
     Args:
-        imu: changed in place.
+        imu: IMU, changed in place.
         step: number of the stamp.
         period: time between two stamps [s].
         motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
-        tilt: level components of the normal of the plane in which the vehicle moves [1].
+        tilt: horizontal components of the normal of the plane in which the vehicle moves [1].
         draw: standard normal noise, shape (3,).
-        reading: receives yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,);
-            NaN without a unit.
+        reading: output, yaw rate [rad/s] and specific force along x and y [m/s^2], shape (3,); NaN
+            if the vehicle has no IMU.
     """
     if not imu.enabled:
         reading[:] = math.nan
@@ -147,5 +150,5 @@ def read_imu(
     now[0] = (1.0 + imu.rate[2]) * rate + imu.rate[0] + imu.rate[1] * draw[0]
     now[1] = scale * (imu.cos * body_x + imu.sin * body_y) + bias_x + noise * draw[1]
     now[2] = scale * (imu.cos * body_y - imu.sin * body_x) + bias_y + noise * draw[2]
-    # Until the first delayed reading is due, the oldest one is used.
+    # Before the first delayed reading is due, the oldest reading is repeated.
     reading[:] = imu.late[max(step - late + 1, 0) % late]

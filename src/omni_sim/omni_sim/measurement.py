@@ -1,27 +1,22 @@
-"""Measurements of IMU, encoders and velocity sensor at a stamp, with faults: one kernel for all.
+"""Readings of IMU, encoders and velocity sensor at a stamp, with faults, in one kernel.
 
-The noise of a stamp is one row of standard normal draws, so that drawing row by row and drawing
-all rows at once give the same numbers.
+The noise of a stamp uses one row of standard normal values. Drawing row by row and drawing all rows
+at once therefore give the same noise.
 """
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_sim.encoders import EncoderConfiguration, Encoders, build_encoders, read_encoders
-from omni_sim.faults import (
-    CHANNELS,
-    FaultConfiguration,
-    Faults,
-    build_faults,
-    corrupt,
-)
-from omni_sim.imu import IMU_DRAWS, Imu, ImuConfiguration, build_imu, read_imu
+from omni_sim.configuration import SimulatorConfiguration
+from omni_sim.encoders import Encoders, build_encoders, read_encoders
+from omni_sim.faults import CHANNELS, Faults, build_faults, corrupt
+from omni_sim.imu import IMU_DRAWS, Imu, build_imu, read_imu
+from omni_sim.vehicle.state import Structured
 
 
 class Instruments(NamedTuple):
-    """IMU and encoders of a vehicle and the faults of all sensors, with their memories."""
+    """IMU, encoders and sensor faults of a vehicle: constants and state."""
 
     imu: Imu
     encoders: Encoders
@@ -35,21 +30,19 @@ class Truth(NamedTuple):
         step: number of the stamp.
         period_ns: time between two stamps [ns].
         motion: x, y [m], yaw [rad] and body twist [m/s, m/s, rad/s] of `base_link`, shape (6,).
-        tilt: level components of the normal of the plane in which the vehicle moves [1].
-        angle: wheel angles [rad], shape (N,).
-        speed: wheel speeds [rad/s], shape (N,).
+        tilt: horizontal components of the normal of the plane in which the vehicle moves [1].
+        wheels: true states of the wheels, records `state.WHEEL`, shape (N,).
     """
 
     step: int
     period_ns: int
     motion: FloatArray
     tilt: tuple[float, float]
-    angle: FloatArray
-    speed: FloatArray
+    wheels: Structured
 
 
 class Readings(NamedTuple):
-    """Measurements of a vehicle's sensors, with their faults; written in place.
+    """Readings of a vehicle's sensors, with their faults; written in place.
 
     Attributes:
         twist: reading of the velocity sensor [m/s, m/s, rad/s], shape (3,).
@@ -62,46 +55,41 @@ class Readings(NamedTuple):
     wheels: FloatArray
 
 
-def build_instruments(
-    imu: ImuConfiguration,
-    encoders: EncoderConfiguration,
-    faults: Mapping[str, FaultConfiguration],
-    wheels: int,
-    control_period: float,
-) -> Instruments:
-    """Return the sensors of a vehicle with a number of wheels in the layout of the kernel."""
+def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
+    """Return the sensors of a vehicle for the kernel."""
+    wheels = len(configuration.vehicle.wheels)
     return Instruments(
-        build_imu(imu, control_period),
-        build_encoders(encoders, wheels),
-        build_faults(faults, wheels),
+        build_imu(configuration.imu, configuration.simulation.control_period),
+        build_encoders(configuration.encoders, wheels),
+        build_faults(configuration.faults, wheels),
     )
 
 
 def draws(wheels: int) -> int:
-    """Return the number of standard normal draws per stamp, for the sensors and then the faults."""
+    """Return the number of standard normal values per stamp: for sensors, then for faults."""
     return 2 * (IMU_DRAWS + wheels) + 3
 
 
 @lean
 def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: Readings) -> None:
-    """Read all sensors; once per stamp.
+    """Read all sensors; must be called once per stamp.
 
     Args:
-        instruments: changed in place.
-        truth: true motion.
+        instruments: sensors, changed in place.
+        truth: true motion of the vehicle.
         draw: standard normal noise, shape (`draws(N)`,).
-        readings: receives the measurements.
+        readings: output, the readings of all sensors.
     """
-    step, period_ns, motion, tilt, angle, speed = truth
+    step, period_ns, motion, tilt, turning = truth
     twist, inertial, wheels = readings
-    period, count = period_ns / SECOND_NS, speed.size
+    period, count = period_ns / SECOND_NS, turning.size
     wheel_draw, spare = draw[IMU_DRAWS : IMU_DRAWS + count], draw[IMU_DRAWS + count :]
     read_imu(instruments.imu, step, period, motion, tilt, draw[:IMU_DRAWS], inertial)
-    read_encoders(instruments.encoders, step, period, angle, speed, wheel_draw, wheels)
+    read_encoders(instruments.encoders, step, period, turning, wheel_draw, wheels)
     faults = instruments.faults
     if faults.table.shape[0] > 0:
-        # In the order of the channels. In a loop, because numba would compile `corrupt` again for
-        # each constant argument.
+        # The order is that of the channels. A loop is used because numba would compile `corrupt`
+        # again for each constant argument.
         noise = spare[0:3], spare[3:4], spare[4:6], spare[6:]
         values = twist, inertial[:1], inertial[1:], wheels
         for channel in range(len(CHANNELS)):

@@ -1,6 +1,8 @@
-"""The simulator's own messages: truth, IMU, flow sensors and the scene for viewers."""
+"""Messages that only the simulator publishes: truth, IMU, flow sensors and scene markers."""
 
 import math
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from builtin_interfaces.msg import Duration
@@ -17,7 +19,7 @@ from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation
 from omni_sim.vehicle.loads import GRAVITY
 
-# Colors that color-blind readers can distinguish (Okabe and Ito).
+# Colors that color-blind people can distinguish (Okabe and Ito).
 _BLUE = (0.0, 0.447, 0.698)
 _ORANGE = (0.902, 0.624, 0.0)
 _VERMILION = (0.835, 0.369, 0.0)
@@ -26,16 +28,18 @@ _SKY = (0.337, 0.706, 0.914)
 _GRAY = (0.6, 0.6, 0.6)
 _METERS_PER_NEWTON = 1e-4
 _SECONDS_PER_ARROW = 0.1
+_ARROW_SIZE = (0.03, 0.08, 0.1)  # diameters of shaft and head, length of the head [m]
+_ARROW_HEIGHT = 0.45  # [m]
 
 
 IMU_FRAME = "imu"
-"""Frame of the unit: axes of `base_link`, at its mounting."""
+"""Frame of the IMU: the axes of `base_link` at the mounting position."""
 
 
 def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:
     """Return angular velocity and specific force of the IMU as in REP 145, without orientation.
 
-    The rates of roll and pitch are zero with the variance of the gyro's noise. The vertical
+    The rates of roll and pitch are zero and have the variance of the gyro noise. The vertical
     specific force is that of gravity.
     """
     message = Imu(header=header(stamp_ns, IMU_FRAME))
@@ -51,7 +55,7 @@ def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfigura
 
 
 def flow_message(name: str, flow: signals.Flow) -> TwistWithCovarianceStamped:
-    """Return the measurement of a flow sensor in its own axes as a message."""
+    """Return the measurement of a flow sensor along its own axes as a message."""
     message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
     matrix = signals.UNMEASURED_VARIANCE * np.eye(6)
@@ -73,49 +77,48 @@ def ground_truth(observation: Observation) -> Odometry:
 
 
 def scene_markers(configuration: SimulatorConfiguration, observation: Observation) -> MarkerArray:
-    """Return platform, load, wheels, wheel forces, velocity and friction patches for a viewer."""
+    """Return markers of platform, load, wheels, wheel forces, velocity and friction patches."""
     vehicle = configuration.vehicle
     x, y, yaw = (float(value) for value in observation.pose)
     to_world = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     origin = np.array([x, y])
-    stamp_ns = observation.stamp_ns
-    markers = [
-        _box(
-            stamp_ns,
-            "platform",
-            0,
-            (x, y, 0.3),
-            yaw,
-            (vehicle.chassis_length, vehicle.chassis_width, 0.2),
-            _GRAY,
-        )
-    ]
-    load = origin + to_world @ np.array([vehicle.load.x, vehicle.load.y])
-    markers.append(_sphere(stamp_ns, "load", (*load, vehicle.load.height), 0.3, _GREEN))
+    marker = partial(_marker, observation.stamp_ns)
+    size = (vehicle.chassis_length, vehicle.chassis_width, 0.2)
+    markers = [marker("platform", 0, Marker.CUBE, _GRAY, size, (x, y, 0.3, yaw))]
+    load = (*(origin + to_world @ [vehicle.load.x, vehicle.load.y]), vehicle.load.height, 0.0)
+    markers.append(marker("load", 0, Marker.SPHERE, _GREEN, (0.3, 0.3, 0.3), load))
     for index, mount in enumerate(vehicle.wheels.values()):
-        hub = origin + to_world @ np.array([mount.x, mount.y])
-        locked = observation.brake_torque[index] != 0.0
-        heading = yaw + math.radians(mount.heading_deg)
+        hub = origin + to_world @ [mount.x, mount.y]
+        color = _VERMILION if observation.brake_torque[index] != 0.0 else _SKY
         size = (2.0 * mount.radius, 0.5 * mount.radius, 2.0 * mount.radius)
-        color = _VERMILION if locked else _SKY
-        markers.append(_box(stamp_ns, "wheels", index, (*hub, mount.radius), heading, size, color))
+        pose = (*hub, mount.radius, yaw + math.radians(mount.heading_deg))
+        markers.append(marker("wheels", index, Marker.CUBE, color, size, pose))
+        arrow = marker("wheel_forces", index, Marker.ARROW, _BLUE, _ARROW_SIZE)
         force = to_world @ observation.wheel_force_body[index] * _METERS_PER_NEWTON
-        markers.append(_arrow(stamp_ns, "wheel_forces", index, hub, force, _BLUE))
+        arrow.points = [_point((*end, _ARROW_HEIGHT)) for end in (hub, hub + force)]
+        markers.append(arrow)
+    arrow = marker("velocity", 0, Marker.ARROW, _ORANGE, _ARROW_SIZE)
     velocity = to_world @ observation.twist[:2] * _SECONDS_PER_ARROW
-    markers.append(_arrow(stamp_ns, "velocity", 0, origin, velocity, _ORANGE))
+    arrow.points = [_point((*end, _ARROW_HEIGHT)) for end in (origin, origin + velocity)]
+    markers.append(arrow)
     for index, patch in enumerate(configuration.ground.patches.values()):
-        heading = math.radians(patch.heading_deg)
-        center = (patch.x, patch.y, -0.01)
+        kind = Marker.CYLINDER if patch.shape == "ellipse" else Marker.CUBE
+        pose = (patch.x, patch.y, -0.01, math.radians(patch.heading_deg))
         size = (patch.length, patch.width, 0.01)
-        marker = _box(stamp_ns, "friction_patches", index, center, heading, size, _SKY)
-        marker.type = Marker.CYLINDER if patch.shape == "ellipse" else Marker.CUBE
-        markers.append(marker)
+        markers.append(marker("friction_patches", index, kind, _SKY, size, pose))
     return MarkerArray(markers=markers)
 
 
 def _marker(
-    stamp_ns: int, namespace: str, index: int, kind: int, color: tuple[float, float, float]
+    stamp_ns: int,
+    namespace: str,
+    index: int,
+    kind: int,
+    color: tuple[float, float, float],
+    size: tuple[float, float, float],
+    pose: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Marker:
+    """Return a marker with a size [m] at x, y, z [m] and yaw [rad]."""
     red, green, blue = color
     return Marker(
         header=header(stamp_ns, WORLD_FRAME),
@@ -125,64 +128,20 @@ def _marker(
         action=Marker.ADD,
         color=ColorRGBA(r=red, g=green, b=blue, a=0.9),
         lifetime=Duration(),
+        pose=Pose(position=_point(pose[:3]), orientation=_about_z(pose[3])),
+        scale=Vector3(**dict(zip("xyz", map(float, size), strict=True))),
     )
 
 
-def _box(
-    stamp_ns: int,
-    namespace: str,
-    index: int,
-    center: tuple[float, float, float],
-    yaw: float,
-    size: tuple[float, float, float],
-    color: tuple[float, float, float],
-) -> Marker:
-    marker = _marker(stamp_ns, namespace, index, Marker.CUBE, color)
-    marker.pose = Pose(position=_point(center), orientation=_about_z(yaw))
-    marker.scale = Vector3(x=float(size[0]), y=float(size[1]), z=float(size[2]))
-    return marker
-
-
-def _sphere(
-    stamp_ns: int,
-    namespace: str,
-    center: tuple[float, float, float],
-    diameter: float,
-    color: tuple[float, float, float],
-) -> Marker:
-    marker = _marker(stamp_ns, namespace, 0, Marker.SPHERE, color)
-    marker.pose = Pose(position=_point(center), orientation=_about_z(0.0))
-    marker.scale = Vector3(x=diameter, y=diameter, z=diameter)
-    return marker
-
-
-def _arrow(
-    stamp_ns: int,
-    namespace: str,
-    index: int,
-    tail: np.ndarray,
-    vector: np.ndarray,
-    color: tuple[float, float, float],
-) -> Marker:
-    marker = _marker(stamp_ns, namespace, index, Marker.ARROW, color)
-    height = 0.45
-    marker.pose.orientation = _about_z(0.0)
-    head = tail + vector
-    marker.points = [_point((*tail, height)), _point((*head, height))]
-    marker.scale = Vector3(x=0.03, y=0.08, z=0.1)
-    return marker
-
-
-def _point(coordinates: tuple[float, ...]) -> Point:
-    x, y, z = (float(value) for value in coordinates)
-    return Point(x=x, y=y, z=z)
+def _point(coordinates: Sequence[float]) -> Point:
+    return Point(**dict(zip("xyz", map(float, coordinates), strict=True)))
 
 
 def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
-    """Return the rotation by the yaw, followed by the smallest rotation to roll and pitch."""
+    """Return the rotation by the yaw angle, then by the smallest rotation to roll and pitch."""
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
-    w = math.sqrt(0.5 * (1.0 + up))  # half the angle of the tilt, about (x, y, 0) in the body
+    w = math.sqrt(0.5 * (1.0 + up))  # half the tilt angle, about (x, y, 0) in the body frame
     x, y = 0.5 * rise_y / w, -0.5 * rise_x / w
     cos, sin = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     return Quaternion(x=cos * x - sin * y, y=sin * x + cos * y, z=w * sin, w=w * cos)

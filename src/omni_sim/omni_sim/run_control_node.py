@@ -1,9 +1,9 @@
-"""Services of a running simulator: pause, step, reset, place.
+"""Services of a running simulator: pause, step, reset and placement of the vehicle.
 
 `~/pause` (`std_srvs/SetBool`) halts and resumes the simulated time. `~/step` (`std_srvs/Trigger`)
 advances a paused simulation by one control period. If the driver is not scripted, `~/reset`
-(`std_srvs/Trigger`) moves the vehicle to its start, and the topic `initialpose`, which viewers
-publish, moves it to another pose. Time is not reset, because other nodes could not follow.
+(`std_srvs/Trigger`) moves the vehicle to its start, and a message on `initialpose`, which viewers
+publish, moves it to another pose. The time is never reset, because other nodes could not follow.
 """
 
 import math
@@ -22,12 +22,12 @@ _SCRIPTED = "a scripted run goes from its start to its end; start the node anew,
 
 
 class RunControl:
-    """Stores requests to pause, continue or step until the loop processes them.
+    """Stores requests to pause, continue or step until the simulation loop processes them.
 
     Args:
         node: node that provides the services.
         start: start pose x, y [m], yaw [rad], shape (3,); None if the vehicle may not be placed.
-        frame: frame in which positions are given.
+        frame: frame of the requested poses.
     """
 
     def __init__(self, node: Node, start: FloatArray | None, frame: str) -> None:
@@ -41,7 +41,7 @@ class RunControl:
             qos.subscribe(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
 
     def wait(self, spinner: process.Spinner) -> float:
-        """Wait while the time is paused; return the duration of the pause [s]."""
+        """Wait while the simulation is paused; return the duration of the pause [s]."""
         if not self._paused:
             return 0.0
         began = time.monotonic()
@@ -51,7 +51,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return the requested pose x, y [m], yaw [rad], None if there is no request."""
+        """Return the requested pose x, y [m], yaw [rad]; None if there is no request."""
         pose, self._pose = self._pose, None
         return pose
 

@@ -11,8 +11,8 @@ from omni_platform.quantities import SECOND_NS
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Observation
 
-_NEWS = 0.01  # smallest reported change of the completed share [1]
-_REACH = 1.0  # radius of the platform's rim [m], by which a yaw rate becomes a speed
+_NEWS = 0.01  # smallest change of the completed share that is reported [1]
+_REACH = 1.0  # radius that converts a yaw rate to a speed [m]
 
 # States of a run.
 RUNNING, STOPPED, TIME_LIMIT = range(3)
@@ -22,13 +22,13 @@ _REST = np.dtype([("still", "?"), ("since", "f8")])  # whether at rest, and sinc
 
 
 class End(NamedTuple):
-    """End of a run; see `SimulationConfiguration`.
+    """Conditions for the end of a run; see `SimulationConfiguration`.
 
     Attributes:
         rest_speed: speed below which the vehicle is at rest [m/s].
         settling_time: required time at rest [s].
         duration_limit: latest end of a run [s].
-        earliest: earliest end of a run at rest [s].
+        earliest: earliest end of a run, even at rest [s].
     """
 
     rest_speed: float
@@ -38,31 +38,31 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return a configuration in the layout of the kernel; `earliest` is the maneuver's end [s]."""
+    """Convert a configuration for the kernel; `earliest` is the end of the maneuver [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
 def rest_memory() -> NDArray[np.void]:
-    """Return the memory of a run that has not begun, shape (1,)."""
+    """Return the initial memory of a run, shape (1,)."""
     return np.zeros(1, _REST)
 
 
 @lean
 def rim_speed(twist: NDArray[np.float64]) -> float:
-    """Return the speed of a body twist (v_x, v_y, yaw rate) at the rim of the platform [m/s]."""
+    """Return the speed of a body twist (v_x, v_y, yaw rate) at the platform's rim [m/s]."""
     speed: float = math.hypot(twist[0], twist[1]) + _REACH * abs(twist[2])
     return speed
 
 
 @lean
 def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float) -> int:
-    """Update with a control stamp and return RUNNING, STOPPED or TIME_LIMIT.
+    """Update the memory with a control stamp and return RUNNING, STOPPED or TIME_LIMIT.
 
     Args:
         end: conditions for the end.
         memory: memory from `rest_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
-        pedal: the driver's brake demand, 0..1.
+        pedal: brake demand of the driver, 0 to 1.
         speed: result of `rim_speed` [m/s].
     """
     rest, time = memory[0], stamp_ns / SECOND_NS
@@ -77,10 +77,10 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
 
 
 class RunProgress:
-    """Follows a run from its observations.
+    """Tracks progress and end of a run from its observations.
 
-    A run is over when the vehicle has been at rest for the settling time after the start of
-    braking, or at the limit of its duration.
+    A run ends when the vehicle has been at rest for the settling time after the start of braking,
+    or when its longest duration is reached.
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:
@@ -97,12 +97,12 @@ class RunProgress:
 
     @property
     def finished(self) -> bool:
-        """Whether the run is over."""
+        """Whether the run has ended."""
         return self.outcome != "running"
 
     @property
     def is_news(self) -> bool:
-        """Whether the completed share has grown visibly since the last report."""
+        """Whether the completed share has increased enough for a new report."""
         return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:
@@ -116,14 +116,14 @@ class RunProgress:
         self._share = max(self._share, self._share_now(observation.pedal))
 
     def report(self) -> dict[str, float]:
-        """Return time [s], speed [m/s] and the completed share [0..1] for a progress bar."""
+        """Return time [s], speed [m/s] and completed share (0 to 1) for a progress bar."""
         self._reported_share = self._share
         return {"time": self._time, "speed": self._speed, "share": self._share}
 
     def _share_now(self, pedal: float) -> float:
         if self.finished:
             return 1.0
-        cruise = 0.2  # share of the bar given to the time before the pedal goes down
+        cruise = 0.2  # share of the bar for the time before braking
         if pedal <= 0.0:
             return cruise * min(1.0, self._time / max(self._brake_time, 1e-9))
         slowed = 1.0 - self._speed / self._initial_speed if self._initial_speed > 0.0 else 1.0

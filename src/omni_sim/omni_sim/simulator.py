@@ -1,7 +1,8 @@
-"""The simulated machine: vehicle, driver and sensors, advanced by one control period at a time.
+"""Simulator of vehicle, driver and sensors, advanced by one control period at a time.
 
-`observe` returns what the sensors measure at the current stamp, `advance` applies brake enables for
-one control period. Nothing here depends on ROS, on clocks or on the source of the enables.
+`observe` returns the measurements of the sensors at the present stamp; `advance` applies brake
+enables for one control period. Nothing here depends on ROS, on clocks, or on the source of the
+enables.
 """
 
 import dataclasses
@@ -10,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from omni_platform import quantities, signals
+from omni_platform.geometry import turned
 from omni_sim import flow_sensor, measurement
 from omni_sim.camera import batches, sway
 from omni_sim.camera.camera import LineCameraArray
@@ -18,32 +20,32 @@ from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.texture.cache import TextureCache
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
-from omni_sim.vehicle.overload import Overload, OverloadWatch
+from omni_sim.vehicle.overload import Overload
 from omni_sim.velocity_sensor import VelocitySensor
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Observation:
-    """The state of the machine at a control stamp, and the measurements of its sensors.
+    """State of the vehicle at a control stamp, with the measurements of its sensors.
 
     Attributes:
         stamp_ns: time since the start of the run [ns].
         wheel_angle: true angle of each wheel [rad], shape (N,).
         wheel_speed: true speed of each wheel [rad/s], shape (N,).
-        brake_torque: torque of the brake on each wheel [N m], shape (N,).
-        pedal: the driver's brake demand 0..1.
-        command: the driver's drive demand in the body frame [m/s, m/s, rad/s], shape (3,).
+        brake_torque: brake torque on each wheel [N m], shape (N,).
+        pedal: brake demand of the driver, 0 to 1.
+        command: drive demand of the driver in the body frame [m/s, m/s, rad/s], shape (3,).
         pose: true x, y, yaw of `base_link` in `odom` [m, m, rad], shape (3,).
         attitude: true height [m], roll, pitch [rad] of `base_link` on uneven ground, shape (3,).
         twist: true twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (3,).
         velocity_sensor: reading of the velocity sensor.
-        imu: yaw rate [rad/s] and specific force along x and y at the mounting [m/s^2] of the IMU,
-            shape (3,); NaN without an IMU.
+        imu: IMU reading: yaw rate [rad/s] and specific force along x and y at the mounting position
+            [m/s^2], shape (3,); NaN if the vehicle has no IMU.
         encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
         wheel_load: vertical load of each wheel [N], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
-        slip: slip of the contact patches, Eq. (20) [1], shape (N,).
-        line_batches: lines since the last stamp, by camera.
+        slip: slip of each wheel's contact patch, Eq. (20) [1], shape (N,).
+        line_batches: lines of each camera since the last stamp, by name.
         flows: measurements of the flow sensors at this stamp, by name.
     """
 
@@ -67,14 +69,15 @@ class Observation:
 
 
 class Simulator:
-    """A vehicle with its driver and sensors.
+    """Vehicle with its driver and sensors.
 
     Attributes:
         configuration: configuration of the simulator.
-        vehicle: the vehicle, for inspection.
+        vehicle: the simulated vehicle.
         control_period_ns: simulated time of one `advance` [ns].
-        overloaded: whether a wheel in the last period carried more than its tire model covers.
-        tipping: whether the vehicle would have tipped over in the last period.
+        overload: overload of the tire model since the start of the run.
+        overloaded: whether a wheel load exceeded the range of the tire model in the last period.
+        tipping: whether a real vehicle would have begun to tip over in the last period.
     """
 
     def __init__(
@@ -87,14 +90,14 @@ class Simulator:
 
         Args:
             configuration: configuration of the simulator.
-            textures: source of the ground; the user's cache by default.
-            driver: the driver; by default the script of the maneuver.
+            textures: source of ground textures; the user's cache by default.
+            driver: driver of the vehicle; by default the script of the maneuver.
         """
         self.configuration = configuration
         simulation = configuration.simulation
         self.control_period_ns = simulation.control_period_ns
         self._driver: Driver = driver or ScriptedDriver(configuration.maneuver)
-        # The world-fixed direction of the maneuver does not apply to another driver.
+        # Only the scripted driver keeps a direction that is fixed in the world.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         vehicle, ground = configuration.vehicle, configuration.ground
         self.vehicle = build_vehicle(
@@ -106,14 +109,14 @@ class Simulator:
             ground.elevation,
         )
         self._sprung = vehicle.suspension.stiffness > 0.0
-        self._overload_watch = OverloadWatch(
+        self.overload = Overload(
             self.vehicle.wheel_names,
             vehicle.tire.model,
             vehicle.tire.largest_load,
             simulation.physics_step,
         )
         self.overloaded = self.tipping = False
-        # Loads the kernel without a step, so that the first real step is as fast as the others.
+        # Load the kernel without a step, so that the first real step is as fast as all others.
         self.vehicle.advance(0, 0.0, np.ones(len(vehicle.wheels)), np.zeros(3))
         self._stamp_ns = 0
         self._make_sensors(textures)
@@ -121,20 +124,15 @@ class Simulator:
     def _make_sensors(self, textures: TextureCache | None) -> None:
         configuration, simulation = self.configuration, self.configuration.simulation
         wheels = len(configuration.vehicle.wheels)
-        # Separate streams, so that an additional draw of one does not change the others.
+        # Each stream is separate, so that an additional random value in one does not change the
+        # others.
         sensor_seed, camera_seed, instrument_seed, flow_seed = np.random.SeedSequence(
             configuration.seed
         ).spawn(4)
         self._velocity_sensor = VelocitySensor(
             configuration.velocity_sensor, np.random.default_rng(sensor_seed)
         )
-        self._instruments = measurement.build_instruments(
-            configuration.imu,
-            configuration.encoders,
-            configuration.faults,
-            wheels,
-            simulation.control_period,
-        )
+        self._instruments = measurement.build_instruments(configuration)
         self._noise = np.random.default_rng(instrument_seed)
         self._measured_ns = -1
         self._reading, self._covariance = np.zeros(3), np.zeros((3, 3))
@@ -158,11 +156,12 @@ class Simulator:
             self._lines = batches.LineExposures(cameras, step_ns, blurred=blurred)
             start = np.zeros((1, 6))
             start[0, :3] = self._driver.start_pose
-            start[0, 3:] = _in_world(self._driver.start_twist, start[0, 2])
+            start[0, 3:] = twist = self._driver.start_twist
+            start[0, 3:5] = turned(twist[:2], start[0, 2])
             self._batches = self._expose(self._lines, start, -1)
 
     def observe(self) -> Observation:
-        """Return state and measurements at the current stamp; repeated calls return the same."""
+        """Return state and measurements at the present stamp; repeated calls give the same."""
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose
@@ -195,21 +194,13 @@ class Simulator:
         if self._measured_ns == self._stamp_ns:
             return
         self._measured_ns = self._stamp_ns
-        vehicle = self.vehicle
-        motion, tilt_x, tilt_y = vehicle.motion
+        vehicle, period_ns = self.vehicle, self.control_period_ns
+        motion, step = vehicle.motion, self._stamp_ns // period_ns
         sample = self._velocity_sensor.measure(self._stamp_ns, motion[3:])
         self._taken_ns, self._reading = sample.stamp_ns, sample.value
-        wheels = vehicle.wheels
         measurement.measure(
             self._instruments,
-            measurement.Truth(
-                self._stamp_ns // self.control_period_ns,
-                self.control_period_ns,
-                motion,
-                (tilt_x, tilt_y),
-                wheels["angle"].copy(),  # contiguous, as the kernel requires
-                wheels["speed"].copy(),
-            ),
+            measurement.Truth(step, period_ns, motion, vehicle.tilt, vehicle.state.wheels),
             self._noise.standard_normal(measurement.draws(len(self._encoder))),
             measurement.Readings(self._reading, self._imu, self._encoder),
         )
@@ -219,7 +210,7 @@ class Simulator:
         """Advance by one control period.
 
         Args:
-            brake_enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
+            brake_enable: share of the brake pressure that reaches each wheel, 0 to 1, shape (N,).
         """
         start_ns = self._stamp_ns
         if self.vehicle.brake_fault_onsets.any():
@@ -232,7 +223,7 @@ class Simulator:
             self._driver.command_twist(start_ns, float(self.vehicle.pose[2])),
             hold_world_direction=self._hold_world,
         )
-        self.overloaded = self._overload_watch.update(
+        self.overloaded = self.overload.update(
             self.vehicle.wheels["load"], self.vehicle.overloaded_steps
         )
         self.tipping = self.vehicle.tipping
@@ -251,7 +242,7 @@ class Simulator:
             self._batches = self._expose(self._lines, trajectory, start_ns)
 
     def place(self, pose: quantities.FloatArray) -> None:
-        """Place the vehicle at rest; the time is not changed.
+        """Place the vehicle at rest in another pose; the time does not change.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
@@ -259,32 +250,20 @@ class Simulator:
         self.vehicle.place(pose, np.zeros(3))
 
     @property
-    def overload(self) -> Overload | None:
-        """Overload of the tire model since the start of the run, None if there was none."""
-        return self._overload_watch.overload
-
-    @property
     def tipping_time(self) -> float:
-        """Time for which one edge of the support polygon has carried the vehicle [s].
+        """Time for which a single edge of the support polygon has carried the vehicle [s].
 
-        A real vehicle would begin to tip over, which the planar model does not simulate.
+        During this time a real vehicle would begin to tip over, which the planar model does not
+        simulate.
         """
         return self.vehicle.tipping_steps * self.configuration.simulation.physics_step
 
     def _expose(
         self, lines: batches.LineExposures, trajectory: quantities.FloatArray, start_ns: int
     ) -> Mapping[str, signals.LineBatch]:
-        """Return the lines of every camera with times in (start, now]."""
+        """Return the lines of each camera with times in (start, present stamp]."""
         lines.complete()
         if self._sprung or self.vehicle.uneven:
             for camera in lines.cameras.cameras.values():
                 camera.rise = self.vehicle.clearance(camera.sensor.x, camera.sensor.y)
         return lines.expose(trajectory, start_ns, self._stamp_ns)
-
-
-def _in_world(twist: quantities.FloatArray, yaw: float) -> quantities.FloatArray:
-    """Return a body twist as rates of x, y, yaw in the world, shape (3,)."""
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    return np.array(
-        [cosine * twist[0] - sine * twist[1], sine * twist[0] + cosine * twist[1], twist[2]]
-    )

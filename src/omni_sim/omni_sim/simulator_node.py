@@ -1,12 +1,12 @@
-"""ROS node of the simulator: publishes sensor data, receives brake enables.
+"""ROS node of the simulator: publishes sensor data and subscribes to brake enables.
 
-The driver is scripted, or publishes on `driver/pedal` and `cmd_vel`; then the vehicle brakes fully
-while no messages arrive.
+The driver is either a script or another node that publishes `driver/pedal` and `cmd_vel`. In the
+second case, the vehicle brakes fully while no messages arrive.
 
-In lockstep the node publishes a step and then waits for the `brake/enable` with the same stamp. In
-real time the same steps follow the wall clock and never wait; if an enable is late or missing, all
-brakes are on. The contract (topics, types, QoS, parameters, timeouts) is in the README of this
-package.
+In lockstep, the node publishes a step and then waits for the `brake/enable` with the same stamp. In
+real time, the same steps follow the wall clock without waiting; if an enable is late or missing,
+all brakes are on. The README of this package describes the contract: topics, types, QoS, parameters
+and timeouts.
 """
 
 import math
@@ -38,35 +38,35 @@ from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # largest number of subscribed topics
-_LARGEST_LAG = 0.1  # [s], longest delay that a simulation with a live driver catches up on
-_MARKER_PERIOD = 5  # control periods; a picture does not need every step
+_LARGEST_LAG = 0.1  # s; longest delay that is made up with a live driver
+_MARKER_PERIOD = 5  # control periods between two updates of the markers
 
 
 class LoopConfiguration(Configuration):
     """Synchronization of the simulator with other nodes."""
 
     mode: str = parameter("lockstep", choices=("lockstep", "real_time"))
-    """Wait for each reply (lockstep), or pace the steps to the wall clock"""
-    reply_timeout: float = parameter(10.0, unit="s", above=0.0)
-    """Lockstep: longest wait for a reply"""
+    """Whether the simulator waits for each reply (lockstep) or follows the wall clock"""
+    reply_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
+    """Lockstep: longest time to wait for a reply"""
     await_odometry: bool = parameter(False)
-    """Lockstep: also wait for the odometry of each step, for a brake assistant that does not
-    wait for it"""
+    """Lockstep: whether the simulator also waits for the odometry of each step, for a brake
+    assistant that does not wait for it"""
     publish_clock: bool = parameter(True)
-    """Publish the simulated time on /clock; only one of several simulators in a ROS domain does"""
+    """Publish the simulated time on /clock; in a ROS domain, only one simulator may do so"""
     driver: str = parameter("scripted", choices=("scripted", "topics", "cmd_vel"))
-    """Driver: the script of the maneuver (scripted); demands on driver/pedal and cmd_vel
-    (topics); or cmd_vel alone while no pedal is published"""
+    """Source of the demands: the script of the maneuver (scripted); the topics driver/pedal and
+    cmd_vel (topics); or cmd_vel alone as long as no pedal is published"""
     stamped_cmd_vel: bool = parameter(True)
-    """Whether cmd_vel is a TwistStamped; otherwise it is a Twist"""
+    """Whether cmd_vel has the type TwistStamped; otherwise the type is Twist"""
     lines_recorded: bool = parameter(True)
-    """Whether a recorder is among the subscribers of the lines"""
-    enable_timeout: float = parameter(0.05, unit="s", above=0.0)
-    """Real time: age at which an enable no longer counts and all brakes are on"""
+    """Whether a recorder is one of the subscribers of the lines"""
+    enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
+    """Real time: age at which an enable becomes invalid and all brakes are on"""
 
 
 class SimulatorNode(Node):
-    """Publishes the simulation step by step and brakes with the enables it receives."""
+    """Publishes the simulation step by step, and brakes with the received enables."""
 
     def __init__(self) -> None:
         super().__init__("simulator")
@@ -90,13 +90,14 @@ class SimulatorNode(Node):
         self._enable = self._all_on
         self._enable_stamp_ns = -1
         self._twist_stamp_ns = -1
-        self._last_message: dict[str, float] = {}  # time of each node's last message [s]
+        self._last_message: dict[str, float] = {}  # arrival time of each node's last message [s]
         self.silence: dict[str, float] = {}  # real time: longest silence of each node [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
-        self._enables = subscribe(self, JointState, "brake/enable", self._on_enable, qos)
-        # Only the stamp is used, to wait for the odometry and to name a silent node.
+        self.enables = subscribe(self, JointState, "brake/enable", self._on_enable, qos)
+        # Only the stamp is used: to wait for the odometry, and to identify a node that does not
+        # answer.
         subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
@@ -129,7 +130,7 @@ class SimulatorNode(Node):
         recorded = self.loop.lines_recorded
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
         clock = self._shared_clock.publisher() if self._shared_clock else None
-        # These are not answered, or not recorded, and therefore have one subscriber fewer.
+        # No node answers or records these topics, so they have one subscriber less.
         self.recorded_outputs = (
             *((clock,) if clock else ()),
             self._imu,
@@ -142,7 +143,7 @@ class SimulatorNode(Node):
         )
 
     def publish_descriptions(self) -> None:
-        """Publish once the description of the vehicle and the geometry of the line cameras."""
+        """Publish the vehicle description and the geometry of the line cameras, once."""
         vehicle = self.configuration.vehicle
         size = (vehicle.chassis_length, vehicle.chassis_width)
         mounts: dict[str, Mount] = {
@@ -158,7 +159,7 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step, with the pedal last because it triggers the answers."""
+        """Publish one step; the pedal is published last, because it triggers the answers."""
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
@@ -203,10 +204,10 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return, for each exceeded limit of the model, the time beyond it [s] and a sentence."""
+        """Return the time of excess [s] and a description for each exceeded limit of the model."""
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
-        if overload is not None:
+        if overload.time > 0.0:
             exceeded["overload"] = overload.time, overload.sentence()
         if tipping_time > 0.0:
             exceeded["tipping"] = (
@@ -217,7 +218,7 @@ class SimulatorNode(Node):
         return exceeded
 
     def _report_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
-        """Report when the vehicle leaves the range of its model, or returns."""
+        """Report when the vehicle leaves or re-enters the valid range of its model."""
         self._reported_limits = exceeded
         sentences = self.limits_exceeded()
         words = "; ".join(sentences[state][1] for state in sorted(exceeded))
@@ -227,7 +228,7 @@ class SimulatorNode(Node):
             stamp_ns,
             self.get_fully_qualified_name().removeprefix("/"),
             1 if exceeded else 0,
-            words or "within the limits of the model again",
+            words or "back within the limits of the model",
             {"state": ", ".join(sorted(exceeded)) or "ok"},
         )
         self._send(self._diagnostics, status)
@@ -246,21 +247,21 @@ class SimulatorNode(Node):
         self.manual_driver.steer(pedal, target, twist, period)
 
     def enable_for(self, stamp_ns: int) -> FloatArray:
-        """Return the enables, shape (N,); all brakes on if they are missing or too old."""
+        """Return the brake enables, shape (N,); all brakes on if they are missing or too old."""
         age = stamp_ns - self._enable_stamp_ns
-        if self._enables.get_publisher_count() > 1:
+        if self.enables.get_publisher_count() > 1:
             self.get_logger().error(
                 "brake/enable has more than one publisher: all brakes on",
                 throttle_duration_sec=1.0,
             )
             return self._all_on
-        # An enable from the future would stay valid too long and could keep brakes released.
+        # An enable from the future would remain valid too long and could keep brakes released.
         if self._enable_stamp_ns < 0 or not 0 <= age <= self.loop.enable_timeout * SECOND_NS:
             return self._all_on
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Record how long each node has been silent at a time of the steady clock [s]."""
+        """Update how long each node has sent no message; `now` is on a monotonic clock [s]."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
@@ -269,25 +270,28 @@ class SimulatorNode(Node):
             self.silence[node] = max(age, self.silence.get(node, 0.0))
 
     def has_reply(self, stamp_ns: int) -> bool:
-        """Return whether the enables of this step, and the awaited odometry, have arrived."""
+        """Return whether the enables of this step, and the odometry if required, have arrived."""
         awaited = self.loop.await_odometry
         return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
     def silent_node(self, stamp_ns: int) -> str:
-        """Name the node whose message of this step is missing."""
+        """Return the name of the node whose message for this step is missing."""
         if self._has_twist(stamp_ns):
             return "brake_assist (nothing on brake/enable)"
         return "linescan_odometry (nothing on odometry/twist)"
 
     def _has_twist(self, stamp_ns: int) -> bool:
-        # The newest line of a step may be older than the step, but not as old as the step before.
+        # The newest line may be older than the step, but not as old as the previous step.
         newest_ns = self._twist_stamp_ns
         return newest_ns >= 0 and newest_ns > stamp_ns - self.simulator.control_period_ns
 
     def _send(self, publisher: object, message: object) -> None:
         prefix_frames(message, self._prefix)
         publisher.publish(message)  # type: ignore[attr-defined]
-        topic = publisher.topic_name  # type: ignore[attr-defined]
+        self.count(publisher.topic_name)  # type: ignore[attr-defined]
+
+    def count(self, topic: str) -> None:
+        """Count a published message, which must also appear in the recording."""
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
     def _on_driver_pedal(self, message: JointState) -> None:
@@ -321,10 +325,10 @@ class SimulatorNode(Node):
 
 
 def run(node: SimulatorNode, spinner: process.Spinner) -> None:
-    """Simulate until the vehicle has stopped, the time is over, or a signal asks to stop.
+    """Simulate until the vehicle has stopped, the duration is over, or a signal requests shutdown.
 
     Raises:
-        NodeError: in lockstep a reply does not come within the limit; names the node.
+        NodeError: in lockstep a reply exceeds the time limit; the message names the node.
     """
     simulator = node.simulator
     node.startup.await_subscribers(node.outputs, spinner)
@@ -342,14 +346,15 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         if progress.is_news:
             report(progress.report())
         if node.loop.mode == "lockstep":
-            # Also at the last step, so that the recording does not depend on the speed of nodes.
+            # Also wait after the last step, so that the recording does not depend on the speed of
+            # the nodes.
             _await_reply(node, spinner, observation.stamp_ns)
         if progress.finished and node.manual_driver is None:
             break
         if node.loop.mode == "real_time":
             deadline = started + (observation.stamp_ns + simulator.control_period_ns) / SECOND_NS
             if node.manual_driver is not None:
-                # A person cannot steer while a delay is caught up in fast motion.
+                # A person cannot steer while the simulation runs faster to make up for a delay.
                 late = time.monotonic() - deadline - _LARGEST_LAG
                 started += max(0.0, late)
             _pace(spinner, deadline)
@@ -363,8 +368,10 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
 
 def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -> None:
     timeout = node.loop.reply_timeout
-    replied = spinner.spin_until(lambda: node.has_reply(stamp_ns), timeout)
-    if not replied and not spinner.stop:
+    if spinner.spin_until(lambda: node.has_reply(stamp_ns), timeout):
+        # Another node may publish before it has discovered the recorder.
+        node.count(node.enables.topic_name)
+    elif not spinner.stop:
         raise process.NodeError(
             f"no reply at {stamp_ns / SECOND_NS:.3f} s within {timeout:g} s: "
             f"{node.silent_node(stamp_ns)} is silent"
@@ -373,7 +380,7 @@ def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -
 
 def _pace(spinner: process.Spinner, deadline: float) -> None:
     if time.monotonic() >= deadline:
-        # Process messages even if the simulation is late; otherwise they would age more and more.
+        # Process messages even if the simulation is late; otherwise their delay would keep growing.
         for _ in range(_INPUTS):
             spinner.spin_once(0.0)
     while not spinner.stop:

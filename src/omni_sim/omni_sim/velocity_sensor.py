@@ -1,7 +1,7 @@
-"""The dissertation's velocity sensor: sampled, noisy, with an offset, Eqs. (60), (61).
+"""Velocity sensor of the dissertation: sampled, with noise and offset, Eqs. (60), (61).
 
-It can fail for a limited time in one of three ways that occur in real sensors: it repeats its last
-reading, reads zero, or reports that it has no value.
+For a limited time, the sensor can have one of three faults that occur in real sensors: it repeats
+its last reading, returns zero, or reports that it has no valid reading.
 """
 
 import math
@@ -15,38 +15,38 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import TwistSample
 
-# Smallest standard deviation, which a sensor without noise states too [m/s], [rad/s].
+# Smallest reported standard deviation, also for a sensor without noise [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
-"""Readings during a failure: the last reading, 0, or NaN."""
+"""Readings during a fault: the last reading, 0, or NaN."""
 
 
 class VelocitySensorConfiguration(Configuration):
     """Sampling and errors of the velocity sensor; without noise or offset by default."""
 
     sample_time: float = parameter(0.01, unit="s", minimum=1.0e-6, maximum=10.0)
-    """Time between samples; the last one is held in between"""
+    """Time between samples; between them, the last sample is repeated"""
     linear_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
-    """Half width of the uniform noise on v_x and v_y, as a share of the true value"""
+    """Half width of the uniform noise of v_x and v_y, as a share of the true value"""
     yaw_rate_noise: float = parameter(0.0, minimum=0.0, maximum=10.0)
-    """Half width of the uniform noise on the yaw rate, as a share of the true value"""
-    offset_x: float = parameter(0.0, unit="m/s")
+    """Half width of the uniform noise of the yaw rate, as a share of the true value"""
+    offset_x: float = parameter(0.0, unit="m/s", minimum=-50.0, maximum=50.0)
     """Constant error of v_x"""
-    offset_y: float = parameter(0.0, unit="m/s")
+    offset_y: float = parameter(0.0, unit="m/s", minimum=-50.0, maximum=50.0)
     """Constant error of v_y"""
-    yaw_rate_offset: float = parameter(0.0, unit="rad/s")
+    yaw_rate_offset: float = parameter(0.0, unit="rad/s", minimum=-50.0, maximum=50.0)
     """Constant error of the yaw rate"""
     failure: str = parameter("none", choices=FAILURES)
-    """Failure: 'frozen' holds the last reading, 'zero' reads 0, 'invalid' reads NaN"""
+    """Fault: 'frozen' repeats the last reading, 'zero' reads 0, 'invalid' reads NaN"""
     failure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time at which the failure begins"""
+    """Time at which the fault begins"""
     failure_duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
-    """Duration of the failure"""
+    """Duration of the fault"""
 
     @property
     def failure_ns(self) -> tuple[int, int]:
-        """Begin and end of the failure [ns]; both are equal if the sensor does not fail."""
+        """Begin and end of the fault [ns]; both are equal if the sensor has no fault."""
         start = round(self.failure_time * SECOND_NS)
         fails = self.failure != "none"
         return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
@@ -57,12 +57,13 @@ class SensorConstants(NamedTuple):
 
     Attributes:
         period_ns: period of the samples [ns].
-        share: half widths of the noise on v_x, v_y, yaw rate, as shares of the value [1], (3,).
+        share: half widths of the noise of v_x, v_y, yaw rate, as shares of the value [1],
+            shape (3,).
         offset: constant errors [m/s, m/s, rad/s], shape (3,).
-        fails_from_ns: time of the start of a failure [ns].
-        fails_until_ns: time of the end of the failure [ns].
-        holds: whether the sensor repeats its last reading while it fails.
-        failed: reading during a failure without repetition, 0 or NaN.
+        fails_from_ns: time at which the fault begins [ns].
+        fails_until_ns: time at which the fault ends [ns].
+        holds: whether the sensor repeats its last reading during the fault.
+        failed: reading during a fault without repetition, 0 or NaN.
     """
 
     period_ns: int
@@ -74,19 +75,13 @@ class SensorConstants(NamedTuple):
     failed: float
 
 
-SENSOR_MEMORY = np.dtype(
-    [  # the last one taken, or missed by failing
-        ("sample", "i8"),
-        ("stamp_ns", "i8"),
-        ("v_x", "f8"),
-        ("v_y", "f8"),
-        ("yaw_rate", "f8"),
-    ]
-)
+# Last sample that was taken, or that a fault prevented.
+SENSOR_MEMORY = np.dtype("i8, i8, f8, f8, f8")
+SENSOR_MEMORY.names = ("sample", "stamp_ns", "v_x", "v_y", "yaw_rate")
 
 
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
-    """Return a configuration in the layout of the kernels."""
+    """Convert a configuration to the constants of the kernels."""
     c = configuration
     return SensorConstants(
         round(c.sample_time * SECOND_NS),
@@ -107,7 +102,7 @@ def sensor_memory() -> NDArray[np.void]:
 
 @lean
 def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
-    """Return whether a sample is due at a stamp [ns]; a failed sensor takes none."""
+    """Return whether a sample is due at a stamp [ns]; a faulty sensor takes none."""
     if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
         return False
     due: bool = stamp_ns // sensor.period_ns > memory[0].sample
@@ -123,15 +118,15 @@ def read(
     draw: FloatArray,
     reading: FloatArray,
 ) -> int:
-    """Take a sample if one is due, write the current reading and return its time [ns].
+    """Take a sample if one is due, write the present reading, and return its time [ns].
 
     Args:
         sensor: constants.
         memory: memory from `sensor_memory`, changed in place.
         stamp_ns: time since the start of the run [ns].
         twist: true body twist [m/s, m/s, rad/s], shape (3,).
-        draw: noise of a sample, uniform in -1..1, shape (3,).
-        reading: receives the measured body twist [m/s, m/s, rad/s], shape (3,).
+        draw: noise of a sample, uniform between -1 and 1, shape (3,).
+        reading: output, the measured body twist [m/s, m/s, rad/s], shape (3,).
     """
     held = memory[0]
     samples = samples_now(sensor, memory, stamp_ns)
@@ -152,12 +147,12 @@ def read(
 
 @lean
 def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
-    """Write the covariance of uniform noise proportional to a reading.
+    """Write the covariance of a reading with uniform noise in proportion to its value.
 
     Args:
         sensor: constants.
         reading: reading of the sensor [m/s, m/s, rad/s], shape (3,).
-        covariance: receives the covariance of the reading, shape (3, 3).
+        covariance: output, the covariance of the reading, shape (3, 3).
     """
     covariance[:] = 0.0
     for j in range(3):
@@ -165,7 +160,7 @@ def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: F
 
 
 class VelocitySensor:
-    """A sensor of the body twist with zero-order hold.
+    """Sensor of the body twist with zero-order hold.
 
     Attributes:
         configuration: sampling and errors.
@@ -186,10 +181,10 @@ class VelocitySensor:
         self._memory = sensor_memory()
 
     def measure(self, stamp_ns: int, twist: FloatArray) -> TwistSample:
-        """Return the current reading, with the time stamp of its sample.
+        """Return the present reading, with the time stamp of its sample.
 
         Samples are due at multiples of the sample time. A sample is taken at the first call at or
-        after its due time, so repeated calls with one stamp return the same reading. A failing
+        after its due time, so repeated calls with the same stamp return the same reading. A faulty
         sensor takes no samples, but stamps its messages as if it did.
 
         Args:

@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
-from omni_sim.wheel.brake_pressure import BrakePressure, ask, build_brake_pressure, passed, press
+from omni_sim.wheel.brake_pressure import (
+    BrakePressure,
+    build_brake_pressure,
+    passed,
+    press,
+    set_demand,
+)
 
 LAG, DEAD, STEP = 0.03, 0.007, 0.0005
 SHARES = np.array([1.0, 0.0, 0.4])
@@ -22,7 +28,7 @@ ASKED = 1500.0 * SHARES
 
 def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray[np.float64]:
     """Return what each brake can exert in each step under a constant demand [N m]."""
-    ask(pressure, demand, SHARES)
+    set_demand(pressure, demand, SHARES)
     rows = []
     for _ in range(steps):
         press(pressure)
@@ -71,7 +77,7 @@ def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
     """The integral of ``p`` after 0.1 s of demand and 0.1 s without."""
     pressure = build_brake_pressure(LAG, DEAD, 3, step)
     on, off = 0.1, 0.1
-    rows = [brake_torques(pressure, asked, round(0.1 / step)) for asked in (1500.0, 0.0)]
+    rows = [brake_torques(pressure, demanded, round(0.1 / step)) for demanded in (1500.0, 0.0)]
     impulse = step * np.concatenate(rows).sum(axis=0)
     top = 1.0 - math.exp(-on / LAG)
     rising = on - LAG * top

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from exact_footprint import integrate_exactly
 from numpy.typing import NDArray
 
 from omni_platform.configuration import ConfigurationError, from_mapping
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCamera, LineCameraArray
-from omni_sim.camera.footprint.reference import integrate_exactly
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 SIZE = 0.05

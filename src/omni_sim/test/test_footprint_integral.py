@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from exact_footprint import integrate_exactly
 from numpy.typing import NDArray
 
 from omni_sim.camera.footprint.integral import integrate_lines
 from omni_sim.camera.footprint.padding import PaddedTexture
-from omni_sim.camera.footprint.reference import integrate_exactly
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 
 SIZE = 0.05

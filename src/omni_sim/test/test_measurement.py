@@ -12,6 +12,7 @@ from omni_sim.encoders import EncoderConfiguration, build_encoders, read_encoder
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration, build_faults, corrupt
 from omni_sim.imu import ImuConfiguration, build_imu, read_imu
 from omni_sim.vehicle.loads import GRAVITY
+from omni_sim.vehicle.state import WHEEL
 
 PERIOD = 0.01
 PERFECT = dict.fromkeys(
@@ -76,19 +77,21 @@ def test_without_a_unit_there_are_no_numbers() -> None:
 
 def test_counts_lose_no_angle() -> None:
     encoders = build_encoders(EncoderConfiguration(resolution=64), 2)
-    angle, speed, total = np.zeros(2), np.array([3.0, -0.7]), np.zeros(2)
+    wheels, speed, total = np.zeros(2, WHEEL), np.array([3.0, -0.7]), np.zeros(2)
+    wheels["speed"] = speed
     for step in range(200):
         reading = np.empty(2)
-        read_encoders(encoders, step, PERIOD, angle, speed, np.zeros(2), reading)
+        read_encoders(encoders, step, PERIOD, wheels, np.zeros(2), reading)
         total += reading * PERIOD * (step > 0)
-        angle = angle + speed * PERIOD
+        wheels["angle"] += speed * PERIOD
     assert total == pytest.approx(199 * PERIOD * speed, abs=2 * math.pi / 64)
 
 
 def test_perfect_encoders_read_the_speed() -> None:
-    reading = np.empty(1)
+    reading, wheels = np.empty(1), np.ones(1, WHEEL)
+    wheels["speed"] = 2.5
     encoders = build_encoders(EncoderConfiguration(), 1)
-    read_encoders(encoders, 7, PERIOD, np.ones(1), np.array([2.5]), np.zeros(1), reading)
+    read_encoders(encoders, 7, PERIOD, wheels, np.zeros(1), reading)
     assert reading[0] == 2.5
 
 
@@ -118,7 +121,7 @@ def faulty_readings(
         ("sign", -2.5),
         ("zero", 0.0),
         ("stuck", 2.0),
-        ("whisper", 2.0),
+        ("stuck_noise", 2.0),
         ("delay", 1.5),
         ("swap", 3.5),
         ("echo", 0.5 * 2.5 + 0.5 * 2.0),
@@ -128,7 +131,7 @@ def test_a_fault_reads_what_its_formula_says(kind: str, expected: float) -> None
     readings = faulty_readings(kind, amplitude=0.5, period=0.1)
     assert readings[:10, 0] == pytest.approx(1.0 + 0.1 * np.arange(10))
     assert readings[15, 0] == pytest.approx(expected, abs=1e-7)
-    assert np.ptp(faulty_readings("whisper")[10:, 0]) > 0.0
+    assert np.ptp(faulty_readings("stuck_noise")[10:, 0]) > 0.0
 
 
 def test_a_channel_that_drops_out_reads_no_number_and_comes_back() -> None:

@@ -11,7 +11,7 @@ from omni_sim.configuration import SimulationConfiguration, SimulatorConfigurati
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.overload import OverloadWatch
+from omni_sim.vehicle.overload import Overload
 
 
 def simulate(vehicle: VehicleConfiguration, periods: int) -> tuple[Simulator, list[bool]]:
@@ -44,7 +44,6 @@ def test_overload_while_braking_is_reported_with_wheel_load_and_time(
     assert any(overloaded)
     assert not overloaded[-1]  # at rest again
     overload = simulator.overload
-    assert overload is not None
     assert list(overload.largest_load) == ["front_left"]
     assert 6000.0 < overload.largest_load["front_left"] < 12000.0
     steps = simulator.vehicle.overloaded_steps
@@ -57,18 +56,17 @@ def test_overload_while_braking_is_reported_with_wheel_load_and_time(
 def test_without_overload_nothing_is_reported(forklift: VehicleConfiguration) -> None:
     simulator, overloaded = simulate(forklift, 250)
     assert not any(overloaded)
-    assert simulator.overload is None
+    assert simulator.overload.time == 0.0
 
 
 def test_time_is_added_up_over_wheels_and_a_short_overload_is_not_lost() -> None:
-    watch = OverloadWatch(("a", "b"), "linear", 100.0, 0.01)
+    watch = Overload(("a", "b"), "linear", 100.0, 0.01)
     assert not watch.update(np.array([99.0, 100.0]), 0)
     # Within the period, over again at its end.
     assert watch.update(np.array([90.0, 100.0]), 3)
-    assert watch.overload is not None
-    assert watch.overload.largest_load == {}
-    assert "0.03 s" in watch.overload.sentence()
+    assert watch.largest_load == {}
+    assert "0.03 s" in watch.sentence()
     assert watch.update(np.array([120.0, 130.0]), 7)
     assert not watch.update(np.array([80.0, 80.0]), 7)
-    assert watch.overload.largest_load == {"a": 120.0, "b": 130.0}
-    assert watch.overload.time == pytest.approx(0.07)
+    assert watch.largest_load == {"a": 120.0, "b": 130.0}
+    assert watch.time == pytest.approx(0.07)

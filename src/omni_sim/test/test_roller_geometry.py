@@ -83,7 +83,7 @@ def test_roller_touches_the_ground_with_its_lowest_point(
     # ... and the surface there turns about the roller's axis as on this lever.
     *_, length, depth = roller_contact(gamma, np.array(geometry.constants, AXIS))
     assert (geometry.radius - depth) * length == pytest.approx(radius, abs=1e-5)
-    assert geometry.roller_radius(gamma) == pytest.approx(geometry.radius - depth)
+    assert geometry.distance / math.cos(gamma) == pytest.approx(depth)
 
 
 @pytest.mark.parametrize("roller_angle_deg", [*ANGLES_DEG, 0.0])

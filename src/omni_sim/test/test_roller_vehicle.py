@@ -13,7 +13,6 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import SimulationConfiguration, SimulatorConfiguration
 from omni_sim.simulator import Simulator
-from omni_sim.tire.models import MODELS
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
@@ -315,7 +314,7 @@ def test_simulator_runs_on_individual_rollers(forklift: VehicleConfiguration) ->
     np.testing.assert_array_equal(observation.wheel_force_body, simulator.vehicle.wheel_force_body)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ["tmeasy", "linear"])  # each compiles; the rest: a roller alone
 def test_any_tire_makes_rollers_that_agree_with_the_single_roller(
     model: str, platform: VehicleConfiguration
 ) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from omni_sim.tire.combined_slip import combined_curve, slip_norms
+from omni_sim.tire.models import MODELS
 from omni_sim.tire.models.tmeasy import TMeasyConfiguration, curve_of, force_at
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.wheel.drivetrain import Drive, Spin
@@ -23,14 +25,19 @@ LATERAL = Tire(TireConfiguration(tmeasy=dataclasses.replace(TABLE_1, x=TABLE_1.y
 ACTIVE, PASSIVE = curve_of(TABLE_1, LOAD, 1.0, "x"), curve_of(TABLE_1, LOAD, 1.0, "y")
 
 
-def steady(slip_active: float, slip_passive: float, speed: float = 2.0) -> tuple[float, float]:
+def steady(
+    slip_active: float,
+    slip_passive: float,
+    curves: tuple[Any, Any] = (ACTIVE, PASSIVE),
+    speed: float = 2.0,
+) -> tuple[float, float]:
     """Return the force [N] of a contact that slides steadily with two slips."""
     patch = RollerPatch((0.0, 0.0), speed, False, (1.0, 0.0))
     velocity = (slip_active * speed, slip_passive * speed)
     for _ in range(4000):
         after = roller_step(
             TireConstants(2.0e6, 5000.0, 5e-4),
-            (ACTIVE, PASSIVE),
+            curves,
             patch,
             RollerHub((0.2, 0.0), velocity, 0.0, 0.0, HELD, 0.04),
             Spin(0.0, HELD, 0.0),
@@ -49,6 +56,15 @@ def test_force_along_one_direction_is_that_directions_curve(slip: float) -> None
     along, across = steady(0.0, slip)
     assert across == pytest.approx(-float(LATERAL.force(slip, LOAD)), rel=1e-6)
     assert abs(along) < 1e-9
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_roller_has_the_force_of_any_tire_against_the_slip(model: str) -> None:
+    tire = Tire(TireConfiguration(model=model))
+    curves = (tire.curve(LOAD), tire.curve(LOAD))
+    for slip in (0.02, 0.14, 1.0):
+        expected = -float(tire.force(slip, LOAD)) * np.array([0.6, -0.8])
+        np.testing.assert_allclose(steady(0.6 * slip, -0.8 * slip, curves), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize("slips", [(0.03, 0.02), (-0.1, 0.1), (0.4, -0.1), (0.5, 1.5)])

@@ -1,1 +1,1 @@
-"""Studies: computations that answer one question with figures, data and metrics."""
+"""Studies: computations that answer one question each, with figures, data and metrics."""

@@ -11,7 +11,7 @@ import dataclasses
 import functools
 import math
 import statistics
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from typing import Any
@@ -23,11 +23,11 @@ from omni_loop.metrics import Metric, results_entry
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A claim and its result.
+    """A claim with its result.
 
     Attributes:
-        sentence: the claim in words.
-        found: value of its expression, with its limits.
+        sentence: text of the claim.
+        found: value of the claim's expression, with its limits.
     """
 
     sentence: str
@@ -44,12 +44,12 @@ class Claim:
         return f"{self.sentence}: {found.value:.3g}{unit}, {' and '.join(limits)}: {found.status}"
 
     def entry(self) -> dict[str, Any]:
-        """Return the claim as an entry of the document of a study."""
+        """Return the claim as an entry of the study's document."""
         return {"claim": self.sentence} | results_entry(self.found)
 
 
 class _Cases(dict[str, float]):
-    """Values of a quantity by case; a case is also an attribute."""
+    """Values of a quantity by case; a case can also be accessed as an attribute."""
 
     def __getattr__(self, case: str) -> float:
         return self[case]
@@ -65,8 +65,19 @@ def _of(cases: _Cases, pattern: str) -> list[float]:
     return found
 
 
+def _extreme(choose: Callable[[list[float]], float]) -> Callable[..., float]:
+    """Return `min` or `max` with the result NaN if any value is NaN, which Python may ignore."""
+
+    def chosen(*values: Any) -> float:
+        found = list(values[0] if len(values) == 1 else values)
+        return math.nan if any(map(math.isnan, found)) else choose(found)
+
+    return chosen
+
+
 _FUNCTIONS: dict[str, Any] = {
-    "of": _of, "min": min, "max": max, "abs": abs, "mean": statistics.fmean, "zip": zip
+    "of": _of, "min": _extreme(min), "max": _extreme(max), "abs": abs, "mean": statistics.fmean,
+    "zip": zip,
 }  # fmt: skip
 
 
@@ -76,7 +87,7 @@ def _read(name: str) -> Any:
 
 
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the metrics of a study with their limits; the arguments are those of `evaluate`."""
+    """Return a study's metrics with their limits; arguments as in `evaluate`."""
     limits = _read("limits.yaml").get(study, {})
     chosen: dict[str, Any] = {
         name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})
@@ -93,7 +104,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
         metrics: metrics by ``<quantity>.<case>``.
 
     Returns:
-        The claims whose metrics exist.
+        The claims for which all metrics exist.
     """
     names: dict[str, Any] = {}
     for name, metric in metrics.items():

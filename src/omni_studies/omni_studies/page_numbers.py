@@ -1,4 +1,4 @@
-"""Fill the measured numbers in the pages from the documents of the commands.
+"""Insertion of measured numbers into the pages, from the documents of the commands.
 
 A page contains a template in a comment, and the filled template below it::
 
@@ -8,25 +8,25 @@ A page contains a template in a comment, and the filled template below it::
     | rotation [deg] | 2.4 |
     <!-- /numbers -->
 
-``{study:metric.case:.1f}`` names a metric of another study, and ``run_EXPERIMENT`` a run over the
-graph. ``{table.row_column}`` is a cell of ``table.csv`` in the folder of the study. ``row`` is the
-first cell of its row and ``column`` the head of its column, with ``_`` for all characters but
-letters and digits. A line ``each:`` repeats the next line for entries separated by semicolons.
-``$1`` and ``$2`` stand for the parts of an entry before and after its comma, in braces with ``_``
-as above::
+``{study:metric.case:.1f}`` refers to a metric of another study, and ``run_EXPERIMENT`` to a run
+over the ROS graph. ``{table.row_column}`` refers to a cell of ``table.csv`` in the folder of the
+study. ``row`` is the first cell of the row and ``column`` the head of the column, with ``_`` for
+all characters except letters and digits. A line ``each:`` repeats the next line for each of the
+entries that it lists, separated by semicolons. In this next line, ``$1`` and ``$2`` are replaced by
+the parts of an entry before and after its comma; inside braces the same rule for ``_`` applies::
 
     each: rear axle, 2 m; front axle, 3 m
     | $1 at $2 | {loads.$1_mean:.0f} N |
 
-``docs/numbers.json`` stores the numbers that templates use. This program reads them from the given
-``summary.json`` files and fills the pages. If a study ran with other options, a NAME of its own
-precedes the file::
+``docs/numbers.json`` stores the numbers that the templates use. This program reads them from the
+given ``summary.json`` files and fills the pages. If a study was run with other options, put its own
+NAME before the file::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
-With ``--check`` the program changes nothing. It ends with exit code 1 if a page differs from
-``docs/numbers.json``, or if a stored number differs from that in a file by more than 2 % and one
-unit of its last printed digit.
+With ``--check`` the program changes nothing. Its exit code is 1 if a page differs from
+``docs/numbers.json``, or if a stored number differs from that in a given file by more than 2 % and
+one unit of the last printed digit.
 """
 
 import argparse
@@ -42,7 +42,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 Numbers = Mapping[str, Mapping[str, float | None]]
-"""Values of metrics by study and name."""
+"""Values of metrics, by study and metric name."""
 
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
@@ -51,7 +51,7 @@ _PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
 
 
 class Place(NamedTuple):
-    """A metric in a template.
+    """Reference to a metric in a template.
 
     Attributes:
         study: the study of the metric.
@@ -65,7 +65,7 @@ class Place(NamedTuple):
 
 
 def expanded(template: str) -> str:
-    """Return a template whose lines after an ``each:`` are repeated for its entries."""
+    """Return a template with the lines after ``each:`` repeated for all entries."""
 
     def lines(found: re.Match[str]) -> str:
         return "\n".join(_with_entry(found[2], entry) for entry in found[1].split(";"))
@@ -74,7 +74,7 @@ def expanded(template: str) -> str:
 
 
 def _with_entry(line: str, entry: str) -> str:
-    """Return a line in which the parts of an entry replace ``$1`` and ``$2``."""
+    """Return a line with ``$1`` and ``$2`` replaced by the parts of an entry."""
     parts = re.split(r",\s*", entry.strip())
     return re.sub(r"\{[^{}]*\}|\$\d", lambda place: _inserted(place[0], parts), line)
 
@@ -89,18 +89,18 @@ def _word(text: str) -> str:
 
 
 def places(template: str, study: str) -> Iterator[Place]:
-    """Yield the metrics that a template names; `study` is the study of names without one."""
+    """Yield the references in a template; `study` is the study of references that name none."""
     for found in _PLACE.finditer(expanded(template)):
         yield Place(found[1] or study, found[2], found[3] or "")
 
 
 def filled(template: str, study: str, numbers: Numbers) -> str:
-    """Return a template with its numbers; a dash stands for an unknown number.
+    """Return a template filled with numbers; an unknown number becomes a dash.
 
     Args:
-        template: template with places as in the module's docstring.
-        study: study of metrics without one.
-        numbers: numbers to fill in.
+        template: template with references as in the module's docstring.
+        study: study of references that name none.
+        numbers: numbers to insert.
     """
 
     def number(found: re.Match[str]) -> str:
@@ -111,7 +111,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of each block and each row of the dissertation's page."""
+    """Yield page, study and template of each block, and of each row of the dissertation's page."""
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             yield page, block[2], block[3]
@@ -125,18 +125,18 @@ def page_with(text: str, numbers: Numbers) -> str:
 
 
 def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
-    """Return the numbers in the pages."""
+    """Return the stored numbers of the pages."""
     text = (workspace / "docs/numbers.json").read_text(encoding="utf-8")
     numbers: dict[str, dict[str, float | None]] = json.loads(text)
     return numbers
 
 
 def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str, float | None]]:
-    """Return the numbers in documents by study; runs over the graph are studies ``run_NAME``.
+    """Return the numbers in documents, by study; a run over the graph is the study ``run_NAME``.
 
     Args:
         arguments: paths of ``summary.json`` files, or ``NAME=path``.
-        used: places to fill, which determine the tables to read.
+        used: references to fill, which determine the tables to read.
     """
     found: dict[str, dict[str, float | None]] = {}
     for argument in arguments:
@@ -146,9 +146,7 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
         beside_recording = (file.parent / "metadata.yaml").exists()
         name = own or ("run_" if beside_recording else "") + document["name"]
         numbers = found.setdefault(name, {})
-        metrics: dict[str, Any] = document.get("metrics", document)
-        for key, metric in metrics.items():  # documents of some benchmarks have plain numbers
-            numbers[key] = metric["value"] if isinstance(metric, dict) else metric
+        numbers |= {key: metric["value"] for key, metric in document["metrics"].items()}
         others = {place.metric for place in used if place.study == name} - set(numbers)
         for table in {file.parent / f"{metric.partition('.')[0]}.csv" for metric in others}:
             if table.exists():
@@ -157,7 +155,7 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
 
 
 def _cells(table: Path) -> Iterator[tuple[str, float]]:
-    """Yield name and value of the numbers in a table."""
+    """Yield name and value of each number in a table."""
     with table.open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
             (_, first), *rest = row.items()
@@ -167,7 +165,7 @@ def _cells(table: Path) -> Iterator[tuple[str, float]]:
 
 
 def outdated(place: Place, old: float | None, new: float | None, tolerance: float = 0.02) -> bool:
-    """Return whether a stored number differs from the measured one by more than a tolerance [1]."""
+    """Return whether stored and measured number differ by more than a relative tolerance [1]."""
     if old is None or new is None:
         return old is not new
     digits = re.search(r"\.(\d+)f", place.form)
@@ -192,10 +190,7 @@ def main() -> int:
             value = new[place.study].get(place.metric) if place.study in new else old
             if options.check and outdated(place, old, value):
                 problems.append(f"{page.name}: {place.study} {place.metric}: {old}, now {value}")
-            # Within the tolerance the old number stays, so that pages do not change by scatter.
-            kept.setdefault(place.study, {})[place.metric] = (
-                value if outdated(place, old, value) else old
-            )
+            kept.setdefault(place.study, {})[place.metric] = value
     if not options.check:
         text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
         (workspace / "docs/numbers.json").write_text(text, encoding="utf-8")

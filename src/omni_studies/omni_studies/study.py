@@ -1,11 +1,12 @@
-"""Interface of a study, and import by name.
+"""Interface of a study, and loading of studies by name.
 
-A study is a module of `omni_studies.studies`. It has a docstring that describes it, its options as
-a `Configuration` called ``Options`` (they become ``--like-this``), and a function ``run(options,
-study) -> StudyResult``. A module with several studies names them in ``CASES``, a literal dictionary
-of name and sentence. ``study.case`` is then the name of the running study, and ``OPTIONS`` may
-contain other options for some studies. A study writes its figures and data into ``study.folder``
-and does not print. A long study calls ``study.report(share, words)``.
+A study is a module of `omni_studies.studies`. It has a docstring that describes it, a
+`Configuration` called ``Options`` that becomes its command-line options, and a function
+``run(options, study) -> StudyResult``. A module with several studies lists them in ``CASES``, a
+literal dictionary of their names and descriptions. ``study.case`` is then the name of the study
+that runs, and ``OPTIONS`` may contain other options for some of the studies. A study writes its
+figures and data into ``study.folder`` and does not print; `run_study` writes the metrics. A long
+study calls ``study.report(share, words)``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from omni_tools.campaign.runner import CampaignOptions, Row, Work, run_campaign
 _STUDIES = "omni_studies.studies"
 
 Report = Callable[[float, str], None]
-"""Function that receives the completed share, 0..1, and a short text."""
+"""Function that receives the completed share, 0 to 1, and a short text."""
 
 
 def _silent(share: float, words: str) -> None: ...
@@ -40,10 +41,10 @@ class StudyRun:
     """Context of a study.
 
     Attributes:
-        experiments: library of the configuration files.
+        experiments: library of experiments and vehicles.
         folder: folder for the figures and data of the study.
-        report: called with the completed share [0..1] and a text.
-        case: name of the study if its module has several.
+        report: called with the completed share (0 to 1) and a text.
+        case: name of the study, if its module contains several.
         written: figures and data written so far.
     """
 
@@ -54,18 +55,19 @@ class StudyRun:
     written: list[Path] = dataclasses.field(default_factory=list)
 
     def figure(self, name: str, figure: Figure) -> None:
-        """Write a figure to a file of the study's folder."""
+        """Write a figure to a file in the study's folder."""
         self.written.append(style.save_figure(figure, self.folder / name))
+
+    def plot(self, name: str, figure: Figure) -> None:
+        """Write a figure, and the points of its lines to a CSV file with the same name."""
+        self.figure(f"{name}.png", figure)
+        self.written.append(data_table.write_lines(self.folder / f"{name}.csv", figure))
 
     def table(
         self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
-        """Write a table; the arguments are those of `data_table.write_table`."""
+        """Write a table; arguments as in `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
-
-    def columns(self, name: str, columns: Mapping[str, Any]) -> None:
-        """Write a CSV file of columns of equal length, given by their heads ``name [unit]``."""
-        self.written.append(data_table.write_columns(self.folder / name, columns))
 
     def campaign(
         self,
@@ -82,7 +84,7 @@ class StudyRun:
         return run_campaign(work, seeds, row, options, path, fingerprint, self.report)
 
     def result(self, metrics: Mapping[str, Metric], *findings: str) -> StudyResult:
-        """Return the result with all written files."""
+        """Return the result, with all files written so far."""
         return StudyResult(metrics, tuple(self.written), findings)
 
 
@@ -94,7 +96,7 @@ class StudyResult:
         metrics: metrics by ``<quantity>.<case>``.
         files: written figures and data.
         findings: sentences about the results.
-        claims: claims, which `run_study` evaluates with the metrics.
+        claims: claims of the study, which `run_study` evaluates with the metrics.
     """
 
     metrics: Mapping[str, Metric]
@@ -104,13 +106,13 @@ class StudyResult:
 
     @property
     def missed(self) -> list[str]:
-        """Names of the metrics that miss their limits, and claims that do not hold."""
+        """Names of the metrics that miss their limits, and claims that are not true."""
         found = {claim.sentence: claim.found for claim in self.claims} | dict(self.metrics)
         return [name for name, metric in found.items() if metric.status == "missed"]
 
 
 class Study(Protocol):
-    """A study: a module, or a case of a module with ``CASES``."""
+    """A study: a module, or one case of a module with ``CASES``."""
 
     __doc__: str
     Options: type[configuration.Configuration]
@@ -150,7 +152,7 @@ def load_study(name: str) -> Study:
 
 
 def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, dict[str, Any]]:
-    """Run a study, apply its limits, evaluate its claims and write ``summary.json``.
+    """Run a study, apply its limits, evaluate its claims and write metrics and ``summary.json``.
 
     Args:
         name: name of the study, one of `study_names`.
@@ -169,4 +171,9 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
         document["claims"] = [claim.entry() for claim in result.claims]
     text = json.dumps(document, indent=2, allow_nan=False) + "\n"
     (study.folder / "summary.json").write_text(text, encoding="utf-8")
-    return result, document
+    cases: dict[str, dict[str, float]] = {}
+    for key, metric in bounded.items():
+        quantity, _, case = key.partition(".")
+        cases.setdefault(case, {})[f"{quantity} [{metric.unit}]"] = metric.value
+    table = data_table.write_cases(study.folder / "metrics.csv", "case", cases)
+    return dataclasses.replace(result, files=(*result.files, table)), document

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from importlib.resources import files
 
@@ -39,3 +40,10 @@ def test_random_numbers_do_not_meet_a_claim_always(study: str) -> None:
         assert len(claims) == len(CLAIMS[study])
         missed |= {claim.sentence for claim in claims if claim.found.status == "missed"}
     assert missed == {row["claim"] for row in CLAIMS[study]}
+
+
+@pytest.mark.parametrize("grounds", [("cork", "wood"), ("wood", "cork")])
+def test_a_case_without_a_value_is_not_passed_over(grounds: tuple[str, str]) -> None:
+    needed = {"cork": 0.5, "wood": math.nan}  # no overlap is enough on wood
+    metrics = {f"overlap_needed.{ground}": Metric(needed[ground], "1") for ground in grounds}
+    assert [claim.found.status for claim in evaluate("field_of_view", metrics)] == ["missed"]

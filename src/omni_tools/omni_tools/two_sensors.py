@@ -1,41 +1,43 @@
-"""Reference: displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
+"""Displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78), as a reference.
 
-The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to its left
-(+y), sensor 2 at d_2 to its right. Then ``v_i = v_c + Omega k x r_i`` gives the sensors ``dx_1 = X
-- d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``. As Eq. (75) computes the angle from a difference
-of x, the sensors are along y; with the order of (75), the angle is positive counter-clockwise if
-sensor 1 is on the left.
+The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to the left
+(+y) and sensor 2 at the distance d_2 to the right. By ``v_i = v_c + Omega k x r_i``, the sensors
+measure ``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``. Because Eq. (75) computes the
+angle from a difference of x, the sensors are on a line along y. With the order in (75), the angle
+is positive counter-clockwise if sensor 1 is on the left.
 
-The two x determine X and the angle, and both y measure Y. Equation (74) weights the y as if Y
-varied along the line. Weighted least squares uses their variances instead and gives the better
-mean; for d_1 = d_2 both are equal. X and the angle do not depend on the variances.
+The two x displacements determine X and the angle, and both y displacements measure Y. Equation (74)
+weights the y displacements as if Y varied along the line. Weighted least squares would use their
+variances instead and give a more accurate mean; for d_1 = d_2 both are equal. X and the angle do
+not depend on the variances.
 
-**The straight line between two instants.** On an arc about which the platform turns by phi,
+**The straight line between two instants.** If the platform moves on an arc and rotates by phi,
 
 - displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y differ by
   ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this difference;
-- a line camera measures along its own axis, which turns. Its displacements are the path in turning
-  axes, for which (73)-(75) have an error of first order in the angle: the path is turned by phi /
-  2, which moves its end sideways by ``|(X, Y)| phi / 2``, it is longer than its chord by phi^2 / 24
-  of its length, and the arcsine adds phi^3 / 6 to the angle.
+- a line camera measures along its own axis, which turns. Its displacements are the path in rotating
+  axes, for which (73)-(75) have an error of first order in the angle. The path is rotated by phi /
+  2, which moves its end sideways by ``|(X, Y)| phi / 2``; it is longer than its chord by phi^2 / 24
+  of its length; and the arcsine adds phi^3 / 6 to the angle.
 
-The dissertation models this as noise, but in a steady turn the error always has the same sign.
+The dissertation models this error as noise, but in a steady turn it always has the same sign.
 Between two lines at 2500 lines/s and 2 rad/s (phi = 0.8 mrad) it is 0.04 % of the path; over a
-batch of 10 ms, 1 %. `along_arc` removes it in closed form.
+batch of 10 ms it is 1 %. `along_arc` removes it in closed form.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 
 class DisplacementError(ValueError):
-    """Displacements or distances contradict a rigid motion; the message gives the reason."""
+    """Displacements or distances contradict a rigid motion; the message states the reason."""
 
 
-@dataclasses.dataclass(frozen=True)
-class SensorDisplacement:
+class SensorDisplacement(NamedTuple):
     """Displacement of a two-dimensional sensor between two instants.
 
     Attributes:
@@ -47,14 +49,13 @@ class SensorDisplacement:
     y: float
 
 
-@dataclasses.dataclass(frozen=True)
-class PlanarDisplacement:
+class PlanarDisplacement(NamedTuple):
     """Motion of a point of the platform between two instants.
 
     Attributes:
         x: displacement forward, along the axes of the first instant [m].
         y: displacement to the left, along the axes of the first instant [m].
-        angle: turn of the platform, counter-clockwise [rad].
+        angle: rotation of the platform, counter-clockwise [rad].
     """
 
     x: float
@@ -65,8 +66,9 @@ class PlanarDisplacement:
         """Return the displacement of another point, exact for a rigid platform.
 
         Args:
-            x: coordinate x of the point from this one, forward at the first instant [m].
-            y: coordinate y of the point from this one, to the left [m].
+            x: coordinate x of the other point relative to this one, forward at the first instant
+                [m].
+            y: coordinate y of the other point relative to this one, to the left [m].
         """
         sine, less = math.sin(self.angle), 1.0 - math.cos(self.angle)
         return PlanarDisplacement(
@@ -74,13 +76,15 @@ class PlanarDisplacement:
         )
 
     def along_arc(self) -> PlanarDisplacement:
-        """Return the motion for measurements along axes that turn with the sensors.
+        """Return the motion for measurements along axes that rotate with the sensors.
 
         The argument of the arcsine in (75) is then the angle, and the path is an arc. The result is
         exact for constant velocity and yaw rate.
         """
         angle = math.sin(self.angle)
-        along, across = _arc(angle)
+        # End of an arc of length 1, along and across its start: sin a / a and (1 - cos a) / a.
+        along = float(np.sinc(angle / math.pi))
+        across = math.sin(0.5 * angle) * float(np.sinc(0.5 * angle / math.pi))
         return PlanarDisplacement(
             along * self.x - across * self.y, across * self.x + along * self.y, angle
         )
@@ -118,10 +122,10 @@ def first_sensor_displacement(
 ) -> PlanarDisplacement:
     """Return the displacement of the first sensor, Eqs. (76)-(78): d_1 = 0.
 
-    The y of the second sensor is not needed, so this sensor may be a single line camera.
+    The y displacement of the second sensor is not needed, so it may be a single line camera.
 
     Args:
-        first: reading of the left sensor, which is the reference point.
+        first: reading of the left sensor, whose position is the reference point.
         second_x: displacement of the right sensor forward [m].
         distance: distance between the sensors, d_2 [m], above 0.
 
@@ -129,8 +133,8 @@ def first_sensor_displacement(
         DisplacementError: for the same reasons as in `two_sensor_displacement`.
     """
     _check_finite(y_1=first.y)
-    angle = _angle(first.x, second_x, distance)
-    return PlanarDisplacement(first.x, first.y, angle)  # Eqs. (76), (77)
+    # Eqs. (76), (77)
+    return PlanarDisplacement(first.x, first.y, _angle(first.x, second_x, distance))
 
 
 def _angle(x_1: float, x_2: float, distance: float) -> float:
@@ -152,11 +156,3 @@ def _check_finite(**values: float) -> None:
     for name, value in values.items():
         if not math.isfinite(value):
             raise DisplacementError(f"{name} is {value}, must be a finite number")
-
-
-def _arc(angle: float) -> tuple[float, float]:
-    """Return ``sin a / a`` and ``(1 - cos a) / a``: end of an arc of length 1, along and across."""
-    if abs(angle) < 1e-4:  # further terms of the series are below rounding
-        return 1.0 - angle**2 / 6.0, 0.5 * angle
-    half = 0.5 * angle
-    return math.sin(angle) / angle, math.sin(half) ** 2 / half

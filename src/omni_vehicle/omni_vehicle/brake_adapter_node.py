@@ -1,6 +1,6 @@
-"""ROS node of the brake adapter: receives enables, publishes commands of brakes or drives.
+"""ROS node of the brake adapter: subscribes to enables, publishes commands of brakes or drives.
 
-The contract (topics, types, parameters, timeouts) is in the README of this package.
+The README of this package describes the contract: topics, types, parameters and timeouts.
 """
 
 import math
@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
@@ -28,29 +28,37 @@ from omni_vehicle.brake_adapter import (
     WheelDemand,
 )
 
-_PEDALS = {"joint_state": JointState, "bool": Bool, "float": Float64, "twist": Twist}
+_PEDALS = {
+    "joint_state": JointState,
+    "bool": Bool,
+    "float": Float64,
+    "twist": Twist,
+    "twist_stamped": TwistStamped,
+}
+_PEDAL_TOPICS = {"joint_state": "brake/pedal", "twist": "cmd_vel", "twist_stamped": "cmd_vel"}
 
 
 class TopicsConfiguration(Configuration):
-    """Types of the vehicle's own topics."""
+    """Message types of the vehicle's own topics."""
 
     joints: tuple[str, ...] = parameter(())
-    """Joints on joint_states, in the order of the wheels; default: their names"""
+    """Names of the joints on joint_states, in the order of the wheels; default: the wheel names"""
     output: str = parameter("array", choices=("array", "joint_state"))
     """Float64MultiArray for a forward_command_controller, or JointState.effort"""
     pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
-    """Type of the demand: 'joint_state' is brake/pedal of another node; 'bool' and 'float' on
-    pedal_input, 'twist' on cmd_vel (zero brakes) are published as brake/pedal"""
+    """Type of the demand: 'joint_state' for brake/pedal of another node; 'bool' or 'float' on
+    pedal_input, or 'twist' or 'twist_stamped' on cmd_vel (zero brakes), which this node then
+    publishes as brake/pedal"""
     estop: bool = parameter(False)
-    """Whether Bool messages on estop are required, true for full braking"""
+    """Whether Bool messages on estop are required; true requests full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)
-    """Silence of the demand, or of the emergency stop, that counts as full braking"""
+    """Time without a demand, or without an emergency-stop message, that counts as full braking"""
     period: float = parameter(0.01, unit="s", minimum=0.001, maximum=0.05)
     """Time between two commands"""
 
 
 class BrakeAdapterNode(Node):
-    """Commands the brakes of a vehicle at a fixed rate, also without input."""
+    """Commands the brakes of a vehicle at a fixed rate, even without any input."""
 
     def __init__(self) -> None:
         super().__init__("brake_adapter")
@@ -70,7 +78,7 @@ class BrakeAdapterNode(Node):
         self._wheel_states = advertise(self, JointState, "wheel_states")
         if topics.pedal != "joint_state":
             self._pedal_output = advertise(self, JointState, "brake/pedal")
-        topic = {"joint_state": "brake/pedal", "twist": "cmd_vel"}.get(topics.pedal, "pedal_input")
+        topic = _PEDAL_TOPICS.get(topics.pedal, "pedal_input")
         subscribe(self, JointState, "brake/enable", self._on_enable, RECENT)
         subscribe(self, JointState, "joint_states", self._on_joints, RECENT)
         subscribe(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
@@ -114,11 +122,14 @@ class BrakeAdapterNode(Node):
             self._received["drive"] = time.monotonic()
 
     def _on_pedal(self, message: Any) -> None:
+        if isinstance(message, TwistStamped):
+            message = message.twist
         if isinstance(message, JointState):
             self._pedal = float(message.position[0]) if message.position else math.nan
         elif isinstance(message, Twist):
             speeds = (message.linear.x, message.linear.y, message.angular.z)
-            self._pedal = float(not any(speeds))
+            # A command that is not finite must not count as a demand to drive.
+            self._pedal = float(not any(speeds) or not np.isfinite(speeds).all())
         else:
             self._pedal = float(message.data)
         self._received["pedal"] = time.monotonic()
@@ -131,7 +142,7 @@ class BrakeAdapterNode(Node):
         return time.monotonic() - self._received.get(name, -math.inf) > timeout
 
     def _demand(self) -> tuple[WheelDemand, str]:
-        """Return the inputs, with full braking for missing ones, and a list of problems."""
+        """Return the inputs, with full braking for missing ones, and a description of problems."""
         timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
         problems = []
         pedal, enable = self._pedal, self._enable

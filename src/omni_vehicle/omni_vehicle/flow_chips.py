@@ -1,12 +1,12 @@
-"""Reads optical-flow chips by their makers' libraries: ground velocity with covariance.
+"""Optical-flow chips, read through their makers' libraries: ground velocity with covariance.
 
 - PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
-- the SparkFun OTOS (I2C) filters a PAA5160 with an IMU and reports velocities, with standard
+- the SparkFun OTOS (I2C) combines a PAA5160 with an IMU and reports velocities with standard
   deviations, in the frame in which it tracks its pose.
 
-The caller passes the time of a reading; nothing here reads a clock. The libraries are imported when
-a chip is opened: ``pmw3901`` needs ``spidev``, ``gpiod`` and ``gpiodevice``, and ``qwiic_otos``
-needs ``qwiic_i2c``.
+The caller passes the time of a reading, and nothing here reads a clock. The libraries are imported
+only when a chip is opened: ``pmw3901`` requires ``spidev``, ``gpiod`` and ``gpiodevice``, and
+``qwiic_otos`` requires ``qwiic_i2c``.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ class _Pixart(enum.IntEnum):
 
 
 class _OtosStatus(enum.IntEnum):
-    """Bits of the status of an OTOS."""
+    """Bits of an OTOS's status."""
 
     FAULTS = 0xC0
-    """The optical chip or the IMU has failed"""
+    """The optical chip or the IMU is defective"""
     WARNINGS = 0x03
     """The chip is tilted, or its optical tracking is poor"""
 
 
 class FlowChipError(Exception):
-    """A chip does not answer, or is not the expected one; the message gives the reason."""
+    """A chip does not answer, or is not of the expected type; the message states the reason."""
 
 
 class FlowSample(NamedTuple):
     """A reading of a chip.
 
     Attributes:
-        velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], in the chip's
-            frame, shape (3,); NaN where not measured.
-        deviation: standard deviations of these [m/s, m/s, rad/s], shape (3,); NaN where not
+        velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], along the
+            chip's axes, shape (3,); NaN if not measured.
+        deviation: standard deviations of `velocity` [m/s, m/s, rad/s], shape (3,); NaN if not
             measured.
-        problem: why nothing was measured; empty for a measurement.
+        problem: reason why nothing was measured; empty for a valid measurement.
     """
 
     velocity: FloatArray
@@ -72,7 +72,7 @@ class FlowSample(NamedTuple):
 
 
 class FlowChip(Protocol):
-    """An opened chip."""
+    """A chip that has been opened."""
 
     def read(self, time: float) -> FlowSample:
         """Return the reading at a time [s].
@@ -83,7 +83,7 @@ class FlowChip(Protocol):
 
 
 class FlowChipConfiguration(Configuration):
-    """A chip, its bus and its calibration."""
+    """Type of a chip, its bus and its calibration."""
 
     chip: str = parameter(choices=CHIPS)
     """Type of the chip"""
@@ -92,26 +92,29 @@ class FlowChipConfiguration(Configuration):
     chip_select: int = parameter(1, minimum=0, maximum=9)
     """Chip select of the SPI port"""
     counts_per_meter: float = parameter(0.0, unit="1/m", minimum=0.0, maximum=1.0e6)
-    """Counts of a PMW3901 or PAA5100 per meter at its mounting height: move it by one meter and
-    read 'counts' on /diagnostics"""
+    """Counts of a PMW3901 or PAA5100 per meter at its mounting height. To measure it, move the
+    chip by one meter and read 'counts' on /diagnostics"""
     invert_x: bool = parameter(False)
     """Whether the chip negates its x counts"""
     invert_y: bool = parameter(False)
     """Whether the chip negates its y counts"""
     swap_xy: bool = parameter(False)
-    """Whether the chip exchanges x and y first"""
+    """Whether the chip first exchanges x and y"""
     minimum_quality: int = parameter(25, minimum=0, maximum=255)
-    """Surface quality (SQUAL) that a reading needs"""
+    """Surface quality (SQUAL) that a valid reading requires"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Speed that the chip can follow at its height (0: any); faster readings are not
-    measurements"""
-    relative_deviation: float = parameter(0.03, minimum=0.0)
-    """Standard deviation divided by the speed, caused by errors of height and scale"""
+    """Largest speed that the chip can measure at its height (0: any speed); faster readings are
+    invalid"""
+    longest_interval: float = parameter(0.1, unit="s", above=0.0, maximum=1.0)
+    """Longest time between two readings of a PMW3901 or PAA5100; after a longer time, the counts
+    are not converted to a velocity"""
+    relative_deviation: float = parameter(0.03, minimum=0.0, maximum=1.0)
+    """Standard deviation divided by speed, as caused by errors of height and scale"""
     linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
-    """Scale factor of the distances of an OTOS"""
+    """Scale factor of an OTOS's distances"""
 
     def check_consistency(self) -> None:
-        """Refuse a chip without the calibration that it needs."""
+        """Check that a chip has the calibration that it requires."""
         if self.chip != OTOS and self.counts_per_meter == 0.0:
             raise ConfigurationError(
                 "counts_per_meter",
@@ -163,7 +166,7 @@ class CountingChip:
     def read(self, time: float) -> FlowSample:
         """Return the mean velocity since the last reading."""
         try:
-            # One transfer, so that all values belong together; the chip then counts from zero.
+            # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)
             product, orientation = self._register(0), self._register(_Pixart.ORIENTATION_REGISTER)
         except OSError as error:
@@ -179,6 +182,8 @@ class CountingChip:
             return FlowSample.unmeasured(f"surface quality {quality}, exposure {shutter:#04x}")
         moved = np.array([x, y] if motion & _Pixart.MOVED else [0, 0])
         self.counts = [total + int(step) for total, step in zip(self.counts, moved, strict=True)]
+        if elapsed > limits.longest_interval:
+            return FlowSample.unmeasured(f"no reading for {elapsed:.2g} s")
         velocity = moved / (limits.counts_per_meter * elapsed)
         speed = math.hypot(*velocity)
         if speed > limits.maximum_speed > 0.0:
@@ -208,7 +213,7 @@ class OtosChip:
         self._chip.resetTracking()
 
     def read(self, time: float) -> FlowSample:
-        """Return the current velocity in the axes of the chip."""
+        """Return the present velocity along the axes of the chip."""
         del time
         try:
             status = int(self._chip.getStatus())

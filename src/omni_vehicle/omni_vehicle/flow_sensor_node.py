@@ -1,6 +1,6 @@
-"""ROS node of an optical-flow chip: reads its registers, publishes twists.
+"""ROS node of an optical-flow chip: reads its registers and publishes twists.
 
-The contract (topics, types, parameters, timeouts) is in the README of this package.
+The README of this package describes the contract: topics, types, parameters and timeouts.
 """
 
 import math
@@ -25,15 +25,15 @@ class FlowNodeConfiguration(Configuration):
     """Name and rate of the sensor."""
 
     sensor: str = parameter("flow")
-    """Name of the sensor, as under flow_sensors"""
-    period: float = parameter(0.01, unit="s", minimum=0.002, maximum=0.5)
+    """Name of the sensor, as in flow_sensors"""
+    period: float = parameter(0.01, unit="s", minimum=0.002, maximum=0.05)
     """Time between two readings"""
-    retry_period: float = parameter(1.0, unit="s", above=0.0)
+    retry_period: float = parameter(1.0, unit="s", above=0.0, maximum=3600.0)
     """Time between two attempts to open the chip"""
 
 
 class FlowSensorNode(Node):
-    """Reads a chip at a fixed rate, reopens it after a loss, and publishes its readings."""
+    """Reads a chip at a fixed rate, reopens it after a failure, and publishes its readings."""
 
     def __init__(self) -> None:
         super().__init__("flow_sensor")
@@ -57,7 +57,7 @@ class FlowSensorNode(Node):
                 self._chip = flow_chips.open_chip(self._configuration)
             sample = self._chip.read(time.monotonic())
         except flow_chips.FlowChipError as error:
-            # Publish nothing: subscribers brake all wheels after their timeout.
+            # Nothing is published, so that subscribers apply all brakes after their timeout.
             self._chip = None
             self._status.update(stamp_ns, "lost", Status(ERROR, f"{error}; trying again"))
             return

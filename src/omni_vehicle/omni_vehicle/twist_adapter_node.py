@@ -1,6 +1,6 @@
-"""Converts any source of a body twist to a stamped twist with covariance.
+"""ROS node that converts a body twist from any source to a stamped twist with covariance.
 
-The contract (topics, types, parameters) is in the README of this package.
+The README of this package describes the contract: topics, types and parameters.
 """
 
 from functools import partial
@@ -26,18 +26,18 @@ _TYPES = {
 
 
 class TwistAdapterConfiguration(Configuration):
-    """A source of the body twist."""
+    """Source of the body twist."""
 
     input_type: str = parameter(choices=tuple(_TYPES))
-    """Type of the topic 'input'"""
-    deviation: tuple[float, ...] = parameter(())
-    """Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], in place of the covariance of the
-    source; needed where that has none"""
+    """Message type of the topic 'input'"""
+    deviation: tuple[float, ...] = parameter((), minimum=0.0, maximum=1000.0)
+    """Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], which replace the covariance
+    of the source; required if the source has none"""
     base_frame: str = parameter("base_link")
-    """Frame in which a twist must be given; empty for any"""
+    """Frame in which the twist must be given; empty for any frame"""
 
     def check_consistency(self) -> None:
-        """Refuse invalid standard deviations."""
+        """Check that the standard deviations are valid."""
         if self.deviation and (len(self.deviation) != 3 or min(self.deviation) <= 0.0):
             raise ConfigurationError("deviation", "must be three numbers above 0")
         if self.input_type == "twist_stamped" and not self.deviation:
@@ -51,7 +51,7 @@ class TwistAdapterNode(Node):
         super().__init__("twist_adapter")
         self._configuration = declare_configuration(self, TwistAdapterConfiguration)
         self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
-        # Best effort matches publishers of either reliability.
+        # best effort is compatible with both kinds of publishers
         kind = _TYPES[self._configuration.input_type]
         subscribe(self, kind, "input", self._on_input, BEST_EFFORT)
         self._status = StatusReporter(self, Status(ERROR, "no twist yet"))

@@ -189,6 +189,17 @@ def test_what_is_faster_than_the_chip_is_no_measurement() -> None:
 
 
 @pytest.mark.usefixtures("spi")
+def test_counts_over_a_gap_are_no_velocity_but_count_as_distance() -> None:
+    bench = Bench()
+    bench.board.velocity = (0.5, 0.0)
+    bench.board.pass_time(0.5)
+    bench.time += 0.5
+    assert "no reading for 0.51 s" in bench.read().problem
+    assert bench.chip.counts[0] == round(0.51 * 0.5 * COUNTS_PER_METER)  # type: ignore[attr-defined]
+    assert bench.read().velocity[0] == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.usefixtures("spi")
 def test_axes_are_set_in_the_chip() -> None:
     bench = Bench(swap_xy=True, invert_y=True)
     bench.board.velocity = (0.5, 0.25)

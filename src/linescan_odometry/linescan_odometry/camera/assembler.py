@@ -1,4 +1,4 @@
-"""Assembles frames to batches of consecutive lines without gaps."""
+"""Assembly of frames into batches of consecutive lines without gaps."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,18 +6,18 @@ from numpy.typing import NDArray
 from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.camera.cut import FrameError
 from linescan_odometry.camera.frame_clock import FrameClock
-from linescan_odometry.measurements import LineBatch, Lines
+from omni_platform.signals import LineBatch, Lines
 
 
 class LineAssembler:
-    """Extracts lines from frames and assembles them to batches with stamps.
+    """Extracts lines from frames and assembles them into batches with stamps.
 
-    A batch never spans lost frames, so that consecutive lines are one line period apart; the
-    odometry detects a gap by the stamps.
+    A batch never extends across lost frames, so consecutive lines are always one line period apart.
+    The odometry detects a gap between batches by their stamps.
     """
 
     def __init__(self, configuration: CameraConfiguration) -> None:
-        """Start before the first frame."""
+        """Create an assembler that has received no frame."""
         self._configuration = configuration
         self._cut = configuration.cut
         self.clock = FrameClock(configuration.frame_rate)
@@ -28,7 +28,7 @@ class LineAssembler:
 
     @property
     def pixels(self) -> int:
-        """Pixels of a line; 0 before the first frame."""
+        """Number of pixels per line; 0 before the first frame."""
         return self._shape[0] if self._shape else 0
 
     def take(
@@ -42,7 +42,8 @@ class LineAssembler:
             number: frame number of the driver, None if it has none.
 
         Raises:
-            FrameError: the picture lacks the rows, or its lines differ in size from earlier ones.
+            FrameError: the picture does not contain the configured rows, or its lines differ in
+                length from earlier ones.
         """
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))
@@ -55,10 +56,11 @@ class LineAssembler:
         period_ns = 1e9 / rate
         stamps_ns = stamp_ns + np.rint(period_ns * np.arange(1 - len(lines), 1)).astype(np.int64)
         ready = self._flush() if lost else []
-        # Batches end at multiples of their time, so that those of several cameras meet.
+        # Batches end at multiples of their duration, so that the batches of several cameras end at
+        # the same time.
         batch_ns = 1e9 * self._configuration.batch
         last = stamps_ns // batch_ns != (stamps_ns + round(period_ns)) // batch_ns
-        if self._configuration.row_time > 0.0:  # between frames there is a gap
+        if self._configuration.row_time > 0.0:  # a gap is between frames
             last[:] = False
             last[-1] = True
         begin = 0
@@ -73,7 +75,7 @@ class LineAssembler:
         return ready
 
     def finish(self) -> list[LineBatch]:
-        """Return the remaining lines as a batch, at the end of a file."""
+        """Return the remaining lines as a last batch, at the end of a file."""
         return self._flush()
 
     def _flush(self) -> list[LineBatch]:

@@ -1,6 +1,6 @@
 """ROS node that reads frames of a real camera and publishes batches of lines.
 
-The contract (topics, types, QoS, parameters) is in the README of this package.
+The README of this package describes the contract: topics, types, QoS and parameters.
 """
 
 import threading
@@ -15,8 +15,8 @@ from linescan_odometry.camera.assembler import LineAssembler
 from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.camera.cut import FrameError
 from linescan_odometry.camera.sources import CameraError, Frame, open_source
-from linescan_odometry.measurements import LineBatch
 from omni_platform.configuration import ConfigurationError
+from omni_platform.signals import LineBatch
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import camera_info, line_image
 from omni_ros.parameters import declare_configuration
@@ -25,10 +25,10 @@ from omni_ros.qos import LATCHED, advertise
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 
-_MOST_WAITING = 64  # frames that wait to be published; beyond, they are lost
-_OFF_RATE = 0.01  # largest deviation of the rate from the configured one [1]
-_OLDEST_NS = 2_000_000_000  # largest age of a driver's stamp that is accepted as monotonic time
-_LONGEST_END = 2.0  # [s] to wait for the release of the device
+_MOST_WAITING = 64  # largest number of frames in the queue; further frames are lost
+_OFF_RATE = 0.01  # deviation of the rate from the configured one that causes a warning [1]
+_OLDEST_NS = 2_000_000_000  # largest age at which a driver's stamp counts as monotonic time [ns]
+_LONGEST_END = 2.0  # longest time to wait for the release of the device [s]
 
 
 class CameraNode(Node):
@@ -50,14 +50,14 @@ class CameraNode(Node):
         self.outputs = (self._lines,)
         self._frames: deque[tuple[Frame, int]] = deque()
         self._overrun = 0
-        self._lost = 0  # frames, as reported last
+        self._lost = 0  # number of lost frames in the last report
         self._failure = ""
         self._ended = False
         self._stop = threading.Event()
         self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
 
     def run(self, spinner: Spinner) -> None:
-        """Publish lines until the end of the file or a stop.
+        """Publish lines until the end of the file or a shutdown request.
 
         Raises:
             NodeError: the camera has stopped delivering frames.
@@ -65,7 +65,7 @@ class CameraNode(Node):
         self._reader.start()
         try:
             while not spinner.stop:
-                ended = self._ended  # read first: frames stored before the end are published
+                ended = self._ended  # read before the frames, so that all are published
                 self._publish_all()
                 if ended:
                     break
@@ -80,7 +80,7 @@ class CameraNode(Node):
         self._send(self._assembler.finish())
 
     def _read(self) -> None:
-        """Store frames with their arrival times, without other work, so that no frame is missed."""
+        """Store frames with their arrival times; nothing else is done here, to lose no frame."""
         try:
             begin_ns = 0
             while not self._stop.is_set() and not self._source.ended:
@@ -107,7 +107,7 @@ class CameraNode(Node):
         self._wake()
 
     def _wake(self) -> None:
-        """End the wait of the thread that publishes."""
+        """Wake the publishing thread."""
         if self.executor is not None:
             self.executor.create_task(lambda: None)
 

@@ -5,45 +5,45 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 
 class CameraConfiguration(Configuration):
-    """Camera and selection of the lines in its frames."""
+    """Camera, and the selection of lines in its frames."""
 
     sensor: str = parameter()
-    """Name of the line camera, one of `sensors` of the odometry: lines go to
+    """Name of the line camera, one of the odometry's `sensors`; its lines are published on
     line_scan/<name>/lines"""
-    source: str = parameter(
-        description="Device (/dev/video0 or its number), GenTL producer (a file .cti, which may "
-        "be followed by # and the serial number of the camera), or a file in place of a camera: a "
-        "video, or pictures in an array (.npy), played in real time"
-    )
+    source: str = parameter()
+    """Device (/dev/video0 or its number), or GenTL producer (a .cti file, optionally followed by
+    # and the serial number of the camera), or a file that replaces the camera and is played in
+    real time: a video, or pictures in an array (.npy)"""
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
-    """Frames per second, requested from a device"""
+    """Frame rate, requested from a device"""
     rows: str = parameter("")
-    """Rows of a frame that are used, such as 240 or 236:244; empty for all"""
+    """Rows of a frame to use, for example 240 or 236:244; empty for all rows"""
     band: bool = parameter(True)
-    """Whether the mean of the rows is one line per frame; otherwise every row is a line"""
+    """Whether the mean of the rows gives one line per frame; otherwise each row is a line"""
     columns: bool = parameter(False)
-    """Whether the columns of a frame are its rows"""
+    """Whether the lines are the columns of the frame instead of its rows"""
     row_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time between the rows of a frame if every row is a line: that of a rolling shutter; 0 if
-    the rows of all frames follow each other evenly, as in blocks of a line camera"""
+    """Time between the rows of a frame if each row is a line, as with a rolling shutter; 0 if
+    the rows of all frames follow each other evenly, as in the blocks of a line camera"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time from the exposure of a frame's last row to its stamp, which is that of the driver if
-    there is one, else the time of arrival"""
+    """Time from the exposure of a frame's last row to the stamp of the frame. The stamp is that
+    of the driver if it provides one, otherwise the time of arrival"""
     batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
-    """Duration of the lines in one message"""
+    """Duration of the lines in a message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
-    """Field of view along the axis, published in camera_info so that the odometry can compare it
-    with its own; 0 if unknown"""
+    """Field of view along the camera's axis, published in camera_info so that the odometry can
+    compare it with its configuration; 0 if unknown"""
     frame_width: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Frame width requested from a device; 0 to keep its setting"""
     frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Frame height requested from a device; 0 to keep its setting"""
     pixel_format: str = parameter("")
-    """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG) or a
-    name of GenICam (Mono8, Mono12); empty to keep its setting, with GenICam for Mono8"""
+    """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG), or
+    a name of GenICam (Mono8, Mono12); empty for Mono8 with GenICam, and for the device's own
+    setting with V4L2"""
     exposure: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Exposure requested from a device, which disables its automatic exposure; 0 to keep its
-    setting"""
+    """Exposure time requested from a device, which disables its automatic exposure; 0 to keep
+    the device's setting"""
 
     @property
     def cut(self) -> Cut:
@@ -51,14 +51,14 @@ class CameraConfiguration(Configuration):
         return Cut(row_range(self.rows, "rows"), self.band, self.columns)
 
     def check_consistency(self) -> None:
-        """Refuse invalid rows."""
+        """Check that the selected rows are valid."""
         if not self.sensor or not self.source:
             raise ConfigurationError("source" if self.sensor else "sensor", "is empty")
         if row_range(self.rows, "rows") == (0, 0):
             raise ConfigurationError("rows", "holds no row")
         if self.band and self.row_time > 0.0:
-            raise ConfigurationError("row_time", "is of rows that are lines: set band to false")
+            raise ConfigurationError("row_time", "requires that rows are lines: set band to false")
 
     def line_rate(self, rows: int) -> float:
-        """Return the line rate for a number of lines per frame [1/s]."""
+        """Return the line rate of frames that contain `rows` lines [1/s]."""
         return 1.0 / self.row_time if self.row_time > 0.0 else self.frame_rate * rows

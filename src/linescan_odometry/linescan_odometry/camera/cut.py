@@ -1,4 +1,4 @@
-"""Selection of the lines in a picture: all rows, some, the mean of a band, or the columns."""
+"""Selection of the lines in a picture: all rows, some rows, the mean of some rows, or columns."""
 
 import dataclasses
 from typing import Any
@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import Lines
 from omni_platform.configuration import ConfigurationError
+from omni_platform.signals import Lines
 
 
 class FrameError(ValueError):
-    """A picture has no lines; the message gives the reason."""
+    """A picture contains no usable lines; the message states the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,8 +19,8 @@ class Cut:
     """Selection of the lines in a picture.
 
     Attributes:
-        rows: first row of each picture and the last one plus one; None for all.
-        mean: whether these rows are averaged to one line.
+        rows: first row and one past the last row to use; None for all rows.
+        mean: whether these rows are averaged into one line.
         columns: whether the lines are the columns of the picture.
     """
 
@@ -29,13 +29,13 @@ class Cut:
     columns: bool = False
 
     def lines(self, picture: NDArray[Any]) -> Lines:
-        """Return the lines of a picture, 8 or 16 bit, shape (m, n).
+        """Return the lines of a picture as 8 or 16 bit integers, shape (m, n).
 
         Raises:
-            FrameError: the picture has no such rows, or its values are no gray levels.
+            FrameError: the picture does not have these rows, or its values are not gray levels.
         """
         if picture.ndim != 2:
-            raise FrameError(f"has {picture.ndim} dimensions, a stack of lines has two")
+            raise FrameError(f"has {picture.ndim} dimensions, lines must have two")
         rows = picture.T if self.columns else picture
         if self.rows is not None:
             first, end = self.rows
@@ -48,7 +48,7 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the first row and the last one plus one; None, for all rows, if the text is empty.
+    """Return the first row and one past the last row; None (all rows) if the text is empty.
 
     Args:
         text: value of the parameter, such as ``240`` or ``236:244``.
@@ -68,7 +68,7 @@ def row_range(text: str, key: str) -> tuple[int, int] | None:
 
 
 def _whole(rows: NDArray[Any]) -> Lines:
-    """Return gray levels as 8 or 16 bit."""
+    """Convert gray levels to 8 or 16 bit integers."""
     if rows.dtype in (np.uint8, np.uint16):
         return np.ascontiguousarray(rows)
     low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))

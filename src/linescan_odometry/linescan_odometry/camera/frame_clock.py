@@ -1,15 +1,16 @@
 """Exposure times of frames from their arrival times, with detection of lost frames.
 
-A camera takes frames at a constant rate, but they arrive with varying delays. The odometry needs
-constant periods and must know of lost frames, because they change the time of a displacement. Frame
-numbers of the driver show lost frames. Without them a frame that arrives more than half a period
-late counts as the next but one, unless the following frame shows that it was only late: then the
-clock is reset, and the lines before and after it are not joined.
+A camera takes frames at a constant rate, but the frames arrive with varying delays. The odometry
+needs constant periods, and it must detect lost frames, because they change the duration of a
+displacement. The frame numbers of the driver reveal lost frames. Without frame numbers, a frame
+that arrives more than half a period late counts as preceded by a lost frame. If the next frame
+shows that the frame was only late, the clock is reset, and the lines before and after it are not
+joined.
 """
 
-_FOLLOWED = 0.05  # share of an arrival's deviation by which the stamp is corrected
-_DRIFT = 0.002  # share of the deviation per frame by which the period is corrected
-_FURTHEST = 50.0  # periods by which numbered frames may be late or early
+_FOLLOWED = 0.05  # share of a frame's deviation by which its stamp is corrected
+_DRIFT = 0.002  # share of a frame's deviation by which the period is corrected
+_FURTHEST = 50.0  # largest deviation of numbered frames before a reset [periods]
 _WIDEST = 0.1  # largest deviation of the rate from the configured one [1]
 
 
@@ -22,7 +23,7 @@ class FrameClock:
     """
 
     def __init__(self, rate: float) -> None:
-        """Start before the first frame.
+        """Create a clock that has received no frame.
 
         Args:
             rate: configured frames per second [1/s].
@@ -36,7 +37,7 @@ class FrameClock:
 
     @property
     def rate(self) -> float:
-        """Rate at which frames arrive [1/s]."""
+        """Measured frame rate [1/s]."""
         return 1e9 / self._period_ns
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
@@ -59,8 +60,8 @@ class FrameClock:
         lost = steps - 1
         self.lost += lost
         if abs(error) > furthest * self._period_ns:
-            # Arrivals and stamps disagree, for example because a late frame was counted as lost:
-            # reset the clock to the arrival. Stamps must not go back.
+            # Arrivals and stamps disagree, for example because a late frame counted as a lost one.
+            # Reset the clock to the time of arrival. Stamps must not decrease.
             self.anew += 1
             self._last_ns = max(float(arrival_ns), self._last_ns + 1.0)
             return round(self._last_ns), max(lost, 1)

@@ -1,6 +1,6 @@
-"""Sources of frames: V4L2 and video files by OpenCV, GenICam by Harvester, arrays.
+"""Sources of frames: V4L2 cameras and video files (OpenCV), GenICam cameras (Harvester), arrays.
 
-A library is imported when a source that needs it is opened. The odometry runs without them.
+Each library is imported only when a source that needs it is opened. The odometry runs without them.
 """
 
 import dataclasses
@@ -19,14 +19,14 @@ VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
 """Command that installs an optional library."""
 
-_RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that stay gray, not made color
-_FETCH_TIMEOUT = 0.5  # [s] after which a silent GenICam camera is asked again
+_RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that are not converted to color
+_FETCH_TIMEOUT = 0.5  # timeout for a frame of a GenICam camera [s]
 _DEFAULT_FORMAT = "Mono8"
-_MANUAL = 1.0  # V4L2: exposure by hand, whose time has the unit 100 us
+_MANUAL = 1.0  # V4L2 value for manual exposure; exposure times are in units of 100 us
 
 
 class CameraError(Exception):
-    """A camera cannot be opened or has stopped; the message gives the reason."""
+    """A camera cannot be opened or has stopped; the message states the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,7 @@ class FrameSource(Protocol):
     """A camera or a file.
 
     Attributes:
-        played: whether the source is a file, whose frames are available before their time.
+        played: whether the source is a file, whose frames can be read before they are due.
         ended: whether the source has no more frames.
     """
 
@@ -86,7 +86,7 @@ def open_source(configuration: CameraConfiguration) -> FrameSource:
 
 
 class ArraySource:
-    """Pictures in a file of NumPy: an array of three dimensions."""
+    """Pictures in a NumPy file that contains an array of three dimensions."""
 
     played = True
 
@@ -104,7 +104,7 @@ class ArraySource:
         self._next = 0
 
     def read(self) -> Frame | None:
-        """Return the next picture, None at the end."""
+        """Return the next picture, None at the end of the file."""
         if self._next == len(self._pictures):
             self.ended = True
             return None
@@ -112,11 +112,11 @@ class ArraySource:
         return Frame(np.array(self._pictures[self._next - 1]), self._next)
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing, as an array needs no release."""
 
 
 class VideoSource:
-    """A V4L2 or UVC camera, or a video file, by OpenCV."""
+    """A V4L2 or UVC camera, or a video file, read with OpenCV."""
 
     def __init__(self, source: int | str, device: bool, configuration: CameraConfiguration) -> None:
         """Open the camera and request size, rate, format and exposure."""
@@ -135,29 +135,29 @@ class VideoSource:
                 + ("no such device, or in use" if device else "no video that OpenCV can read"),
             )
         if device:
-            self._ask(configuration)
+            self._request(configuration)
         self._count = 0
 
-    def _ask(self, asked: CameraConfiguration) -> None:
+    def _request(self, requested: CameraConfiguration) -> None:
         cv2, capture = self._cv2, self._capture
-        code = asked.pixel_format.upper().ljust(4)
-        if asked.pixel_format:
+        code = requested.pixel_format.upper().ljust(4)
+        if requested.pixel_format:
             capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*code[:4]))
             if code in _RAW:
                 capture.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         for key, value in (
-            (cv2.CAP_PROP_FRAME_WIDTH, asked.frame_width),
-            (cv2.CAP_PROP_FRAME_HEIGHT, asked.frame_height),
+            (cv2.CAP_PROP_FRAME_WIDTH, requested.frame_width),
+            (cv2.CAP_PROP_FRAME_HEIGHT, requested.frame_height),
         ):
             if value:
                 capture.set(key, value)
-        capture.set(cv2.CAP_PROP_FPS, asked.frame_rate)
-        if asked.exposure:
+        capture.set(cv2.CAP_PROP_FPS, requested.frame_rate)
+        if requested.exposure:
             capture.set(cv2.CAP_PROP_AUTO_EXPOSURE, _MANUAL)
-            capture.set(cv2.CAP_PROP_EXPOSURE, 1e4 * asked.exposure)
+            capture.set(cv2.CAP_PROP_EXPOSURE, 1e4 * requested.exposure)
 
     def read(self) -> Frame | None:
-        """Return the next frame as gray levels."""
+        """Return the next frame, converted to gray levels."""
         there, picture = self._capture.read()
         if not there:
             if self.played:
@@ -170,7 +170,7 @@ class VideoSource:
         self._count += 1
         if self.played:
             return Frame(gray, self._count)
-        # V4L2 stamps buffers on the monotonic clock; backends without stamps return 0.
+        # V4L2 gives buffers monotonic stamps; other backends return 0.
         stamp_ms = float(self._capture.get(self._cv2.CAP_PROP_POS_MSEC))
         return Frame(gray, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
 
@@ -180,13 +180,13 @@ class VideoSource:
 
 
 class GenicamSource:
-    """A GenICam camera (GigE, USB3 Vision, Camera Link) by Harvester and a GenTL producer."""
+    """A GenICam camera (GigE, USB3 Vision, Camera Link), read by Harvester and a GenTL producer."""
 
     played = False
     ended = False
 
     def __init__(self, producer: Path, serial: str, configuration: CameraConfiguration) -> None:
-        """Open the camera of that serial number, or the first one."""
+        """Open the camera with this serial number, or the first camera if it is empty."""
         core = _load("harvesters.core", "Harvester", "genicam")
         if not producer.exists():
             raise ConfigurationError("source", f"there is no GenTL producer {producer}")
@@ -203,7 +203,7 @@ class GenicamSource:
             )
         self._camera = self._harvester.create({"serial_number": serial} if serial else 0)
         try:
-            self._ask(self._camera.remote_device.node_map, configuration)
+            self._request(self._camera.remote_device.node_map, configuration)
         except ConfigurationError:
             self._camera.destroy()
             self._harvester.reset()
@@ -211,24 +211,24 @@ class GenicamSource:
         self._camera.start()
 
     @staticmethod
-    def _ask(nodes: Any, asked: CameraConfiguration) -> None:
+    def _request(nodes: Any, requested: CameraConfiguration) -> None:
         wishes: dict[str, Any] = {
-            "PixelFormat": asked.pixel_format or _DEFAULT_FORMAT,
-            "Width": asked.frame_width,
-            "Height": asked.frame_height,
-            "ExposureTime": 1e6 * asked.exposure,
-            "AcquisitionFrameRate": asked.frame_rate,
+            "PixelFormat": requested.pixel_format or _DEFAULT_FORMAT,
+            "Width": requested.frame_width,
+            "Height": requested.frame_height,
+            "ExposureTime": 1e6 * requested.exposure,
+            "AcquisitionFrameRate": requested.frame_rate,
         }
         for name, value in wishes.items():
             if not value:
                 continue
             if not nodes.has_node(name):
                 if name == "AcquisitionFrameRate":
-                    continue  # a triggered camera has none
+                    continue  # a triggered camera has no frame rate
                 raise ConfigurationError("source", f"the camera has no {name}")
             try:
                 nodes.get_node(name).value = value
-            except Exception as error:  # producers raise exceptions of any type
+            except Exception as error:  # producers raise any type of exception
                 words = " ".join(str(error).split())
                 raise ConfigurationError(
                     "source", f"the camera refuses {name} = {value}: {words}"

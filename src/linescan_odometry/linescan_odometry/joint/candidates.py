@@ -1,33 +1,30 @@
-"""Candidates for the displacement: peaks of a slant stack, the wideband velocity spectrum.
+"""Candidates for the displacement: peaks of a slant stack (wideband velocity spectrum).
 
-Whitened correlations at several line spacings are added along straight lines of constant
-displacement, as an array of sensors adds its channels along a direction of arrival.
+Whitened correlations at several line spacings are summed along straight lines of constant
+displacement, as a sensor array sums its channels for each direction of arrival.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # loads scipy.fft at its first use, so not in processes that only read configurations
+import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.spectra import Doubles, Floats, Spectrum, bands, smoothed
+from linescan_odometry.joint.spectra import HIGHEST, Doubles, Floats, Spectrum, bands, smoothed
 from omni_platform.kernels import kernel
 
 REACH = 0.5  # largest shift between two compared lines, as a share of a line
-_PEAKS = 2  # candidates from each stack
-_APART = 8  # px per line; smallest distance of two peaks of a stack
-_SAME = 0.15  # px per line; candidates closer than this count as one
-_DETAIL = 6.0, 100.0  # px; smallest and largest structures that pass the filter of the stack
-COMPARED = 0.15  # cycles per pixel, up to which candidates are compared
-_OVERSAMPLED = 0.5  # independent frequencies per bin, of lines padded to twice their length
+_PEAKS = 2  # number of candidates from each stack
+_APART = 8  # px per line; smallest distance of two peaks
+_DETAIL = 6.0, 100.0  # px; smallest and largest texture details that pass the filter of the stack
+_COMPARED = 0.5 * HIGHEST  # cycles per pixel, up to which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
-_STACKED = 3  # line spacings that are stacked; the largest one only refines a peak
 
 
 @kernel
 def lags(lines: int) -> NDArray[np.int64]:
-    """Return the line spacings that are correlated, from 1 to a third of m, shape (4,)."""
+    """Return the line spacings to correlate, from 1 to a third of the m lines, shape (4,)."""
     distance = np.empty(_LAGS, np.int64)
     for which in range(_LAGS):
         distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
@@ -35,12 +32,12 @@ def lags(lines: int) -> NDArray[np.int64]:
 
 
 class Layout(NamedTuple):
-    """Sizes of a batch.
+    """Dimensions of a batch.
 
     Attributes:
         lines: number of lines m.
         pixels: pixels per line n.
-        size: size of the transform [px].
+        size: length of the Fourier transform [px].
         limit: largest displacement per line [px].
     """
 
@@ -51,14 +48,14 @@ class Layout(NamedTuple):
 
 
 class Products(NamedTuple):
-    """Correlations along the lines of a batch, for all frequencies.
+    """Correlations between the lines of a batch, at all frequencies.
 
     Attributes:
-        lagged: mean products of the spectra of two lines, for each of `lags`, shape (4, F).
-        newer: mean spectrum of the newer lines of these pairs, shape (4, F).
-        older: mean spectrum of the older lines of these pairs, shape (4, F).
+        lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
+        newer: mean spectrum of the newer line of these pairs, shape (4, F).
+        older: mean spectrum of the older line of these pairs, shape (4, F).
         mean: mean spectrum of all lines, shape (F,).
-        power: mean power of the lines, shape (F,).
+        power: mean power spectrum of the lines, shape (F,).
     """
 
     lagged: Spectrum
@@ -77,7 +74,7 @@ def band_pass(size: int, count: int) -> Floats:
 
 @kernel
 def correlate(spectra: Spectrum) -> Products:
-    """Return the correlations along the lines of a batch.
+    """Compute the correlations between the lines of a batch.
 
     Args:
         spectra: spectra of the lines, shape (m, F).
@@ -125,9 +122,9 @@ def find(
     Args:
         products: see `correlate`.
         layout: sizes of the batch.
-        pattern: spectrum of the fixed pattern as estimated so far, shape (F,).
+        pattern: spectrum of the present estimate of the fixed pattern, shape (F,).
         weight: weight of each frequency, see `band_pass`, shape (F,).
-        last: displacement of the batch before, NaN for none [px].
+        last: displacement per line in the previous batch [px], NaN if there is none.
     """
     lines, pixels, size, limit = layout
     count = len(pattern)
@@ -136,7 +133,7 @@ def find(
     number = 0
     if np.isfinite(last):
         found[0], number = last, 1
-    # Lines less the mean of all lines contain no fixed pattern at all.
+    # After subtraction of the mean of all lines, no fixed pattern remains.
     for removed in (pattern, products.mean):
         rest = smoothed(
             products.power
@@ -161,30 +158,25 @@ def find(
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0
-            for which in range(_STACKED):
+            for which in range(_LAGS):
                 lag = distances[which]
                 if (lag < lines and abs(lag * d) < REACH * pixels) or lag == 1:
-                    value += correlation[which, -lag * d % size]
+                    value += correlation[which, -lag * d]
                     terms += 1
             stack[d + limit] = value / np.sqrt(terms)
         for _ in range(_PEAKS):
             best = int(np.argmax(stack)) - limit
             if stack[best + limit] == -np.inf:
                 break
-            fine = _refined(correlation, best, layout)
-            new = True
-            for other in found[:number]:
-                new = new and abs(fine - other) > _SAME
-            if new:
-                found[number] = fine
-                number += 1
+            found[number] = _refined(correlation, best, layout)
+            number += 1
             stack[max(0, best + limit - _APART) : best + limit + _APART + 1] = -np.inf
     return found[:number]
 
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index of the largest of `lags` at which enough lines overlap sufficiently."""
+    """Return the index of the largest spacing in `lags` at which enough lines still overlap."""
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]
@@ -195,17 +187,16 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Return a peak to a fraction of a pixel, by the largest line spacing with enough overlap."""
-    size = layout.size
+    """Refine a peak to a fraction of a pixel, with the largest line spacing of enough overlap."""
     which = farthest(peak, layout)
     lag = lags(layout.lines)[which]
     best, top = lag * peak, -np.inf
     for x in range(lag * (peak - 1), lag * (peak + 1) + 1):
-        value = float(correlation[which, -x % size])
+        value = float(correlation[which, -x])
         if value > top:
             best, top = x, value
-    left = float(correlation[which, -(best - 1) % size])
-    right = float(correlation[which, -(best + 1) % size])
+    left = float(correlation[which, 1 - best])
+    right = float(correlation[which, -1 - best])
     bend = left - 2.0 * top + right
     fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     peak_place: float = (best + min(max(fraction, -0.5), 0.5)) / lag
@@ -221,19 +212,19 @@ def coherent(
     spread: float,
     which: int,
 ) -> float:
-    """Return the log-likelihood of a motion over that of incoherent lines [nats].
+    """Return the log-likelihood ratio of a motion against incoherent lines [nats].
 
     Args:
         products: see `correlate`.
         layout: sizes of the batch.
-        removed: spectrum that is fixed in the view, shape (F,).
+        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         displacement: displacement per line [px].
-        spread: width of the range of displacements of which the best one counts [px].
+        spread: width of the range of displacements whose best value is used [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size
     edges = bands(size)
-    edges = edges[edges <= COMPARED * size]
+    edges = edges[edges <= _COMPARED * size]
     first, count = edges[0], edges[-1]
     lag = lags(layout.lines)[which]
     real, imaginary, power = np.empty(count), np.empty(count), np.empty(count)
@@ -265,20 +256,20 @@ def coherent(
                 own += power[f]
                 turn *= factor
             coherence = min(max(gain / max(overlap * own, 1e-9), 0.0), 0.999)
-            freedom = 0.5 * _OVERSAMPLED * layout.lines * overlap * (edges[b + 1] - edges[b])
-            total -= freedom * math.log1p(-coherence * coherence)
+            bins = overlap * (edges[b + 1] - edges[b]) * layout.pixels / size
+            total -= 0.5 * layout.lines * bins * math.log1p(-coherence * coherence)
         best = max(best, total)
     return best
 
 
 @kernel
 def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
-    """Return the log-likelihood of each candidate at its best line spacing [nats], shape (c,).
+    """Return the log-likelihood ratio of each candidate at its best line spacing [nats], (c,).
 
     Args:
         products: see `correlate`.
         layout: sizes of the batch.
-        removed: spectrum that is fixed in the view, shape (F,).
+        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         found: candidates [px], shape (c,).
     """
     evidence = np.zeros(len(found))
@@ -292,7 +283,60 @@ def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) 
 
 
 @kernel
-def contest(
+def advantage(products: Products, layout: Layout, displacement: float) -> float:
+    """Return the log-likelihood ratio of a displacement against rest [nats], at least 0."""
+    largest = 0.0
+    last = farthest(displacement, layout)
+    spread = 0.5 / lags(layout.lines)[last]
+    for which in range(last + 1):
+        own = coherent(products, layout, products.mean, displacement, spread, which)
+        rest = coherent(products, layout, products.mean, 0.0, spread, which)
+        largest = max(largest, own - rest)
+    return largest
+
+
+@kernel
+def decide(
+    products: Products,
+    layout: Layout,
+    removed: Spectrum,
+    found: Doubles,
+    evidence: Doubles,
+    limits: tuple[float, float],
+) -> tuple[int, bool]:
+    """Return the index of the most likely candidate, and whether the choice is ambiguous.
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
+        found: candidates [px], shape (c,).
+        evidence: result of `rate`, shape (c,).
+        limits: smallest log-likelihood of an accepted displacement [nats]; largest ratio of the
+            second-best log-likelihood to the best one at which the choice is unambiguous [1].
+    """
+    likely, ratio = limits
+    best = int(np.argmax(evidence))
+    for i in np.argsort(-evidence)[1:]:
+        own, other, _ = _contest(products, layout, removed, found[best], found[i], likely)
+        if other > own:
+            best = i
+    ambiguous = False
+    for i in range(len(found)):
+        # Noise causes such rival peaks between lines without overlap. A single line spacing may not
+        # show them.
+        if abs(found[i] - found[best]) >= _APART and evidence[i] > ratio * evidence[best]:
+            ambiguous = True
+        if i != best and not ambiguous:
+            own, other, between = _contest(products, layout, removed, found[best], found[i], likely)
+            # If the displacement halfway between two candidates is as likely, both belong to one
+            # peak.
+            ambiguous = other > ratio * own and between < ratio * other
+    return best, ambiguous
+
+
+@kernel
+def _contest(
     products: Products,
     layout: Layout,
     removed: Spectrum,
@@ -302,16 +346,16 @@ def contest(
 ) -> tuple[float, float, float]:
     """Return the log-likelihoods of two displacements and of their mean [nats].
 
-    They are compared by the lines that are farthest apart and show any of both: neighboring lines
-    do not resolve slow displacements.
+    The comparison uses the largest line spacing at which either displacement can be observed,
+    because neighboring lines do not resolve slow displacements.
 
     Args:
         products: see `correlate`.
         layout: sizes of the batch.
-        removed: spectrum that is fixed in the view, shape (F,).
-        one: displacement per line [px].
-        other: displacement per line [px].
-        likely: log-likelihood that shows one [nats].
+        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
+        one: first displacement per line [px].
+        other: second displacement per line [px].
+        likely: smallest log-likelihood of an accepted displacement [nats].
     """
     which = min(farthest(one, layout), farthest(other, layout))
     while True:

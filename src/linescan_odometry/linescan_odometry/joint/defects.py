@@ -1,101 +1,44 @@
 """Interpolation of single defective pixels.
 
-The optics blur every detail of the ground over several pixels. A pixel that differs from its
-neighbors in the mean of a batch and in every line of it is defective, or a speck on the sensor. At
-rest some sharp features of the ground may be interpolated too, without harm.
+The optics blur every detail of the ground over several pixels. If a pixel differs from its
+neighbors both in the mean of a batch and in each line, it is defective, or a speck of dirt covers
+it. At rest, some sharp features of the ground may be interpolated too, which does no harm.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import Lines
-from omni_platform.kernels import njit
+from omni_platform.signals import Lines
 
-Floats = NDArray[np.float32]
+FEWEST_LINES = 8
+"""Smallest number of lines from which a fixed pattern is estimated."""
 
-_FEWEST_LINES = 8
-_SIDE = 2  # px to either side; a pixel is compared with their median
-_OUTSTANDING = 9.0  # times the median difference of all pixels: 6 standard deviations
-_IN_EACH = 0.5  # share of this limit that the pixel must exceed in every line
-_MOST_DEFECTIVE = 0.03  # share of a line; if more pixels stand out, none counts as defective
+_OUTSTANDING = 9.0  # times the median difference of all pixels, or 6 standard deviations
 
 
-@njit(cache=True, error_model="numpy")
-def _average(lines: Lines) -> Floats:
-    """Return the mean of lines, shape (n,)."""
-    total = np.zeros(lines.shape[1], np.int32)
-    for row in range(len(lines)):
-        line = lines[row]
-        for i in range(len(total)):
-            total[i] += np.int32(line[i])
-    return (total / len(lines)).astype(np.float32)
-
-
-@njit(cache=True, error_model="numpy")
-def _median_of_three(a: float, b: float, c: float) -> float:
-    middle: float = max(min(a, b), min(max(a, b), c))
-    return middle
-
-
-@njit(cache=True, error_model="numpy")
-def _stand_out(mean: Floats, out: Floats) -> bool:
-    """Write the difference of each pixel of the mean to its neighbors.
-
-    Returns:
-        Whether any difference may exceed `_OUTSTANDING` times the median.
-    """
-    count = len(mean)
-    highest = np.float32(0.0)
-    for i in range(count):  # beyond an end its pixel is repeated
-        a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
-        c, d = mean[min(i + 1, count - 1)], mean[min(i + 2, count - 1)]
-        low = max(min(a, b), min(c, d))
-        high = min(max(a, b), max(c, d))
-        out[i] = mean[i] - _median_of_three(low, high, mean[i])
-        highest = max(highest, abs(out[i]))
-    least = highest * np.float32(1.001 / _OUTSTANDING)
-    below = 0
-    for i in range(count):
-        below += abs(out[i]) <= least
-    return bool(highest > np.float32(1.0)) and below > count // 2
-
-
-@njit(cache=True, error_model="numpy")
 def _defects(lines: Lines) -> NDArray[np.int64]:
-    """Return the pixels that differ from their neighbors, in the mean and in every line."""
-    pixels = lines.shape[1]
-    none = np.empty(0, np.int64)
-    out = np.empty(pixels, np.float32)
-    if not _stand_out(_average(lines), out):
-        return none
-    deviation = np.abs(out)
-    middle = float(np.partition(deviation, pixels // 2)[pixels // 2])
-    limit = max(_OUTSTANDING * middle, 1.0)
-    found = np.flatnonzero(deviation > np.float32(limit))
-    if not 0 < len(found) <= _MOST_DEFECTIVE * pixels:
-        return none
-    defective = np.zeros(len(found), np.bool_)
-    near = np.empty(2 * _SIDE + 1)
-    for k in range(len(found)):
-        i = found[k]
-        sign = 1.0 if out[i] > np.float32(0.0) else -1.0
-        least = np.inf
-        for row in range(len(lines)):
-            for j in range(len(near)):
-                near[j] = lines[row, min(max(i + j - _SIDE, 0), pixels - 1)]
-            near.sort()
-            least = min(least, (float(lines[row, i]) - near[_SIDE]) * sign)
-        defective[k] = least > _IN_EACH * limit
-    return found[defective]
+    """Return the pixels that differ from the median of the pixels within 2 px, in every line."""
+    mean = lines.mean(axis=0, dtype=np.float32)
+    around = np.pad(mean, 2, mode="edge")
+    a, b, c, d = around[:-4], around[1:-3], around[3:-1], around[4:]
+    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
+    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
+    excess = mean - np.clip(mean, np.minimum(low, high), np.maximum(low, high))
+    deviation = np.abs(excess)
+    found = np.flatnonzero(deviation > max(_OUTSTANDING * float(np.median(deviation)), 1.0))
+    near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, len(mean) - 1)
+    in_lines = lines[:, found] - np.median(lines[:, near], axis=2)
+    defective = (in_lines * np.sign(excess[found])).min(axis=0) > 0.0
+    return np.asarray(found[defective])
 
 
 def without_defects(lines: Lines) -> Lines:
-    """Return lines whose defective pixels are interpolated, the same lines if there are none.
+    """Interpolate the defective pixels; without any, the same lines are returned.
 
     Args:
         lines: consecutive lines, shape (m, n).
     """
-    if len(lines) < _FEWEST_LINES:
+    if len(lines) < FEWEST_LINES:
         return lines
     pixels = lines.shape[1]
     defective = _defects(lines)

@@ -1,10 +1,11 @@
-"""The fixed pattern of a camera, estimated along with the displacement.
+"""Fixed pattern of a camera, estimated together with the displacement.
 
-Dirt, unequal pixels, shading and mud change every line in the same way: this is the fixed pattern.
-For a given displacement its posterior is Gaussian at every frequency; earlier batches and this one
-are weighted by their information. The prior variance is the power of the estimated pattern
-(empirical Bayes), so that a camera without dirt loses little information. Before candidates for the
-displacement are compared, a shrunk mean is subtracted, which is small where it is mostly error.
+The fixed pattern consists of dirt, unequal pixels, shading and mud, which change every line in the
+same way. For a given displacement, its posterior is Gaussian at every frequency. Earlier batches
+and the present one are weighted by their information. The prior variance is the power of the
+estimated pattern (empirical Bayes), so a camera without dirt loses little information. Candidates
+for the displacement are compared after subtraction of a shrunk mean, which is small where the
+estimate consists mostly of errors.
 """
 
 import math
@@ -12,45 +13,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.joint.spectra import (
-    Doubles,
-    Spectrum,
-    bands,
-    covariance,
-    phases,
-    smoothed,
-    whiten,
-)
+from linescan_odometry.joint import spectra
 from omni_platform.kernels import kernel
-
-LEAST_NOISE = 0.2  # smallest noise over a band's power, so that no band outweighs all others
 
 
 class FixedPattern(NamedTuple):
-    """Estimate of the fixed pattern of a camera, as the logarithm of its gains.
+    """Estimated fixed pattern of a camera, as the logarithm of the gains.
 
     Attributes:
         information: precision times mean of each frequency, shape (F,).
-        precision: precision at each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 without information, shape (F,).
     """
 
-    information: Spectrum
-    precision: Doubles
+    information: spectra.Spectrum
+    precision: spectra.Doubles
 
     def deviation(self, pixels: int) -> float:
-        """Return the standard deviation over a line of n pixels, of relative gains [1]."""
+        """Return the standard deviation of the relative gains over a line of n pixels [1]."""
         power = np.abs(shrink(self.information, self.precision)) ** 2
-        # Of a line padded to twice its length, each frequency counts twice (Parseval).
-        return math.sqrt(float(power.sum()) / pixels**2)
+        size = len(power) / spectra.HIGHEST
+        return math.sqrt(2.0 * float(power.sum()) / (pixels * size))  # by Parseval's theorem
 
 
 @kernel
-def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
-    """Return the posterior mean of a pattern, shape (F,).
+def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
+    """Return the mean of a pattern, shrunk towards 0 where it is mostly noise, shape (F,).
 
     Args:
         information: precision times mean, shape (F,).
-        precision: precision at each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 without information, shape (F,).
     """
     count = len(precision)
     mean = np.zeros(count, np.complex64)
@@ -60,7 +51,7 @@ def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
             mean[f] = information[f] / np.float32(precision[f])
             power = mean[f].real * mean[f].real + mean[f].imag * mean[f].imag
             excess[f] = power - 2.0 / precision[f]
-    excess = np.maximum(smoothed(excess), 0.0)
+    excess = np.maximum(spectra.smoothed(excess), 0.0)
     for f in range(count):
         gain = excess[f] * precision[f]
         mean[f] *= np.float32(gain / (gain + 1.0))
@@ -68,23 +59,23 @@ def shrink(information: Spectrum, precision: Doubles) -> Spectrum:
 
 
 @kernel
-def prior(information: Spectrum, precision: Doubles) -> Doubles:
-    """Return the prior precision of a pattern by its power (empirical Bayes), shape (F,).
+def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
+    """Return the prior precision of a pattern from its power (empirical Bayes), shape (F,).
 
     Args:
         information: precision times mean, shape (F,).
-        precision: precision at each frequency, 0 where nothing is known, shape (F,).
+        precision: precision at each frequency, 0 without information, shape (F,).
     """
     mean = posterior(information, precision)
-    power: Doubles = smoothed((mean.real**2 + mean.imag**2).astype(np.float64))
+    power: spectra.Doubles = spectra.smoothed((mean.real**2 + mean.imag**2).astype(np.float64))
     for f in range(len(power)):
         power[f] = 1.0 / power[f] if power[f] > 0.0 else 0.0
     return power
 
 
 @kernel
-def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
-    """Return the mean of a pattern, 0 where nothing is known, shape (F,)."""
+def posterior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
+    """Return the posterior mean of a pattern, 0 at frequencies without information, shape (F,)."""
     mean = np.zeros(len(precision), np.complex64)
     for f in range(len(precision)):
         if precision[f] > 0.0:
@@ -94,32 +85,28 @@ def posterior(information: Spectrum, precision: Doubles) -> Spectrum:
 
 @kernel
 def observe(
-    spectra: Spectrum, removed: Spectrum, paths: Doubles, size: int
-) -> tuple[Spectrum, Doubles]:
-    """Return the estimate of the pattern by one batch with given displacements of its lines.
+    transformed: spectra.Spectrum, removed: spectra.Spectrum, paths: spectra.Doubles, size: int
+) -> tuple[spectra.Spectrum, spectra.Doubles]:
+    """Estimate the pattern from one batch whose displacements are known.
 
     Args:
-        spectra: spectra of whole lines, shape (m, F).
+        transformed: spectra of whole lines, shape (m, F).
         removed: pattern to subtract before the covariance is estimated, shape (F,).
-        paths: displacement of every line [px], shape (m,).
-        size: size of the transform [px].
+        paths: displacement of each line [px], shape (m,).
+        size: length of the Fourier transform [px].
 
     Returns:
         Information (precision times mean) and precision, each with shape (F,).
     """
-    m, count = spectra.shape
-    turn = phases(paths, size, count)
-    aligned = spectra * turn
-    edges = bands(size)
-    model, _ = covariance(
-        (spectra - removed) * turn, np.array([0, m]), edges, np.full(len(edges) - 1, -LEAST_NOISE)
-    )
-    white = np.zeros((m, count), np.complex64)
-    whiten(turn, np.ones(m), edges, model, white)
+    m, count = transformed.shape
+    turn, edges = spectra.phases(paths, size, count), spectra.bands(size)
+    white = (transformed - removed) * turn
+    model, _ = spectra.covariance(white, np.array([0, m]), edges)
+    spectra.whiten(turn, edges, model, white)
     information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
     for k in range(m):
-        row, own, seen = white[k], turn[k], aligned[k]
-        for f in range(count):
-            information[f] += np.conj(row[f]) * seen[f]
+        row, own, seen = white[k], turn[k], transformed[k]
+        for f in range(edges[0], count):
+            information[f] += np.conj(row[f]) * own[f] * seen[f]
             precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
     return information, precision.astype(np.float64)

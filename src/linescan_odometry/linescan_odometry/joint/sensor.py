@@ -1,4 +1,4 @@
-"""The method `joint` for one camera: estimator of displacements and check of their plausibility."""
+"""Method `joint` for one camera: displacement estimator and plausibility check."""
 
 import math
 
@@ -8,15 +8,16 @@ from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fixed_pattern import FixedPattern
-from linescan_odometry.measurements import Displacement, Lines, Unmeasured
+from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
 from omni_platform.sensors import LineSensor
+from omni_platform.signals import Lines
 
-_ACCELERATION = 15.0  # m/s^2, standard deviation: a hard stop on a dry road has 10
+_ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road has 10
 
 
 class JointMethod:
-    """Measures displacements by the likelihood of whole batches."""
+    """Measures displacements by the maximum likelihood of whole batches."""
 
     def __init__(
         self,
@@ -24,12 +25,12 @@ class JointMethod:
         configuration: OdometryConfiguration,
         pattern: FixedPattern | None = None,
     ) -> None:
-        """Prepare the estimator.
+        """Create the estimator.
 
         Args:
-            sensor: the camera.
+            sensor: configuration of the camera.
             configuration: configuration of the odometry.
-            pattern: fixed pattern of an earlier drive; None if there is none.
+            pattern: fixed pattern from an earlier drive; None if there is none.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
@@ -47,7 +48,7 @@ class JointMethod:
         estimate = self.estimator.estimate(without_defects(lines), self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)
-        if not plausibility.judge(stamp_ns, np.array([estimate.value]))[0]:
+        if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
                 f"not plausible: {estimate.value:.3g} px a line needs more than "
                 f"{self._limit:g} m/s^2 since the last measurement"

@@ -1,24 +1,25 @@
-"""Spectra of lines, and the covariance along the lines of a texture that loses its coherence."""
+"""Spectra of lines, and the covariance between lines of a texture that loses its coherence."""
 
 import math
 
 import numpy as np
-import scipy  # loads scipy.fft at its first use, so not in processes that only read configurations
+import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import Lines
 from omni_platform.kernels import kernel, njit
+from omni_platform.signals import Lines
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Spectrum = NDArray[np.complex64]
 
-HIGHEST = 0.3  # cycles per pixel: beyond, the optics pass little and what they pass is aliased
-_FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio: bands of equal relative width
-_TAPER = 16  # a raised cosine over the 16th part of a line at either end limits leakage
-_LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided at the ends of a line
-_SMOOTHED = 4  # bins to either side, over which a power spectrum is averaged
-_COHERENCE_LAG = 6  # line spacing over which the loss of coherence is observed
+HIGHEST = 0.3  # cycles per pixel; higher frequencies are weak behind the optics, and aliased
+_FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
+LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band dominates
+_TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
+_LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
+_SMOOTHED = 4  # bins on each side over which a power spectrum is averaged
+_COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
@@ -37,7 +38,7 @@ def window(length: int) -> Floats:
 
 @_fast
 def bands(size: int) -> NDArray[np.int64]:
-    """Return the edges of frequency bands in bins of a transform of `size` px, lowest first."""
+    """Return the edges of the frequency bands, in bins of a `size` px transform, lowest first."""
     use = int(HIGHEST * size)
     edges = np.empty(64, np.int64)
     edges[0], count = 1, 1
@@ -53,7 +54,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def transform_size(length: int) -> int:
-    """Return the next even length that has no prime factors except 2, 3 and 5."""
+    """Return the next even length whose prime factors are only 2, 3 and 5."""
     size = length + length % 2
     while True:
         rest = size
@@ -80,13 +81,13 @@ def smoothed(values: Doubles) -> Doubles:
 
 
 def log_table(depth: int) -> Floats:
-    """Return the logarithm of every gray level of a depth [bit]; level 0 counts as level 1."""
+    """Return the logarithm of each gray level of a bit depth; level 0 counts as level 1."""
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
 @kernel
 def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectrum:
-    """Return the spectra of the logarithm of lines, in which gains are offsets.
+    """Return the spectra of the logarithm of lines, in which gains become offsets.
 
     Args:
         lines: gray levels, shape (m, n).
@@ -113,14 +114,14 @@ def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectru
 
 @kernel
 def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
-    """Return the logarithm of lines less a pattern, shape (m, n).
+    """Return the logarithm of lines minus a pattern, shape (m, n).
 
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
         pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
         taper: factor of each pixel, shape (n,).
-        size: size of the transform [px].
+        size: length of the Fourier transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
     whole[: len(pattern)] = pattern
@@ -135,48 +136,43 @@ def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size:
 
 
 @_fast
-def rotate(spectrum: Spectrum, step: float, start: float, turned: Spectrum) -> None:
-    """Write one spectrum times ``exp(-2 pi i (start + f step))`` to `turned`; f in bins."""
-    angle = -2.0 * math.pi * step
-    factor = complex(math.cos(angle), math.sin(angle))
-    angle = -2.0 * math.pi * start
-    phase = complex(math.cos(angle), math.sin(angle))
-    for f in range(len(spectrum)):
-        turned[f] = spectrum[f] * np.complex64(phase)
-        phase *= factor
-
-
-@_fast
 def phases(paths: Doubles, size: int, count: int) -> Spectrum:
     """Return ``exp(-2 pi i f X_k)`` for the first bins of a transform, shape (m, count).
 
     Args:
-        paths: displacement X_k of every line [px], shape (m,).
+        paths: displacement X_k of each line [px], shape (m,).
         size: size of the transform [px].
         count: number of bins.
     """
     turned = np.empty((len(paths), count), np.complex64)
-    ones = np.ones(count, np.complex64)
     for k in range(len(paths)):
-        rotate(ones, paths[k] / size, 0.0, turned[k])
+        angle = -2.0 * math.pi * paths[k] / size
+        factor = complex(math.cos(angle), math.sin(angle))
+        row, known = turned[k], 1
+        row[0] = 1.0
+        while known < count:  # each pass doubles the number of bins
+            ahead, after = np.complex64(factor), row[known:]
+            for f in range(min(known, len(after))):
+                after[f] = row[f] * ahead
+            known *= 2
+            factor *= factor
     return turned
 
 
 @_fast
 def covariance(
-    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64], least_noise: Doubles
+    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64]
 ) -> tuple[Doubles, Doubles]:
-    """Estimate the model of each band by the method of moments.
+    """Estimate the covariance model of each band by the method of moments.
 
     Args:
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
-        first: row of the first line of each block and, last, t, shape (blocks + 1,).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
-        least_noise: smallest noise power of each band; if negative, a share of the band's power.
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
-        power of each band and its covariance at a lag of one line, shape (2, B).
+        power of each band and its covariance between neighboring lines, shape (2, B).
     """
     count = len(edges) - 1
     real = aligned.view(np.float32)
@@ -207,28 +203,24 @@ def covariance(
             rho = (min(max(mean[2], 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
         rho = min(max(rho, near / power, 0.01), 0.99999)
         texture = min(near / rho, power)
-        floor = -least_noise[b] * power if least_noise[b] < 0.0 else least_noise[b]
-        model[0, b], model[1, b], model[2, b] = texture, rho, max(power - texture, floor)
+        model[0, b], model[1, b] = texture, rho
+        model[2, b] = max(power - texture, LEAST_NOISE * power)
         moments[0, b], moments[1, b] = power, near
     return model, moments
 
 
 @_fast
-def _pivots(band: Doubles, inverse: Floats) -> tuple[float, float]:
-    """Write the inverse pivots of ``1 + N A^-1`` of one band.
+def _pivots(band: Doubles, inverse: Floats) -> float:
+    """Write the inverse pivots of ``1 + N A^-1`` for one band; return its off-diagonal element.
 
     Args:
         band: S, rho, N.
-        inverse: receives the inverse pivots, shape (m,).
-
-    Returns:
-        Off-diagonal element of ``1 + N A^-1``, and the logarithm of the determinant of T.
+        inverse: output, the inverse pivots, shape (m,).
     """
     texture, rho, noise = band[0], band[1], band[2]
     m = len(inverse)
     ratio = noise / (texture * (1.0 - rho * rho))
-    off = -ratio * rho
-    logarithm = m * math.log(texture) + (m - 1) * math.log(1.0 - rho * rho)
+    off: float = -ratio * rho
     pivot = 1.0
     for k in range(m):
         ends = (k == 0) + (k == m - 1)
@@ -237,56 +229,44 @@ def _pivots(band: Doubles, inverse: Floats) -> tuple[float, float]:
             diagonal = 1.0 + noise / texture
         pivot = diagonal - (off * off / pivot if k > 0 else 0.0)
         inverse[k] = 1.0 / pivot
-        logarithm += math.log(pivot)
-    return off, logarithm
+    return off
 
 
 @_fast
-def whiten(
-    spectra: Spectrum, weight: Doubles, edges: NDArray[np.int64], model: Doubles, white: Spectrum
-) -> float:
-    """Apply T^-1 along the lines of one block, in a time proportional to their number.
+def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
+    """Apply T^-1 to the lines of one block; the cost is proportional to the number of lines.
 
     The inverse of the autoregressive part A is tridiagonal, and
     ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
 
     Args:
         spectra: spectra of the lines, shape (m, F).
-        weight: factor of each line, shape (m,).
         edges: edges of the bands [bins], shape (B + 1,).
         model: S, rho, N of each band, see `covariance`.
-        white: receives T^-1 of the weighted spectra, shape (m, F).
-
-    Returns:
-        The sum over all frequencies of the logarithm of the determinant of T.
+        white: output, T^-1 times the spectra, shape (m, F).
     """
     m = len(spectra)
-    determinant = 0.0
     inverse = np.empty(m, np.float32)
     lines, out = spectra.view(np.float32), white.view(np.float32)  # T is real
     for b in range(len(edges) - 1):
         i, j = 2 * edges[b], 2 * edges[b + 1]
-        off, logarithm = _pivots(model[:, b], inverse)
-        determinant += (edges[b + 1] - edges[b]) * logarithm
-        step, scale = np.float32(off), np.float32(1.0 / model[2, b])
-        for k in range(m):
-            row, own, factor = out[k, i:j], lines[k, i:j], np.float32(weight[k])
+        off, scale = np.float32(_pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
+        out[0, i:j] = lines[0, i:j]
+        for k in range(1, m):
+            row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
+            ahead = off * inverse[k - 1]
             for f in range(j - i):
-                row[f] = factor * own[f]
-            if k > 0:
-                last, ahead = out[k - 1, i:j], step * inverse[k - 1]
-                for f in range(j - i):
-                    row[f] -= ahead * last[f]
+                row[f] = own[f] - ahead * last[f]
         for k in range(m - 1, -1, -1):
             row, part = out[k, i:j], inverse[k]
             if k < m - 1:
                 after = out[k + 1, i:j]
                 for f in range(j - i):
-                    row[f] -= step * after[f]
-            for f in range(j - i):
-                row[f] *= part
+                    row[f] = (row[f] - off * after[f]) * part
+            else:
+                for f in range(j - i):
+                    row[f] *= part
         for k in range(m):
-            row, own, factor = out[k, i:j], lines[k, i:j], np.float32(weight[k])
+            row, own = out[k, i:j], lines[k, i:j]
             for f in range(j - i):
-                row[f] = scale * (factor * own[f] - row[f])
-    return determinant
+                row[f] = scale * (own[f] - row[f])

@@ -1,1 +1,1 @@
-"""The displacement between two lines: search, refinement and variance."""
+"""Displacement between two lines: search, refinement and variance."""

@@ -1,7 +1,7 @@
-"""Search by any of the distances (79)-(83), pair by pair, with an optional window and prior.
+"""Search with any of the distances (79)-(83), pair by pair, with an optional window and prior.
 
-Every shift is evaluated in integers over the true overlap. Each sum is divided by its number of
-pixels, so that a sum over fewer pixels does not win because it is shorter:
+Each shift is evaluated with integers over the true overlap. The sum is divided by its number of
+pixels, since otherwise a sum over fewer pixels would win because it has fewer terms:
 
 | metric | distance at a shift with N common pixels |
 |---|---|
@@ -12,13 +12,13 @@ pixels, so that a sum over fewer pixels does not win because it is shorter:
 | `spearman` | ``1 - r`` of the ranks within the overlap, ties at their mean |
 | `cosine` | ``1 - cos`` (83) |
 
-Divided by N, (79) is the root mean square over ``sqrt(N)``, which prefers longer overlaps, unlike
-its square. The first three are *not* invariant to a change of brightness, contrary to section
-4.3.2; neither is the cosine at low contrast.
+Divided by N, (79) is the root mean square divided by ``sqrt(N)``. Unlike its square, it therefore
+prefers longer overlaps. The first three distances are *not* invariant to a change of brightness,
+contrary to section 4.3.2; neither is the cosine at low contrast.
 
 Two methods of section 4.6 use the last displacement. With a **window**, only shifts near it are
-searched as long as the best one of them is credible. A **prior** multiplies the distance at shift s
-by ``1 + weight |s - before| / limit`` and so prefers small changes of velocity.
+searched, as long as the best of them is credible. A **prior** multiplies the distance at shift s by
+``1 + weight |s - before| / limit``, which favors small changes of velocity.
 """
 
 import math
@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import Lines
-from omni_platform.kernels import njit
+from omni_platform.kernels import kernel, njit
+from omni_platform.signals import Lines
 
 _PEARSON, _COSINE, _EUCLIDEAN, _SQUARED_EUCLIDEAN, _MANHATTAN, _SPEARMAN = range(6)
 _KINDS = {
@@ -40,9 +40,9 @@ _KINDS = {
     "spearman": _SPEARMAN,
 }
 
-# Smallest correlation of a credible shift. A window around a wrong shift does not contain the right
-# one: its best shift is at the border or matches badly. This check detects 99 % of such windows;
-# the median filter rejects the others.
+# Smallest correlation of a credible shift. If the window is around a wrong shift, it does not
+# contain the right one, so its best shift is at the border or has a low correlation. This check
+# detects 99 % of such windows, and the median filter rejects the others.
 _CREDIBLE = 0.5
 _UNDEFINED = math.inf
 
@@ -51,10 +51,10 @@ class _Batch(NamedTuple):
     """Lines to compare by a distance.
 
     Attributes:
-        kind: number of the distance.
+        kind: number of the distance measure.
         lines: one row per line.
         codes: rank of each gray level among those that occur, one row per line.
-        sums: sums of the first k pixels of each line and of their squares, see `_add_up`.
+        sums: sums of the first k pixels of each line and of their squares, see `running_sums`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
 
@@ -66,13 +66,14 @@ class _Batch(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """Range of a displacement: shifts from low to high [px], with a prior.
+    """Range of shifts to search, from low to high [px], with a prior.
 
     Attributes:
         low: the smallest shift [px].
         high: the largest shift [px].
-        prior: the last displacement [px].
-        pull: relative increase of the distance per pixel away from it [1/px].
+        prior: last displacement [px].
+        pull: relative increase of the distance per pixel between a shift and the last displacement
+            [1/px].
     """
 
     low: int
@@ -82,19 +83,16 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search by any of the metrics; stores the displacement of the last pair."""
+    """Search with any of the metrics; stores the displacement of the last pair."""
 
-    def __init__(
-        self, metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
-    ) -> None:
+    def __init__(self, metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> None:
         """Prepare for one sensor.
 
         Args:
             metric: similarity metric of the search.
-            pixels: n of a line.
             limit: largest shift [px].
-            window: half width of the search around the last displacement [px]; 0 to search all
-                shifts always.
+            window: half width of the search range around the last displacement [px]; 0 to search
+                all shifts always.
             prior_weight: relative increase of the distance at a shift that differs from the last
                 one by `limit` [1].
         """
@@ -103,7 +101,6 @@ class DirectSearch:
         self._window = window
         self._prior_weight = prior_weight
         self._before = np.zeros(2, np.int64)  # shift [px], whether there is one
-        self._sums = np.empty((2, 0, pixels + 1), np.int64)
 
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
@@ -113,36 +110,37 @@ class DirectSearch:
         self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
         """Compare every line with the one before it; see `search.ShiftSearch`."""
-        if self._sums.shape[1] < len(lines):
-            self._sums = np.empty((2, len(lines), lines.shape[1] + 1), np.int64)
-        _add_up(lines, self._sums)
         codes, levels = lines, 0
         if self._kind == _SPEARMAN:
             codes, levels = _order(lines)
-        batch = _Batch(self._kind, lines, codes, self._sums, np.empty((2, levels), np.int64))
+        batch = _Batch(
+            self._kind, lines, codes, running_sums(lines), np.empty((2, levels), np.int64)
+        )
         whole = _Range(-self._limit, self._limit, 0, self._prior_weight / self._limit)
         _match(batch, whole, self._window, self._before, shift, similarity)
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Replace gray levels by their ranks among those that occur; return also their number."""
+    """Replace gray levels by their ranks among the occurring levels; return also their number."""
     if lines.dtype == np.uint8:
         return lines, 256
     values, places = np.unique(lines, return_inverse=True)
     return places.reshape(lines.shape).astype(np.uint32), len(values)  # type: ignore[return-value]
 
 
-@njit(cache=True)
-def _add_up(lines: Lines, sums: NDArray[np.int64]) -> None:
-    """Write the sums of the first k pixels of each line and of their squares, k = 0..n."""
-    for row in range(lines.shape[0]):
+@kernel
+def running_sums(lines: Lines) -> NDArray[np.int64]:
+    """Return sums of the first k pixels of each line and of their squares, shape (2, m, n + 1)."""
+    rows, pixels = lines.shape
+    sums = np.zeros((2, rows, pixels + 1), np.int64)
+    for row in range(rows):
         total, squares = np.int64(0), np.int64(0)
-        for i in range(lines.shape[1]):
-            sums[0, row, i], sums[1, row, i] = total, squares
+        for i in range(pixels):
             value = np.int64(lines[row, i])
             total += value
             squares += value * value
-        sums[0, row, lines.shape[1]], sums[1, row, lines.shape[1]] = total, squares
+            sums[0, row, i + 1], sums[1, row, i + 1] = total, squares
+    return sums
 
 
 @njit(cache=True)
@@ -163,21 +161,21 @@ def _match(
         if window > 0 and before[1]:
             near = _Range(max(low, prior - window), min(high, prior + window), prior, pull)
             found = _best(batch, pair, near)
-            r = _correlation(lines, sums, pair, found)
+            r = correlation(lines, sums, pair, found)
             inside = (found > near.low or near.low == low) and (
                 found < near.high or near.high == high
             )
             searched = inside and r >= _CREDIBLE
         if not searched:
             found = _best(batch, pair, _Range(low, high, prior, pull))
-            r = _correlation(lines, sums, pair, found)
+            r = correlation(lines, sums, pair, found)
         shift[pair], similarity[pair] = found, r
         before[0], before[1] = found, 1 if r >= _CREDIBLE else 0
 
 
 @njit(cache=True)
 def _best(batch: _Batch, pair: int, within: _Range) -> int:
-    """Return the shift of the smallest distance; the smaller motion wins a tie."""
+    """Return the shift with the smallest distance; of equal ones, the smallest motion."""
     low, high, prior, pull = within
     best, best_shift = _UNDEFINED, min(max(0, low), high)
     nearest = max(0, low, -high)
@@ -208,7 +206,7 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
         )
         return distance
     if kind == _PEARSON:  # Eq. (81)
-        distance = 1.0 - _correlation(lines, sums, pair, s, -_UNDEFINED)
+        distance = 1.0 - correlation(lines, sums, pair, s, -_UNDEFINED)
         return distance
     xy = _product(lines[pair + 1, x : x + count], lines[pair, y : y + count])
     xx = sums[1, pair + 1, x + count] - sums[1, pair + 1, x]
@@ -224,10 +222,10 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
 
 
 @njit(cache=True)
-def _correlation(
+def correlation(
     lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
 ) -> float:
-    """Return Pearson's correlation (81) of a pair at a shift, to the bit as `pearson` does."""
+    """Return Pearson's correlation (81) of a pair at a shift, with the same bits as `pearson`."""
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)
     s_x = sums[0, pair + 1, x + count] - sums[0, pair + 1, x]
@@ -257,7 +255,7 @@ def _product(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _differences(x: Lines, y: Lines) -> int:
-    """Return the sum of absolute differences; 32 bits suffice for 16384 px of 16 bit."""
+    """Return the sum of absolute differences; 32 bits suffice for 16384 px of 16 bits."""
     total = np.int32(0)
     for i in range(x.shape[0]):
         total = np.int32(total + abs(np.int32(x[i]) - np.int32(y[i])))
@@ -266,9 +264,9 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the correlation of ranks."""
+    """Return the correlation of the ranks of two line parts."""
     count = np.int64(x.shape[0])
-    # Twice the ranks, so that the mean of ties is a whole number; their mean is count + 1.
+    # Ranks are doubled, so that tied ranks are integers; their mean is count + 1.
     variance_x = _rank(x, ranks[0])
     variance_y = _rank(y, ranks[1])
     if variance_x == 0 or variance_y == 0:
@@ -281,7 +279,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Write twice the centered mean rank of each level; return their sum of squares."""
+    """Write twice the centered mean rank of each gray level; return the sum of squares."""
     count = part.shape[0]
     ranks[:] = 0
     for i in range(count):

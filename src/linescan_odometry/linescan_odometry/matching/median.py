@@ -1,10 +1,11 @@
 """Median filter over groups of consecutive displacements (section 4.6, Enhancements).
 
-A point error is a single pair that matches at a wrong peak. Point errors are rejected by their
-distance from the median of n consecutive displacements; the other displacements are averaged. Their
-mean is more accurate than the median. The error of a line enters two consecutive displacements with
-opposite signs, so in a mean over m of them all errors but the first and the last cancel. The error
-of the mean decreases with m, whereas that of white noise would decrease with sqrt(m).
+A point error is a single pair that matches at a wrong peak. Displacements that are far from the
+median of n consecutive ones count as point errors and are rejected. The others are averaged,
+because their mean is more accurate than the median. The error of a line enters two consecutive
+displacements with opposite signs, so in a mean over m displacements all errors cancel except the
+first and the last. The error of the mean therefore decreases with m, whereas that of white noise
+would decrease with sqrt(m).
 """
 
 import numpy as np
@@ -23,15 +24,15 @@ def mark_inliers(
 ) -> None:
     """Mark the displacements that agree with the median of their group.
 
-    The pairs are divided into groups of nearly equal size, at most `group_lines` each. A group in
-    which at most half of the pairs agree has no valid member.
+    The pairs are divided into groups of nearly equal size, with at most `group_lines` pairs each.
+    If no more than half of the pairs of a group agree, the whole group is invalid.
 
     Args:
         displacement: displacements of m consecutive pairs [px], shape (m,).
-        usable: whether the pair has a displacement, shape (m,).
-        group_lines: n of the median.
+        usable: whether each pair has a displacement, shape (m,).
+        group_lines: number n of displacements in the median.
         tolerance: largest distance from the median [px].
-        inlier: receives the marks, shape (m,).
+        inlier: output, whether each displacement agrees, shape (m,).
     """
     total = displacement.shape[0]
     groups = -(-total // group_lines)
@@ -77,16 +78,16 @@ def find_inliers(
 def average(
     displacement: NDArray[np.float64], inlier: NDArray[np.bool_], weight: NDArray[np.float64]
 ) -> float:
-    """Return the mean of the inliers.
+    """Return the mean of the inliers, corrected for acceleration.
 
     Args:
         displacement: displacements of m consecutive pairs [px], shape (m,).
-        inlier: whether to average each displacement, at least one, shape (m,).
-        weight: receives the weight of each displacement in the mean, sum 1, shape (m,).
+        inlier: whether to average each displacement, true for at least one, shape (m,).
+        weight: output, weight of each displacement in the mean, with the sum 1, shape (m,).
 
     Returns:
-        The mean [px], evaluated in the middle of the batch on a straight line through the inliers,
-        so that outliers cause no bias while the platform accelerates.
+        The mean [px]: value in the middle of the batch of a straight line through the inliers, so
+        that outliers cause no bias while the platform accelerates.
     """
     total = displacement.shape[0]
     count = 0

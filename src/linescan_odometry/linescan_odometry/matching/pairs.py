@@ -1,4 +1,4 @@
-"""Displacement of every line against the one before it, by a search and its refinement."""
+"""Displacement of each line from the previous one, by a search and its refinement."""
 
 import dataclasses
 
@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.measurements import Lines
 from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import Lines
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,9 +18,9 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        variance: variance of each displacement, from its match [px^2], shape (m,).
+        variance: variance of each displacement, estimated from its match [px^2], shape (m,).
         similarity: correlation at the peak [1], shape (m,).
-        usable: whether the pair has a sufficiently high peak, shape (m,).
+        usable: whether the peak of each pair is high enough, shape (m,).
     """
 
     displacement: FloatArray
@@ -30,16 +30,16 @@ class PairDisplacements:
 
 
 class PairMatcher:
-    """Matches consecutive lines; stores the last ones for the variance of their mean."""
+    """Matches consecutive lines."""
 
     def __init__(
         self, search: ShiftSearch, refiner: SubpixelRefiner, minimum_correlation: float
     ) -> None:
-        """Store the stages.
+        """Store the two stages of the match.
 
         Args:
-            search: finds whole pixels.
-            refiner: finds their fractions.
+            search: finds the integer shifts.
+            refiner: finds the fractions of the shifts.
             minimum_correlation: smallest correlation of a usable pair.
         """
         self._search = search
@@ -51,7 +51,7 @@ class PairMatcher:
         self._search.reset()
 
     def match(self, lines: Lines) -> PairDisplacements:
-        """Return the displacement of every line against the one before it.
+        """Return the displacement of each line from the previous one.
 
         Args:
             lines: m + 1 lines, oldest first, C-contiguous, shape (m + 1, pixels).
@@ -64,19 +64,10 @@ class PairMatcher:
         usable = (similarity >= self._minimum_correlation) & np.isfinite(variance)
         return PairDisplacements(displacement, variance, similarity, usable)
 
-    def mean_variance(self, displacement: FloatArray, weight: FloatArray) -> float:
-        """Return the variance of a weighted mean of the pairs matched last [px^2].
-
-        Args:
-            displacement: displacement of each pair as matched [px], shape (m,).
-            weight: weight of each pair in the mean, zero for excluded ones, sum 1, shape (m,).
-        """
-        return self._refiner.mean_variance(displacement, weight)
-
 
 @njit(cache=True)
 def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
-    """Mark the lines that are identical with the one before; return their number."""
+    """Mark the lines that equal the previous one; return the number of marked lines."""
     count = 0
     for row in range(1, lines.shape[0]):
         i = 0

@@ -1,7 +1,7 @@
-"""Full search for the integer shift between consecutive lines, by metrics chosen by name.
+"""Full search for the integer shift between consecutive lines, with a metric chosen by name.
 
-A search compares each line with the one before it at every shift up to the limit. At a shift s
-only the overlapping part counts: pixel i of the newer line against pixel i + s of the older one,
+A search compares each line with the previous one at each shift up to the limit. At shift s only the
+overlapping part is used: pixel i of the newer line is compared with pixel i + s of the older one,
 ``n - |s|`` pixels in all. A positive shift means that the sensor moved along its +axis, so that
 ground features moved towards smaller pixel indices (sections 4.3.2 and 4.4).
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.direct import DirectSearch
 from linescan_odometry.matching.pearson import PearsonSearch
-from linescan_odometry.measurements import Lines
+from omni_platform.signals import Lines
 
 
 class ShiftSearch(Protocol):
@@ -24,20 +24,20 @@ class ShiftSearch(Protocol):
     def match(
         self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
-        """Compare every line with the one before it.
+        """Compare each line with the previous one.
 
         Args:
             lines: m + 1 lines of n pixels, oldest first, C-contiguous, shape (m + 1, n).
-            shift: receives the best shift of each pair [px], shape (m,).
-            similarity: receives Pearson's correlation at that shift for any metric, so that
-                thresholds are comparable, shape (m,); -1 if undefined (a constant line).
+            shift: output, best shift of each pair [px], shape (m,).
+            similarity: output, Pearson's correlation at that shift for every metric, so that
+                thresholds are comparable, shape (m,); -1 if it is undefined (a constant line).
         """
 
     def reset(self) -> None:
         """Discard all lines; the next line starts a new sequence."""
 
 
-METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {
+METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
     "pearson": PearsonSearch,  # Eq. (81)
     "euclidean": partial(DirectSearch, "euclidean"),  # Eq. (79)
     "squared_euclidean": partial(DirectSearch, "squared_euclidean"),
@@ -45,23 +45,20 @@ METRICS: Mapping[str, Callable[[int, int], ShiftSearch]] = {
     "spearman": partial(DirectSearch, "spearman"),
     "cosine": partial(DirectSearch, "cosine"),  # Eq. (83)
 }
-"""Full searches by the name of their metric, for n pixels and a shift limit [px]."""
+"""Full searches by the name of their metric, for a shift limit [px]."""
 
 
-def make_search(
-    metric: str, pixels: int, limit: int, window: int = 0, prior_weight: float = 0.0
-) -> ShiftSearch:
+def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:
     """Return a search that follows the motion from pair to pair, or the full one.
 
     Args:
         metric: one of `METRICS`.
-        pixels: n of a line.
         limit: largest shift [px].
-        window: half width of the search around the last displacement [px]; 0 to search all shifts
-            always.
+        window: half width of the search range around the last displacement [px]; 0 to search all
+            shifts always.
         prior_weight: relative increase of the distance at a shift that differs from the last one
             by `limit` [1].
     """
     if window > 0 or prior_weight > 0.0:
-        return DirectSearch(metric, pixels, limit, window, prior_weight)
-    return METRICS[metric](pixels, limit)
+        return DirectSearch(metric, limit, window, prior_weight)
+    return METRICS[metric](limit)

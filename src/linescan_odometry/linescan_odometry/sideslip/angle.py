@@ -1,24 +1,26 @@
 """Sideslip angle of a wheel from a line camera next to it (section 4.6).
 
-The camera looks along the wheel's axis of rotation and measures the wheel's sideways velocity v_s,
-to the left positive. With its velocity v_f along its rolling direction the angle is
+The camera is aligned with the wheel's axis of rotation and measures the wheel's sideways velocity
+v_s, positive to the left. With the wheel's velocity v_f along its rolling direction, the angle is
 
     alpha = -arctan(v_s / |v_f|).
 
-It is positive where the wheel slides to the right, and the lateral force of the tire, which opposes
-the slide, then points to the left, so that angle and force have the same sign. The absolute value
-makes this hold for a wheel that rolls backwards too.
+The angle is positive if the wheel slides to the right. The lateral force of the tire, which opposes
+the sliding, then points to the left, so angle and force have the same sign. With the absolute value
+this is also true for a wheel that rolls backward.
 
 The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward and v_b the sideways
-velocity. Read literally, a wheel that rolls straight ahead would have an angle of 90 deg. The names
-are exchanged: a camera parallel to the axis of rotation measures v_par, the sideways velocity.
+velocity. Taken literally, a wheel that rolls straight ahead would have an angle of 90 deg. The two
+names are exchanged: a camera parallel to the axis of rotation measures v_par, the sideways
+velocity.
 
-v_f must be the velocity of the wheel's center over ground. It equals omega R only without
-longitudinal slip: on a braked wheel omega R is smaller, and the angle would be too large.
+v_f must be the velocity of the wheel's center over the ground. It equals omega R only without
+longitudinal slip. On a braked wheel omega R is smaller, so the angle would be too large.
 
-A camera that is not at the wheel's center, or not exactly parallel to its axis, also measures parts
-of the yaw rate and of v_f. Both are removed: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos
-d`` for the velocity u along the camera's axis a at the angle d from the rolling direction.
+If a camera is not at the wheel's center, or not exactly parallel to its axis, it also measures a
+part of the yaw rate and of v_f. Both are removed: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f
+cos d``, where u is the velocity along the camera's axis a, and d the angle of this axis from the
+rolling direction.
 """
 
 from __future__ import annotations
@@ -30,38 +32,38 @@ import numpy as np
 
 from linescan_odometry.measurements import SensorReading, TwistEstimate
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_SKEWEST = 30.0  # [deg] largest angle between camera and axis of rotation
-_ROUNDING = 1e-6  # [deg] by which sine and arcsine may increase this angle
+_SKEWEST = 30.0  # deg; largest angle between camera axis and axis of rotation
+_ROUNDING = 1e-6  # deg; error of this angle by the rounding of sine and arcsine
 
 
 class SideslipWheel(Configuration):
     """A wheel whose sideslip angle is measured."""
 
     sensor: str = parameter()
-    """Line camera next to the wheel, parallel to its axis of rotation within 30 deg"""
-    x: float = parameter(unit="m")
-    """Wheel contact, forward of base_link"""
-    y: float = parameter(unit="m")
-    """Wheel contact, left of base_link"""
+    """Line camera next to the wheel, parallel to the wheel's axis of rotation within 30 deg"""
+    x: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the wheel contact, forward of base_link"""
+    y: float = parameter(unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
+    """Position of the wheel contact, to the left of base_link"""
     steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
-    """Rolling direction, counter-clockwise from forward"""
+    """Rolling direction, counter-clockwise from the forward direction"""
     minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
-    """Forward velocity of the wheel below which the angle has no meaning"""
+    """Forward velocity of the wheel below which the angle is undefined"""
 
 
 @dataclasses.dataclass(frozen=True)
 class SideslipEstimate:
-    """Estimate of a wheel's sideslip.
+    """Estimated sideslip of a wheel.
 
     Attributes:
-        angle: sideslip, positive where the wheel slides to the right [rad], 0 if not measured.
+        angle: sideslip angle [rad], positive if the wheel slides to the right; 0 if not measured.
         deviation: standard deviation of the angle [rad], infinite if not measured.
         sideways: velocity of the wheel to its left [m/s], 0 if not measured.
-        measured: whether these values can be used.
-        reason: why they cannot be used; empty if they can.
+        measured: whether these values are valid.
+        reason: why they are invalid; empty if they are valid.
     """
 
     angle: float
@@ -72,7 +74,7 @@ class SideslipEstimate:
 
     @classmethod
     def unmeasured(cls, reason: str) -> SideslipEstimate:
-        """Make an unmeasured estimate with the reason."""
+        """Create an estimate without a measurement, with the reason."""
         return cls(0.0, math.inf, 0.0, False, reason)
 
 
@@ -87,10 +89,10 @@ def sideslip_angle(sideways: float, forward: float) -> float:
 
 
 class WheelSideslip:
-    """The geometry of one camera at one wheel."""
+    """Geometry of one camera next to one wheel."""
 
     def __init__(self, wheel: SideslipWheel, sensor: LineSensor) -> None:
-        """Compute the geometry of the camera and the wheel.
+        """Compute the geometry.
 
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.
@@ -108,7 +110,7 @@ class WheelSideslip:
     def measure(
         self, reading: SensorReading, forward: float, yaw_rate: float, covariance: FloatArray
     ) -> SideslipEstimate:
-        """Return the angle from the camera's velocity and the motion across its axis.
+        """Return the angle, from the camera's velocity and the motion across the camera's axis.
 
         Args:
             reading: reading of the camera.
@@ -131,7 +133,8 @@ class WheelSideslip:
             )
         seen = reading.velocity - yaw_rate * self._lever
         sideways = (seen - forward * self._along) / self._across
-        # Gradient of v_s / |v_f| by (u, v_f, Omega), and slope of the angle by v_s / |v_f|.
+        # Gradient of v_s / |v_f| with respect to (u, v_f, Omega); derivative of the angle by v_s /
+        # |v_f|.
         gradient = np.array(
             [
                 1.0 / (self._across * speed),
@@ -145,17 +148,17 @@ class WheelSideslip:
         return SideslipEstimate(angle, math.sqrt(variance), sideways, True)
 
     def measure_with(self, estimate: TwistEstimate) -> SideslipEstimate:
-        """Return the angle from a twist that was estimated with this camera.
+        """Return the angle, given a twist that was estimated with this camera.
 
         Args:
-            estimate: twist of the platform, with the reading of this camera.
+            estimate: twist of the platform, including the reading of this camera.
         """
         reading = estimate.readings[self._wheel.sensor]
         if not estimate.measured:
             return SideslipEstimate.unmeasured("the twist is not measured")
-        # An error of the camera is in the twist as well: by least squares, both have the covariance
-        # C a. If the sensors contradict each other, C is inflated, and so must be the variance of
-        # the camera.
+        # The twist contains the camera's error too: by least squares, the covariance of both is C
+        # a. If the sensors contradict each other, C is inflated, and the variance of the camera
+        # must be inflated in the same way.
         joint = np.empty((4, 4))
         joint[0, 0] = estimate.inflation * reading.variance
         joint[1:, 1:] = estimate.covariance
@@ -169,7 +172,7 @@ class WheelSideslip:
 
 
 def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
-    """Refuse a camera whose axis is not along the wheel's axis of rotation.
+    """Check that the camera's axis is along the wheel's axis of rotation.
 
     Raises:
         ConfigurationError: the angle between the two is too large.

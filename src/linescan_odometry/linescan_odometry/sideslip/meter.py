@@ -6,18 +6,19 @@ from collections.abc import Mapping
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.measurements import LineBatch, TwistEstimate
+from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.sensor import SensorOdometry
 from linescan_odometry.sideslip.angle import SideslipEstimate, WheelSideslip
 from omni_platform.configuration import ConfigurationError, check_choice
 from omni_platform.quantities import FloatArray
+from omni_platform.signals import LineBatch
 
 
 class SideslipConfiguration(OdometryConfiguration):
-    """Parameters of the odometry for cameras that measure only sideslip: one camera suffices."""
+    """Odometry parameters for cameras that measure only sideslip; a single camera suffices."""
 
     def check_placement(self) -> None:
-        """Refuse a configuration without a wheel.
+        """Check that the configuration contains a wheel.
 
         Raises:
             ConfigurationError: the configuration has no wheel.
@@ -27,15 +28,15 @@ class SideslipConfiguration(OdometryConfiguration):
 
 
 class SideslipMeter:
-    """Measures the sideslip of one wheel by one camera and the wheel's forward velocity.
+    """Measures the sideslip of one wheel with one camera and the wheel's forward velocity.
 
-    A camera on the carrier of a steered wheel turns with the wheel. Then set the positions of
-    camera and wheel for any one steering angle, and use the rate of the carrier, yaw plus steering,
-    as the yaw rate.
+    A camera on the carrier of a steered wheel turns with the wheel. In this case, enter the
+    positions of camera and wheel for any fixed steering angle, and pass the rotation rate of the
+    carrier, the sum of yaw rate and steering rate, as the yaw rate.
     """
 
     def __init__(self, configuration: OdometryConfiguration, wheel: str) -> None:
-        """Prepare for one wheel of `configuration.sideslip`.
+        """Create the meter for one wheel of `configuration.sideslip`.
 
         Raises:
             ConfigurationError: the wheel is not one of them.
@@ -55,13 +56,13 @@ class SideslipMeter:
         forward_deviation: float = 0.0,
         yaw_rate_deviation: float = 0.0,
     ) -> SideslipEstimate:
-        """Process the camera's lines since the last update and return the angle.
+        """Process the camera's lines since the last update, and return the angle.
 
         Args:
             batch: the lines.
             forward_velocity: mean velocity of the wheel's center along its rolling direction during
-                the batch [m/s]: omega R without longitudinal slip.
-            yaw_rate: used for a camera that is not at the wheel's center [rad/s].
+                the batch [m/s], equal to omega R without longitudinal slip.
+            yaw_rate: yaw rate [rad/s]; required if the camera is not at the wheel's center.
             forward_deviation: standard deviation of the forward velocity [m/s].
             yaw_rate_deviation: standard deviation of the yaw rate [rad/s].
         """
@@ -74,14 +75,14 @@ class SideslipMonitor:
     """Sideslip of the configured wheels from the cameras and the twist of the odometry."""
 
     def __init__(self, configuration: OdometryConfiguration) -> None:
-        """Place the wheels of `configuration.sideslip`."""
+        """Compute the geometry of the wheels of `configuration.sideslip`."""
         self._wheels = {
             name: WheelSideslip(wheel, configuration.sensors[wheel.sensor])
             for name, wheel in configuration.sideslip.items()
         }
 
     def measure(self, estimate: TwistEstimate) -> dict[str, SideslipEstimate]:
-        """Return the sideslip of every wheel, by name, from one estimate of the odometry."""
+        """Return the sideslip of each wheel by name, from one estimate of the odometry."""
         return {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
 
 

@@ -1,15 +1,15 @@
-"""Kinematic constraint of a vehicle in place of a missing sensor (section 4.6, Figure 70).
+"""Kinematic constraint of a vehicle, which replaces a missing sensor (section 4.6, Figure 70).
 
-A wheel that is not steered rolls along the body's x and, as long as it grips, does not move
-sideways; nor does any other point of the line through its axle. For an axle at x = a this is
-``v_y + a Omega = 0``. This equation adds one row to those of the sensors, like a line camera at
-(a, 0) with its axis to the left that measures zero. It holds for the driven axle of a differential
-drive and the rear axle of an Ackermann drive, but not for omni-wheels.
+A wheel that is not steered rolls along the body's x axis and, as long as it grips, does not move
+sideways. The same is true for every point on the line through its axle. For an axle at x = a the
+constraint is ``v_y + a Omega = 0``. It adds one row to the equations of the sensors, like a line
+camera at (a, 0) with its axis to the left that measures zero. It is valid for the driven axle of a
+differential drive and the rear axle of an Ackermann drive, but not for omni-wheels.
 
-When the vehicle skids, the constraint is wrong, and two sensors cannot detect the skid: their v_y
-then has the error of the skid's velocity, while the covariance only contains `deviation`. So the
-constraint is used only while the sensors alone do not determine the twist. If they do, it is only
-compared with them to detect a skid.
+When the vehicle skids, the constraint is wrong. Two sensors cannot detect the skid: their v_y then
+has the error of the skid velocity, while the covariance includes only `deviation`. The constraint
+is therefore used only if the sensors alone do not determine the twist. Otherwise it is only
+compared with them, to detect a skid.
 """
 
 import math
@@ -23,19 +23,19 @@ class KinematicsConfiguration(Configuration):
     """Kinematic constraint of a vehicle while its wheels grip."""
 
     constraint: str = parameter(NONE, choices=(NONE, UNSTEERED_AXLE))
-    """Constraint used if the sensors do not suffice: none, or that an axle that is not steered does
+    """Constraint that is used if the sensors do not suffice: none, or that an unsteered axle does
     not slip sideways (differential and Ackermann drives)"""
     axle_x: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
-    """Position of the axle, forward of base_link"""
+    """Position of the axle along x of base_link"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
     """Standard deviation of the axle's sideways velocity while its wheels grip"""
     deviation_share: float = parameter(0.005, minimum=0.0, maximum=1.0)
-    """Additional standard deviation of this velocity, as a share of the largest velocity that a
+    """Further standard deviation of this velocity, as a share of the largest velocity that any
     sensor measures"""
 
     @property
     def axle(self) -> float | None:
-        """Position x of the axle that does not slip sideways [m], None without a constraint."""
+        """Position x of the axle without sideways slip [m], None without a constraint."""
         return self.axle_x if self.constraint == UNSTEERED_AXLE else None
 
     def variance(self, speed: float) -> float:

@@ -1,24 +1,25 @@
-"""Velocities along sensor axes to the body twist, by weighted least squares.
+"""Weighted least squares from velocities along sensor axes to the body twist.
 
-Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23): one row of `sensor_matrix`. Three rows
-determine the twist unless the axes are all parallel or all pass through one point: no sensor then
-measures a rotation about that point. The observability of the yaw rate does not depend on the
-position of base_link. It follows from the part of the levers that no translation can explain.
+Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23), which is one row of `sensor_matrix`.
+Three rows determine the twist unless all axes are parallel or pass through one point, because no
+sensor then measures a rotation about this point. Whether the yaw rate is observable does not depend
+on the position of base_link. It depends on the part of the lever arms that no translation can
+explain.
 
-A flow sensor measures the velocity of one position in two directions. It gives two rows, whose
-errors may be correlated.
+A flow sensor measures the velocity of one position along two axes. It adds two rows, whose errors
+may be correlated.
 
-If the sensors alone do not suffice, an axle that does not slip sideways (`kinematics`) may add one
-row, (0, 1, axle x), with the velocity 0.
+If the sensors alone do not suffice, an axle without sideways slip (`kinematics`) may add the row
+(0, 1, axle x) with the velocity 0.
 
-The remaining calibration errors of pitch p, axis phi and lever l of a camera cause a systematic
-error of its velocity. To first order, with the twist (v_x, v_y, Omega), it is
+Remaining calibration errors of a camera in its pixel pitch p, axis angle phi and lever arm l cause
+a systematic error of the velocity. To first order, for the twist (v_x, v_y, Omega), this error is
 
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
 
-whose variance is added to that of the match. A pitch error scales the speed, an axis error adds
-motion across the axis, and a position error adds yaw rate. A flow sensor has one error of scale and
-one of its axis for both velocities.
+Its variance is added to that of the match. A pitch error scales the speed, an axis error adds
+motion across the axis, and a position error adds yaw rate. A flow sensor has one scale error and
+one axis error for both of its velocities.
 """
 
 import math
@@ -32,23 +33,23 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
-_CHECKED = 1e-6  # smallest share of a sensor's variance in its residual if others can check it
-_WEAKEST_LEVER = 0.05  # smallest effective lever over the spread of the sensors
+_CHECKED = 1e-6  # smallest share of a sensor's variance in its residual for a check by others
+_WEAKEST_LEVER = 0.05  # smallest ratio of the effective lever arm to the spread of the sensors
 
 
 def check_placement(
     sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None
 ) -> None:
-    """Refuse sensors that do not determine the three components of the twist.
+    """Check that the sensors determine all three components of the twist.
 
     Args:
         sensors: line cameras and flow sensors by name.
-        minimum_lever: smallest effective lever for the yaw rate [m].
-        axle: x of an axle that does not slip sideways [m], which counts as a sensor if the sensors
-            do not suffice; None without one.
+        minimum_lever: smallest effective lever arm for the yaw rate [m].
+        axle: position x of an axle without sideways slip [m], which counts as a sensor if the
+            sensors do not suffice; None if there is no such axle.
 
     Raises:
-        ConfigurationError: fewer than three velocities, axes (nearly) parallel, or axes that
+        ConfigurationError: fewer than three velocities, or axes that are (nearly) parallel or
             (nearly) pass through one point; the text names the sensors.
     """
     problem = _problem(sensors, minimum_lever)
@@ -67,7 +68,7 @@ class TwistSolver:
         minimum_lever: float,
         axle: float | None = None,
     ) -> None:
-        """Lay out the sensors and, last, the axle that does not slip sideways, if there is one.
+        """Compute the rows of the sensors; an axle without sideways slip has the last row.
 
         Raises:
             ConfigurationError: the placement is singular or too weak, see `check_placement`.
@@ -77,7 +78,8 @@ class TwistSolver:
         self._minimum_lever = minimum_lever
         self._axle = axle
         matrix = _rows(sensors, axle)
-        # With the yaw rate in this unit the columns are equally large: the inverse is well scaled.
+        # In this unit of the yaw rate, the columns have equal magnitude and the inverse is well
+        # scaled.
         self._unit = np.array([1.0, 1.0, 1.0 / max(float(np.abs(matrix[:, 2]).max()), 1e-9)])
         self._matrix = matrix * self._unit
         self._problems: dict[tuple[bool, ...], str] = {}
@@ -85,33 +87,35 @@ class TwistSolver:
         self._sizes = np.array(sizes if axle is None else [*sizes, 1], np.intp)
         ends = np.cumsum(sizes)
         self._places = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
-        # Rows of the motion across each axis, and remaining calibration errors; 0 for an axle.
+        # Rows of the motion across each axis, and remaining calibration errors, which are 0 for an
+        # axle.
         self._across = np.zeros_like(matrix)
-        self._left = np.zeros_like(matrix)  # shares, [rad], [m]
+        self._left = np.zeros_like(matrix)  # errors of scale [1], axis [rad], lever [m]
         for place, sensor in zip(self._places, sensors.values(), strict=True):
             if len(sensor.directions) == 1:
                 self._across[place, 0] = -matrix[place, 1]
                 self._across[place, 1] = matrix[place, 0]
-            else:  # each axis of a flow sensor measures the motion across the other one
+            else:  # each axis of a flow sensor measures motion across the other axis
                 self._across[place] = matrix[place][::-1] * ((1.0,), (-1.0,))
             errors = sensor.scale_error, math.radians(sensor.heading_error_deg), sensor.lever_error
             self._left[place] = errors
         self._calibrated = bool(self._left.any())
 
     def rows(self, measured: tuple[bool, ...]) -> NDArray[np.bool_]:
-        """Return which velocities belong to used sensors, shape (R,)."""
+        """Return which velocities belong to the sensors that are used, shape (R,)."""
         return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
 
     @property
     def places(self) -> Sequence[slice]:
-        """Slices of the velocities of each sensor."""
+        """Slices of the velocity array, one for each sensor."""
         return self._places
 
     def problem(self, measured: tuple[bool, ...]) -> str:
-        """Return why the used rows do not determine the twist; empty if they do.
+        """Return why the used rows do not determine the twist; empty if they determine it.
 
         Args:
-            measured: which of the S sensors to use, and whether to use the axle, if there is one.
+            measured: whether to use each of the S sensors, then whether to use the axle, if there
+                is one.
         """
         problem = self._problems.get(measured)
         if problem is None:
@@ -129,17 +133,18 @@ class TwistSolver:
     def solve(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
-        """Estimate the twist; `problem` must be empty for these sensors.
+        """Estimate the twist; `problem` must return an empty text for these sensors.
 
         Args:
-            velocity: velocities along the axes of the sensors [m/s], shape (R,); an axle is the
-                last one and has the velocity 0.
+            velocity: velocities along the axes of the sensors [m/s], shape (R,); that of an axle is
+                the last and 0.
             variance: variances of these velocities [m^2/s^2], positive, shape (R,), or their
                 covariance, shape (R, R), if those of flow sensors are correlated.
-            measured: which of the S sensors to use, and whether to use the axle, if there is one.
+            measured: whether to use each of the S sensors, then whether to use the axle, if there
+                is one.
 
         Returns:
-            Twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] of base_link and its covariance, which
+            Twist (v_x, v_y, yaw rate) of base_link [m/s, m/s, rad/s] and its covariance, which
             includes the calibration errors.
         """
         twist, covariance = self._least_squares(velocity, variance, measured)
@@ -183,10 +188,10 @@ class TwistSolver:
     def leverage(
         self, variance: FloatArray, measured: tuple[bool, ...], covariance: FloatArray
     ) -> float:
-        """Return the largest normalized error squared that one wrong velocity causes [1].
+        """Return the largest normalized squared error that one wrong velocity can cause [1].
 
-        A velocity with the leverage h, wrong by so much that its normalized residual is 1, causes
-        an error of the twist of ``h / (1 - h)`` normalized by its covariance.
+        If a velocity with leverage h is so wrong that its normalized residual is 1, the twist has
+        an error of ``h / (1 - h)``, normalized by its covariance.
 
         Args:
             variance: as in `solve`.
@@ -209,8 +214,8 @@ class TwistSolver:
     ) -> FloatArray:
         """Return the normalized residual of each sensor against the twist of all sensors.
 
-        A residual is divided by its standard deviation, with the variance
-        ``s_i^2 - a_i C a_i^T`` because the twist depends on each sensor.
+        The variance of a residual is ``s_i^2 - a_i C a_i^T``, because the twist depends on the
+        sensor itself.
 
         Args:
             velocity: as in `solve`.
@@ -220,11 +225,11 @@ class TwistSolver:
             covariance: covariance from `solve`.
 
         Returns:
-            Standard deviations of the residuals [1], of each sensor (and the axle), shape (S,) or
-            (S + 1,); 0 for a sensor that the others cannot check and for one that has not
-            measured. With four line cameras all four values are equal: they detect a fault but
-            cannot isolate it. A flow sensor has one value, the root of the sum of squares of its
-            two residuals.
+            Residual of each sensor, and of the axle, divided by its standard deviation [1],
+            shape (S,) or (S + 1,). It is 0 for a sensor that has not measured or that the others
+            cannot check. With four line cameras all four values are equal, so a fault can be
+            detected but not isolated. A flow sensor has one value: the root of the sum of squares
+            of its two residuals.
         """
         rows = self._matrix / self._unit
         if self._calibrated:
@@ -251,13 +256,13 @@ class TwistSolver:
 
 
 def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
-    """Return the rows of the sensors and below them that of the axle, shape (S + 1, 3)."""
+    """Return the rows of the sensors and, in the last row, of the axle, shape (S + 1, 3)."""
     matrix = sensor_matrix(sensors)
     return matrix if axle is None else np.vstack((matrix, (0.0, 1.0, axle)))
 
 
 def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None) -> str:
-    """Return why a placement is unusable, empty if it is usable."""
+    """Return why a placement is unusable; empty if it is usable."""
     names = ", ".join(sensors) or "none"
     matrix = _rows(sensors, axle)
     if axle is None and len(matrix) < 3:
@@ -288,7 +293,7 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
     lever = float(np.linalg.norm(levers - axes @ velocity)) / math.sqrt(count)
     spread = float(np.sqrt(np.mean(np.sum((position - position.mean(axis=0)) ** 2, axis=1))))
     if lever < max(minimum_lever, _WEAKEST_LEVER * spread):
-        # Axis i passes the point c at the distance cross(r_i, a_i) - cross(c, a_i).
+        # The distance of axis i from point c is cross(r_i, a_i) - cross(c, a_i).
         center_x, center_y = (round(float(c), 2) + 0.0 for c in (velocity[1], -velocity[0]))
         return (
             f"the axes of {names} pass through one point, ({center_x:.2f}, {center_y:.2f}) m, "

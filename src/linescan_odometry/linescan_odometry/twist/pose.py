@@ -1,4 +1,4 @@
-"""Dead reckoning: the pose of the vehicle from the twists of the odometry alone."""
+"""Dead reckoning: pose of the vehicle, integrated from the twists of the odometry."""
 
 import dataclasses
 import math
@@ -11,12 +11,13 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pose:
-    """A pose in the plane, in the frame of the vehicle at the first twist.
+    """A planar pose, in the body frame of the first twist.
 
     Attributes:
-        stamp_ns: stamp of the newest twist that was integrated [ns].
+        stamp_ns: stamp of the newest integrated twist [ns].
         value: x, y [m] and yaw [rad], shape (3,).
-        covariance: in the squares of these units, shape (3, 3); grows with the distance.
+        covariance: covariance of x, y and yaw in the squares of these units, shape (3, 3); grows
+            with the distance.
     """
 
     stamp_ns: int
@@ -27,14 +28,14 @@ class Pose:
 class PoseIntegrator:
     """Integrates twists to a pose.
 
-    Between two stamps the platform moves on an arc with the twist of the newer stamp, which is the
-    mean over the batch that ends there. An unmeasured twist is integrated as zero. Over a gap of a
-    time t the vehicle may have moved by ``v_max t``, so the variance grows by
+    Between two stamps the platform moves on an arc with the twist of the newer stamp, since this
+    twist is the mean over the batch that ends there. An unmeasured twist is integrated as zero. In
+    a gap of duration t, the vehicle may have moved by ``v_max t``, so the variance grows by
     ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
     """
 
     def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:
-        """Start at the origin.
+        """Start at the origin with zero covariance.
 
         Args:
             maximum_speed: largest speed of the vehicle [m/s].
@@ -49,7 +50,7 @@ class PoseIntegrator:
         """Integrate a twist and return the pose.
 
         Args:
-            stamp_ns: stamp of the twist [ns]; one that is not newer than the last changes nothing.
+            stamp_ns: stamp of the twist [ns]; a twist that is not newer than the last is ignored.
             twist: v_x, v_y [m/s] and yaw rate [rad/s] in `base_link`, shape (3,).
             covariance: covariance of the twist, shape (3, 3).
         """
@@ -66,7 +67,7 @@ class PoseIntegrator:
             self._gap = 0.0
         step = np.where(np.isfinite(twist), twist, 0.0) * dt
         x, y, yaw = before.value
-        # The chord of the arc is turned by half of the rotation, and shorter than the arc.
+        # The chord of the arc is rotated by half the rotation and shorter than the arc.
         chord = np.sinc(step[2] / (2.0 * math.pi))
         middle = yaw + step[2] / 2.0
         c, s = chord * math.cos(middle), chord * math.sin(middle)

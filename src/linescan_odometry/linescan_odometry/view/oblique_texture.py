@@ -1,10 +1,11 @@
 """Detection of oblique textures, on which motion across the axis looks like motion along it.
 
-A line camera measures the mean over the width of its view. In motion across the axis new ground
-enters, and lines of an ordinary ground lose their correlation after one width of the view. On a
-texture oblique to the axis the same stripes remain in the view and shift along the line,
-which a single camera cannot distinguish from a motion along its axis. But the twist gives the
-motion across the axis: if a view stays correlated for longer, the texture is oblique.
+A line camera measures the mean over the width of its view. In motion across the axis, new ground
+enters the view, and on ordinary ground the lines lose their correlation after one width of the
+view. If the texture is oblique to the axis, the same stripes remain in the view and shift along the
+line. A single camera cannot distinguish this from motion along its axis. The twist, however, gives
+the motion across the axis: if a view stays correlated for longer than one width, the texture is
+oblique.
 """
 
 import dataclasses
@@ -15,44 +16,41 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.measurements import Lines, SensorReading
+from linescan_odometry.measurements import SensorReading
 from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
+from omni_platform.signals import Lines
 
 Floats = NDArray[np.float32]
 
-_REACH = 0.5  # share of a line by which a view may have shifted and is still compared
-_REMEMBERED = 128  # number of stored twists
-_GAP_NS = 50_000_000  # longest gap between two twists over which the motion is integrated
-_CONFIRMED_NS = 50_000_000  # time after a twist for which the ground counts as the same
-_LONGEST = 1.0  # s, for which a line is stored
-_LOST = 0.35  # correlation below which nothing of a view is left
-_LEAST_SHIFT = 8.0  # px, below which a fixed pattern looks like an oblique texture
-_SEARCHED = 3  # px that are searched around the expected shift, in addition to a share of it
+_REACH = 0.5  # share of a line; larger shifts of a view are not compared
+_REMEMBERED = 128  # number of twists that are stored
+_GAP_NS = 50_000_000  # longest time without a twist over which the motion is extrapolated
+_LONGEST = 1.0  # s; longest time for which a line is stored
+_LEAST_SHIFT = 8.0  # px; at smaller shifts, a fixed pattern looks like an oblique texture
+_SEARCHED = 3  # px searched on each side of the expected shift, besides a share of it
 _SEARCHED_SHARE = 0.01
-_FEWEST = 16  # px that are compared
-_PIECE = 0.008  # m; pieces of an ordinary ground leave a view after its width plus this
-_FAR_ENOUGH = 0.5  # share of this sum from which the test is possible
-_EXCESS = 0.35  # excess of correlation over an ordinary ground, in two comparisons
-_CLEAR_EXCESS = 0.65  # excess of correlation over an ordinary ground, in one comparison
-_USUAL_EXCESS = 0.2
-_BIAS = 0.5  # error of the velocity along the axis, per velocity across it, at an excess of 1
-_SLOWEST = 0.03  # m/s across the axis, below which oblique texture does no harm
-_MANY = 38.0  # number of details of the ground from which their errors cancel
-_BIAS_OF_ONE = 0.06  # error along the axis, per velocity across it, by a single detail
+_FEWEST = 16  # smallest number of pixels for a comparison
+_PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
+_FAR_ENOUGH = 0.5  # share of this sum after which the test is possible
+_EXCESS = 0.35  # excess correlation that chance does not cause in two comparisons
+_CLEAR_EXCESS = 0.65  # excess correlation that chance does not cause in one comparison
+_SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
+_MANY = 38.0  # number of texture details at which their errors cancel
+_BIAS_OF_ONE = 0.015  # error along the axis per velocity across it, with a single detail
 
 
 class Keyframe:
-    """Stores an earlier line of one camera, and compares newer ones with it."""
+    """Stores an earlier line of one camera, and compares newer lines with it."""
 
     def __init__(self, pixels: int) -> None:
         """Start without a stored line.
 
         Args:
-            pixels: n of a line.
+            pixels: number of pixels n of a line.
         """
-        self._step = 4 if pixels > 512 else 2  # px: detail below is noise
+        self._step = 4 if pixels > 512 else 2  # px; finer detail is noise
         self._gradient: Floats | None = None
         self._stamp_ns = 0
         self._shift = 0.0
@@ -68,13 +66,14 @@ class Keyframe:
 
         Args:
             stamp_ns: stamp of the newest line [ns].
-            period_ns: time from line to line [ns].
+            period_ns: line period [ns].
             lines: consecutive lines, oldest first, shape (m + 1, n).
             displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s], and the correlation of its shifted gradients with those of
-            the newest line, over that of neighboring lines; both 0 if the view has hardly shifted.
+            Age of the stored line [s]; and the correlation of its shifted gradient with that of the
+            newest line, divided by the correlation of neighboring lines. Both are 0 if the view has
+            hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -90,13 +89,13 @@ class Keyframe:
             self._remember(lines[first])
             self._stamp_ns = stamp_ns - round((span - first) * period_ns)
             self._shift = (span - first) * displacement
-        # A periodic ground leaves the view and returns, an oblique texture never leaves it. To
-        # distinguish them, lines in between are compared too.
+        # A periodic ground leaves the view and returns, whereas an oblique texture never leaves it.
+        # To distinguish the two, the lines in between are compared too.
         near, far = _compare(
-            lines, self._step, self._shift, displacement, _LOST * _EXCESS, self._gradient
+            lines, self._step, self._shift, displacement, _EXCESS**2, self._gradient
         )
         persistence = max(0.0, far) / max(near, _EXCESS)
-        if persistence < _LOST:
+        if persistence < _EXCESS:
             self._gradient = None  # a periodic ground would match again later
         if abs(self._shift) < _LEAST_SHIFT:
             return 0.0, 0.0
@@ -110,7 +109,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
-    """Write differences of neighboring sums of `step` pixels."""
+    """Write the differences of neighboring sums of `step` pixels each."""
     ahead, behind = 0.0, 0.0
     for i in range(step):
         behind += line[i]
@@ -129,22 +128,22 @@ def _compare(
     step: int,
     shift: float,
     displacement: float,
-    hopeless: float,
+    abort_below: float,
     gradient: Floats,
 ) -> tuple[float, float]:
-    """Compare gradients of the newest lines with each other and with an earlier one.
+    """Compare the gradients of the newest lines with each other and with that of an earlier line.
 
     Args:
         lines: consecutive lines, oldest first, shape (m + 1, n).
         step: number of pixels in each sum of `_differentiate`.
         shift: shift of the newest line against the earlier one [px].
         displacement: displacement per line [px].
-        hopeless: correlation below which the comparison ends.
-        gradient: gradient of the earlier line, and working memory for two more, shape (3, n').
+        abort_below: correlation below which the comparison is aborted.
+        gradient: gradient of the earlier line, with working memory for two more, shape (3, n').
 
     Returns:
-        The largest correlation of the two newest lines near their shift; the smallest correlation
-        of three lines of the batch with the earlier one.
+        The largest correlation of the two newest lines near their shift, and the smallest
+        correlation of three lines of the batch with the earlier line.
     """
     span = len(lines) - 1
     backs = (1, 0, span // 5, span // 2)
@@ -177,13 +176,13 @@ def _compare(
             near = best
         else:
             far = min(far, best)
-            if far < hopeless:
+            if far < abort_below:
                 break
     return near, far
 
 
 class ObliqueTextures:
-    """Stores which cameras are over an oblique texture."""
+    """Detects which cameras are over an oblique texture."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Start without oblique textures.
@@ -192,25 +191,25 @@ class ObliqueTextures:
             sensors: the cameras by name.
         """
         self._sensors = sensors
-        # Rows of the motion across (to the left of) each camera's axis.
+        # Rows of the motion across each camera's axis, positive to the left.
         self._rows = {
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
             for name, s in sensors.items()
         }
         self._stamps: deque[int] = deque(maxlen=_REMEMBERED)
-        self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # across, since the first [m]
+        self._paths: deque[FloatArray] = deque(maxlen=_REMEMBERED)  # distance across each axis [m]
         self._twist: FloatArray = np.zeros(3)
         self._found: dict[str, str] = {}
         self._before: dict[str, tuple[float, float]] = {}  # last correlation and its excess
-        self._excess: dict[str, float] = {}  # the smaller one of the last two
+        self._excess: dict[str, float] = {}  # the smaller excess of the last two
 
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return as unmeasured all readings if some cameras do not match and none can be confirmed.
+        """Return all readings as unmeasured if a camera does not match and none can be confirmed.
 
-        Without a twist the motion across the axis is unknown: the texture may be oblique. A twist
-        measured shortly before gives that motion.
+        Without a twist the motion across the axis is unknown, so the texture may be oblique. A
+        twist that was measured shortly before can give this motion.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -221,11 +220,11 @@ class ObliqueTextures:
         ]
         if not blind:
             return {}
-        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _CONFIRMED_NS:
-            return self.misled(stamp_ns, readings, self._twist)
+        if len(self._stamps) > 1 and 0 < stamp_ns - self._stamps[-1] < _GAP_NS:
+            return self.over_oblique_texture(stamp_ns, readings, self._twist)
         reason = f"unconfirmed: the texture may be oblique, no match for {', '.join(blind)}"
         return {
-            name: reading.refuted(reason) for name, reading in readings.items() if reading.measured
+            name: reading.rejected(reason) for name, reading in readings.items() if reading.measured
         }
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
@@ -245,9 +244,9 @@ class ObliqueTextures:
         self._stamps.append(stamp_ns)
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return the motion of a camera across its axis over the last `age` seconds [m].
+        """Return the distance of a camera across its axis over the last `age` seconds [m].
 
-        Before the first stored twist the motion is taken as zero.
+        Before the first stored twist, the motion is assumed to be zero.
         """
         since = stamp_ns - round(1e9 * age)
         if not self._stamps or since >= self._stamps[-1]:
@@ -258,17 +257,17 @@ class ObliqueTextures:
         before = float(np.interp(since, list(self._stamps), paths))
         return abs(paths[-1] - before + across * (newest if 1e9 * newest < _GAP_NS else 0.0))
 
-    def misled(
+    def over_oblique_texture(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return readings over oblique textures as unmeasured, or with a larger variance.
+        """Return readings over oblique textures, as unmeasured or with a larger variance.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras by name.
-            twist: estimated from the readings.
+            twist: twist estimated from the readings.
         """
-        misled = {}
+        over_oblique_texture = {}
         for name, reading in readings.items():
             if not reading.measured:
                 continue
@@ -276,38 +275,37 @@ class ObliqueTextures:
             speed = abs(across)
             lifetime = self._sensors[name].width + _PIECE
             path = self._path_across(name, stamp_ns, reading.reference_age, across)
-            share = _bias(reading.details)
             if path > _FAR_ENOUGH * lifetime:
                 excess = reading.persistence - max(0.0, 1.0 - path / lifetime)
-                # A single excess may be chance, because a line shows only few pieces of ground.
+                # A single excess may be chance, because a line contains few independent texture
+                # values.
                 before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.persistence != before:  # not the same reading, solved again
+                if reading.persistence != before:  # not the same reading in a second solution
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.persistence, excess
                 least = self._excess.get(name, 0.0)
-                share = max(share, _BIAS * (least - _USUAL_EXCESS))
                 self._found.pop(name, None)
                 if excess > _CLEAR_EXCESS or least > _EXCESS:
                     self._found[name] = (
-                        f"oblique texture: {1e3 * path:.3g} mm across the axis the view is still "
-                        f"{100.0 * reading.persistence:.0f} % alike"
+                        f"oblique texture: {100.0 * reading.persistence:.0f} % correlation "
+                        f"after {1e3 * path:.3g} mm across the axis"
                     )
-            direction = (share * speed) ** 2
+            direction = (_bias(reading.details) * speed) ** 2
             if direction > 2.0 * reading.direction_variance:
-                misled[name] = dataclasses.replace(
+                over_oblique_texture[name] = dataclasses.replace(
                     reading,
                     variance=reading.variance - reading.direction_variance + direction,
                     direction_variance=direction,
                 )
             if name in self._found and speed > _SLOWEST:
-                misled[name] = reading.refuted(self._found[name])
-        return misled
+                over_oblique_texture[name] = reading.rejected(self._found[name])
+        return over_oblique_texture
 
 
 def _bias(details: float) -> float:
     """Return the standard deviation of the velocity along the axis per velocity across it [1].
 
-    In motion across the axis every oblique edge of the ground also shifts along it. With many
+    In motion across the axis, each oblique edge of the ground also shifts along the axis. With many
     details these errors cancel; with the few stones of a cobbled road they do not.
     """
     return _BIAS_OF_ONE * max(0.0, 1.0 - details / _MANY)

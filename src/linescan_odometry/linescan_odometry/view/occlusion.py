@@ -1,8 +1,8 @@
-"""Detection of occluded cameras, such as by a lid or dirt on the lens.
+"""Detection of occluded cameras, for example by a lid or by dirt on the lens.
 
-An occlusion matches itself perfectly at zero displacement, like the ground at rest or in motion
-across the axis. But a vehicle cannot come to rest faster than its brakes permit, and in motion
-across the axis the view of the ground changes.
+The image of an occluded camera matches itself perfectly at zero displacement, like that of the
+ground at rest or in motion across the axis. However, a vehicle cannot stop faster than its brakes
+permit, and in motion across the axis the view of the ground changes.
 """
 
 import math
@@ -14,18 +14,18 @@ from linescan_odometry.measurements import SensorReading
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_STILL_SHARE = 0.25  # motion across the axis, over the width, after which a view must change
-_STILL_PIXELS = 2.0  # px of motion along the axis after which a view must change
-_HARDEST_STOP = 50.0  # m/s^2
+_STILL_SHARE = 0.25  # share of the width; after this motion across the axis a view must change
+_STILL_PIXELS = 2.0  # px; after this motion along the axis a view must change
+_HARDEST_STOP = 50.0  # m/s^2; a larger deceleration is impossible
 
 
 class Covers:
-    """Stores the motion of the cameras and which of them are occluded."""
+    """Detects occluded cameras from the motion of each camera."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Start at rest without occluded cameras."""
         self._sensors = sensors
-        # Rows of the motion along and across (to the left of) each camera's axis.
+        # Rows of the motion along and across each camera's axis, across positive to the left.
         self._rows = {
             name: np.array(
                 [velocity_row(s.x, s.y, s.heading + turn) for turn in (0.0, math.pi / 2)]
@@ -40,22 +40,22 @@ class Covers:
         self._stamp_ns = 0
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Store a measured twist (v_x, v_y [m/s], yaw rate [rad/s]) at a time [ns]."""
+        """Store a twist (v_x, v_y [m/s], yaw rate [rad/s]) that was measured at a time [ns]."""
         self._stamp_ns = stamp_ns
         self._twist = twist
 
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return as unmeasured the readings that came to rest faster than a vehicle can.
+        """Return, as unmeasured, the readings that came to rest faster than a vehicle can.
 
-        A camera stays occluded until its view changes.
+        A camera remains occluded until its view changes.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras by name.
         """
-        if stamp_ns < self._stamp_ns:  # a recording that is played again
+        if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
         elapsed = 1e-9 * (stamp_ns - self._stamp_ns)
         dismissed = {}
@@ -69,24 +69,24 @@ class Covers:
                 name, along, across, reading.static_time
             ):
                 self._covered[name] = (
-                    f"covered: its view stands still, {1e3 * elapsed:.3g} ms after it moved at "
+                    f"covered: its view does not change, {1e3 * elapsed:.3g} ms after it moved at "
                     f"{speed:.3g} m/s"
                 )
             if name in self._covered:
-                dismissed[name] = reading.refuted(self._covered[name])
+                dismissed[name] = reading.rejected(self._covered[name])
         return dismissed
 
     def contradicted(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return as unmeasured the reading whose constant view contradicts the twist most.
+        """Return, as unmeasured, the reading whose constant view contradicts the twist most.
 
         Args:
             readings: readings of all cameras by name.
-            twist: estimated from the readings.
+            twist: twist estimated from the readings.
 
         Returns:
-            This reading by the name of its camera; empty if there is none.
+            This reading by the name of its camera; empty if no view contradicts the twist.
         """
         farthest, covered = _STILL_SHARE, {}
         for name, reading in readings.items():
@@ -97,14 +97,14 @@ class Covers:
             if share > farthest:
                 farthest = share
                 reason = (
-                    "covered: its view stands still, but the platform moves across it at "
+                    "covered: its view does not change, but the platform moves across it at "
                     f"{abs(across):.3g} m/s"
                 )
-                covered = {name: reading.refuted(reason)}
+                covered = {name: reading.rejected(reason)}
         return covered
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
-        """Return whether a motion would have changed the view."""
+        """Return whether a motion over some time [s] would have changed the view."""
         sensor = self._sensors[name]
         return (
             abs(across) * duration > _STILL_SHARE * sensor.width

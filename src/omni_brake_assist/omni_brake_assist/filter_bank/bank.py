@@ -1,52 +1,17 @@
-"""A step of the bank at the time of validity of the twist, and its prediction to the present."""
+"""One step of the bank at the twist's time of validity, and the prediction to the present time."""
 
 import math
 
+from omni_brake_assist.filter_bank import measurement
+from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.filters import predict, propagate
-from omni_brake_assist.filter_bank.measurement import (
-    GATE,
-    fuse_gyro,
-    fuse_twist,
-    fuse_wheels,
-    weigh_braking,
-)
-from omni_brake_assist.filter_bank.state import (
-    ALL,
-    BIAS_RATE,
-    FASTEST_TURN,
-    FAULTY,
-    FILTERS,
-    HYPOTHESES,
-    LARGEST_FORCE,
-    NO_ESTIMATE,
-    NO_FORCE,
-    NO_GYRO,
-    NO_IMU,
-    NO_TWIST,
-    OFFSET,
-    RATE,
-    READINGS,
-    ROW_IMU,
-    ROW_PEDAL,
-    ROW_WHEELS,
-    SCALE,
-    STATES,
-    U_X,
-    U_Y,
-    BankConstants,
-    BankMemory,
-    Readings,
-    Twist,
-    begin,
-    reset,
-    reset_posterior,
-)
+from omni_brake_assist.filter_bank.state import RATE, STATES, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_RESTART_NS = 100_000_000  # time from one restart of the filter of all sources to the next [ns]
-_UNSUPPORTED = 0.2  # longest time without both the twist and a rolling wheel [s]
-_MIXING = 0.02  # share of the best filter mixed into the others per step, pedal up [1]
+_RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
+_UNSUPPORTED = 0.2  # longest time without the twist and without a rolling wheel [s]
+_MIXING = 0.02  # share of the best filter mixed into each other filter per step, pedal up [1]
 
 
 @lean
@@ -54,11 +19,11 @@ def estimate(
     constants: BankConstants,
     memory: BankMemory,
     now_ns: int,
-    readings: Readings,
-    twist: Twist,
+    readings: bank.Readings,
+    twist: bank.Twist,
     answer: FloatArray,
 ) -> int:
-    """Advance the bank by a step.
+    """Advance the bank by one step.
 
     Args:
         constants: constants of the vehicle.
@@ -66,51 +31,51 @@ def estimate(
         now_ns: time of validity of the readings [ns].
         readings: pedal, enables and readings of this step.
         twist: the latest twist.
-        answer: receives the current twist [m/s, m/s, rad/s], shape (3,).
+        answer: output, the twist at the present time [m/s, m/s, rad/s], shape (3,).
 
     Returns:
-        The most probable hypothesis, which gave the estimate, or NO_ESTIMATE.
+        The most probable hypothesis, whose filter gave the estimate, or NO_ESTIMATE.
     """
     record = memory.record[0]
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
     if not record.begun or not 0.0 <= elapsed <= constants.longest:
         if not twist.received:
             record.begun = False
-            return NO_ESTIMATE
-        begin(constants, memory, now_ns, twist.value)
+            return bank.NO_ESTIMATE
+        bank.begin(constants, memory, now_ns, twist.value)
     braking = readings.pedal > 0.0
     if record.pressed and not braking:
-        reset_posterior(constants, memory)
+        bank.reset_posterior(constants, memory)
     record.pressed = braking
-    if record.best in (ALL, NO_ESTIMATE):
+    if record.best in (bank.ALL, bank.NO_ESTIMATE):
         record.restart_ns = now_ns
     elif now_ns - record.restart_ns > _RESTART_NS:
-        # Restart the filter of all sources from the best one: a source that now agrees with the
-        # estimate made without it becomes fault-free again.
+        # Restart the filter that uses all sources from the best filter. A recovered source then
+        # agrees with the estimate made without it and counts as fault-free again.
         record.restart_ns = now_ns
-        reset(memory, ALL, record.best)
+        bank.reset(memory, bank.ALL, record.best)
     _store(memory, now_ns, readings)
     memory.evidence[:] = 0.0
     valid_ns = twist.stamp_ns - constants.delay
     fresh = twist.received and valid_ns > record.twist_ns
-    target_ns = max(record.horizon_ns, now_ns - constants.patience)
+    target_ns = max(record.horizon_ns, now_ns - constants.twist_wait)
     if fresh:
         target_ns = max(target_ns, valid_ns)
     _advance(constants, memory, target_ns)
     if fresh:
-        fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
+        measurement.fuse_twist(constants, memory, (valid_ns - record.twist_ns) * 1e-9, twist)
         record.twist_ns = valid_ns
     if record.known:
         _update_posterior(constants, memory)
     record.known = record.known or fresh  # likelihoods are valid only after the first twist
     best = int(record.best)
-    if not braking and best != NO_ESTIMATE:
+    if not braking and best != bank.NO_ESTIMATE:
         _mix(memory, best)
     if _is_lost(memory):
-        return NO_ESTIMATE
-    record.scale = memory.state[best, SCALE]
+        return bank.NO_ESTIMATE
+    record.scale = memory.state[best, bank.SCALE]
     if not record.inertial:
-        return ALL
+        return bank.ALL
     best = int(_answer(constants, memory, best, answer))
     if fresh and valid_ns == now_ns:
         _keep_precise(memory, best, twist, answer)
@@ -118,87 +83,89 @@ def estimate(
 
 
 @lean
-def _store(memory: BankMemory, now_ns: int, readings: Readings) -> None:
+def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
     """Store the readings of this step."""
-    row = (memory.newest[0] + 1) % READINGS
+    row = (memory.newest[0] + 1) % bank.READINGS
     memory.newest[0] = row
     memory.stamps[row] = now_ns
     stored, n = memory.rows[row], memory.released.size
-    stored[ROW_PEDAL] = readings.pedal
+    stored[bank.ROW_PEDAL] = readings.pedal
     for j in range(3):
-        stored[ROW_IMU + j] = readings.inertial[j]
+        stored[bank.ROW_IMU + j] = readings.inertial[j]
     for i in range(n):
-        stored[ROW_WHEELS + i] = readings.speeds[i]
-        stored[ROW_WHEELS + n + i] = readings.enable[i]
+        stored[bank.ROW_WHEELS + i] = readings.speeds[i]
+        stored[bank.ROW_WHEELS + n + i] = readings.enable[i]
 
 
 @lean
 def _force(row: FloatArray) -> tuple[bool, float, float]:
-    """Return whether the specific force of a row is valid, and its components [m/s^2]."""
-    f_x, f_y = row[ROW_IMU + 1], row[ROW_IMU + 2]
-    return abs(f_x) < LARGEST_FORCE and abs(f_y) < LARGEST_FORCE, f_x, f_y
+    """Return whether a stored specific force is valid, and its components [m/s^2]."""
+    f_x, f_y = row[bank.ROW_IMU + 1], row[bank.ROW_IMU + 2]
+    return abs(f_x) < bank.LARGEST_FORCE and abs(f_y) < bank.LARGEST_FORCE, f_x, f_y
 
 
 @lean
 def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
-    """Predict the filters up to a time, and correct them by all readings until then."""
-    record, wheels = memory.record[0], ROW_WHEELS + memory.released.size
+    """Predict the filters to a time, and correct them with all readings up to that time."""
+    record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
-        row = (memory.newest[1] + 1) % READINGS
+        row = (memory.newest[1] + 1) % bank.READINGS
         reading, stamp_ns = memory.rows[row], memory.stamps[row]
-        braking, force = reading[ROW_PEDAL] > 0.0, _force(reading)
+        braking, force = reading[bank.ROW_PEDAL] > 0.0, _force(reading)
         until_ns = min(stamp_ns, target_ns)
-        dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[ROW_IMU]
-        if stamp_ns > target_ns:  # the twist is between two readings
+        dt, rate = (until_ns - record.horizon_ns) * 1e-9, reading[bank.ROW_IMU]
+        if stamp_ns > target_ns:  # the time of the twist is between two readings
             share = (until_ns - record.horizon_ns) / (stamp_ns - record.horizon_ns)
             rate = record.gyro + share * (rate - record.gyro)
         predict(constants, memory, dt, force, braking)
         record.horizon_ns = until_ns
-        if abs(rate) < FASTEST_TURN:
+        if abs(rate) < bank.FASTEST_TURN:
             record.inertial = record.inertial or force[0]
-            fuse_gyro(constants, memory, dt, rate)
+            measurement.fuse_gyro(constants, memory, dt, rate)
         if stamp_ns > target_ns:
             return
         memory.newest[1] = row
-        record.gyro = reading[ROW_IMU] if abs(reading[ROW_IMU]) < FASTEST_TURN else math.nan
+        gyro = reading[bank.ROW_IMU]
+        record.gyro = gyro if abs(gyro) < bank.FASTEST_TURN else math.nan
         record.braked = record.braked + dt if braking else 0.0
         push = math.hypot(force[1], force[2]) if force[0] else math.nan
-        enable, speeds = reading[wheels:], reading[ROW_WHEELS:wheels]
-        fuse_wheels(constants, memory, dt, braking, enable, speeds, push)
-        weigh_braking(constants, memory, stamp_ns, reading[ROW_PEDAL])
+        enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
+        measurement.fuse_wheels(constants, memory, dt, braking, enable, speeds, push)
+        measurement.weigh_braking(constants, memory, stamp_ns, reading[bank.ROW_PEDAL])
 
 
 @lean
 def _is_lost(memory: BankMemory) -> bool:
-    """Return whether too few sources are left to determine the motion.
+    """Return whether too few working sources remain to determine the motion.
 
-    If fewer than two encoders seem to work, the estimate is wrong: so many do not fail at a time.
-    Without the twist, an IMU is needed and, while brakes are released, a wheel that rolls.
+    If fewer than two encoders seem to work, the estimate itself must be wrong, because several
+    encoders do not fail at the same time. Without the twist, an IMU is required and, while brakes
+    are released, a rolling wheel too.
     """
     record, left = memory.record[0], 0
     for probability in memory.faulty:
-        left += 1 if probability <= FAULTY else 0
+        left += 1 if probability <= bank.FAULTY else 0
     supported = record.inertial and record.unsupported < _UNSUPPORTED
-    without = record.best == NO_TWIST and not supported
-    return bool(record.best == NO_ESTIMATE or without or (left < 2 and record.pressed))
+    without = record.best == bank.NO_TWIST and not supported
+    return bool(record.best == bank.NO_ESTIMATE or without or (left < 2 and record.pressed))
 
 
 @lean
 def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
-    """Update the probabilities of the hypotheses by Bayes' rule, and the most probable one."""
+    """Update the probabilities of the hypotheses by Bayes' rule; select the most probable one."""
     record, posterior, largest = memory.record[0], memory.posterior, -math.inf
     if record.pressed and _is_lost(memory):
         return  # all brakes act until the pedal is released
-    for k in range(HYPOTHESES):
+    for k in range(bank.HYPOTHESES):
         posterior[k] += memory.evidence[k]
-        if not record.inertial and k in (NO_GYRO, NO_FORCE, NO_IMU):
+        if not record.inertial and k in (bank.NO_GYRO, bank.NO_FORCE, bank.NO_IMU):
             posterior[k] = -1e3
         largest = max(largest, posterior[k])
     total = 0.0
-    for k in range(HYPOTHESES):
+    for k in range(bank.HYPOTHESES):
         total += math.exp(posterior[k] - largest)
     at_best = 0.0
-    for k in range(HYPOTHESES):
+    for k in range(bank.HYPOTHESES):
         probability = math.exp(posterior[k] - largest) / total
         probability += constants.transition * (constants.prior[k] - probability)
         posterior[k] = math.log(probability)
@@ -208,9 +175,9 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def _mix(memory: BankMemory, best: int) -> None:
-    """Mix the best filter into the others, so that none drifts away while the pedal is up."""
+    """Mix the best filter into the others, so that none of them drifts while the pedal is up."""
     there, p_there = memory.state[best], memory.covariance[best]
-    for k in range(FILTERS):
+    for k in range(bank.FILTERS):
         if k == best:
             continue
         here, p_here = memory.state[k], memory.covariance[k]
@@ -223,37 +190,39 @@ def _mix(memory: BankMemory, best: int) -> None:
 
 
 @lean
-def _keep_precise(memory: BankMemory, best: int, twist: Twist, answer: FloatArray) -> None:
-    """Answer with the components of a fused, current twist that are less uncertain than the filter.
+def _keep_precise(memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray) -> None:
+    """Replace the components of the estimate for which the fused, current twist has less variance.
 
-    The model errors of the filter would only add to those of a precise twist. Its innovations must
-    be no larger than expected: the mean of their normalized squares is at most 1. The estimated
-    offset of the yaw rate is part of its error.
+    A precise twist is better used directly, as the filter would only add its model errors. This
+    requires innovations no larger than expected: the mean of their normalized squares is at most 1.
+    The estimated offset of the yaw rate counts as part of the twist's error.
     """
-    agrees = GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
-    if best not in (NO_TWIST, NO_ESTIMATE) and agrees:
+    agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
+    if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:
         covariance = memory.covariance[best]
         for j in range(answer.size):
-            offset = memory.state[best, OFFSET] if j == RATE else 0.0
+            offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0
             if twist.variance[j] + offset**2 < covariance[j, j]:
                 answer[j] = twist.value[j]
 
 
 @lean
 def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: FloatArray) -> int:
-    """Predict the best estimate to the present; return NO_ESTIMATE if it is too uncertain."""
+    """Predict the best estimate to the present; return NO_ESTIMATE if its variance is too large."""
     covariance, record, state = memory.covariance[best], memory.record[0], memory.gain
     for i in range(STATES):
         state[i] = memory.state[best, i]
     row, before_ns = memory.newest[1], record.horizon_ns
     while row != memory.newest[0]:
-        row = (row + 1) % READINGS
+        row = (row + 1) % bank.READINGS
         reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
         before_ns = memory.stamps[row]
-        if best not in (NO_GYRO, NO_IMU) and abs(reading[ROW_IMU]) < FASTEST_TURN:
-            state[RATE] = reading[ROW_IMU] - state[BIAS_RATE]
+        gyro = reading[bank.ROW_IMU]
+        if best not in (bank.NO_GYRO, bank.NO_IMU) and abs(gyro) < bank.FASTEST_TURN:
+            state[RATE] = gyro - state[bank.BIAS_RATE]
         known, f_x, f_y = _force(reading)
-        propagate(state, state[RATE], dt, (known and best not in (NO_FORCE, NO_IMU), f_x, f_y))
+        used = known and best not in (bank.NO_FORCE, bank.NO_IMU)
+        propagate(state, state[RATE], dt, (used, f_x, f_y))
     answer[0] = state[U_X] + state[RATE] * constants.p_y
     answer[1] = state[U_Y] - state[RATE] * constants.p_x
     answer[2] = state[RATE]
@@ -263,4 +232,4 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         and covariance[RATE, RATE] <= constants.rate_deviation**2
         and math.isfinite(answer[0] + answer[1] + answer[2])
     )
-    return best if valid else NO_ESTIMATE
+    return best if valid else bank.NO_ESTIMATE

@@ -1,29 +1,16 @@
-"""Prediction of the filters by the accelerometer, and their correction by a scalar."""
+"""Prediction of the filters with the accelerometer, and correction by a scalar measurement."""
 
 import math
 
-from omni_brake_assist.filter_bank.state import (
-    ALL,
-    BIAS_RATE,
-    BIAS_X,
-    BIAS_Y,
-    FILTERS,
-    NO_FORCE,
-    NO_IMU,
-    RATE,
-    STATES,
-    U_X,
-    U_Y,
-    BankConstants,
-    BankMemory,
-)
+from omni_brake_assist.filter_bank import state as bank
+from omni_brake_assist.filter_bank.state import BIAS_X, BIAS_Y, RATE, STATES, U_X, U_Y, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 
 @lean
 def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Propagate the velocity in a state by a yaw rate [rad/s] and, if valid, the specific force."""
+    """Propagate the velocity by a yaw rate [rad/s] and, if it is valid, by the specific force."""
     known, f_x, f_y = force
     u_x, u_y = state[U_X], state[U_Y]
     cos, sin = math.cos(rate * dt), math.sin(rate * dt)
@@ -37,20 +24,20 @@ def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, floa
 
 @lean
 def predict(
-    constants: BankConstants,
+    constants: bank.BankConstants,
     memory: BankMemory,
     dt: float,
     force: tuple[bool, float, float],
     braking: bool,
 ) -> None:
-    """Predict all filters across a step, by the specific force where it is used."""
+    """Predict all filters over a step, with the specific force in those filters that use it."""
     product = memory.product
-    for k in range(FILTERS):
+    for k in range(bank.FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
-        used = force[0] and k not in (NO_FORCE, NO_IMU)
+        used = force[0] and k not in (bank.NO_FORCE, bank.NO_IMU)
         rate = state[RATE]
         propagate(state, rate, dt, (used, force[1], force[2]))
-        # Only the rows of the Jacobian that differ from those of the unit matrix.
+        # Compute only the rows of the Jacobian that differ from the unit matrix.
         cos, sin = math.cos(rate * dt), math.sin(rate * dt)
         t_x, t_y = dt * state[U_Y], -dt * state[U_X]
         bias = -dt if used else 0.0
@@ -69,13 +56,13 @@ def predict(
         covariance[U_Y, U_Y] += spread
         covariance[RATE, RATE] += dt * constants.turn**2
         if not braking:
-            for j in range(BIAS_RATE, STATES):
+            for j in range(bank.BIAS_RATE, STATES):
                 covariance[j, j] += dt * constants.drift[j] ** 2
 
 
 @lean
 def variance_along(covariance: FloatArray, h: FloatArray) -> float:
-    """Return the variance of ``h . x``."""
+    """Return the variance of ``h . x``, given the covariance of ``x``."""
     total = 0.0
     for i in range(STATES):
         if h[i] != 0.0:
@@ -89,22 +76,22 @@ def variance_along(covariance: FloatArray, h: FloatArray) -> float:
 def correct(
     memory: BankMemory, k: int, innovation: float, variance: float, learned: tuple[int, int]
 ) -> None:
-    """Correct a filter by a scalar measurement ``h . x``, with `BankMemory.h`.
+    """Correct a filter by a scalar measurement of ``h . x``, where ``h`` is `BankMemory.h`.
 
-    While the pedal is down or a source is at fault, the variances of biases, scale and offset are
-    considered, but their values are not estimated (Schmidt-Kalman filter), so that no filter
-    explains a fault by them.
+    While the pedal is down or a source is faulty, biases, scale and offset are not estimated, but
+    their variances are taken into account (Schmidt-Kalman filter). Otherwise a filter could explain
+    a fault by a change of these states.
 
     Args:
         memory: memory of the bank.
         k: number of the filter.
         innovation: measurement minus its prediction [unit of the measurement].
         variance: variance of the measurement [square of its unit].
-        learned: first and last of the constant states that the measurement may correct.
+        learned: indices of the first and last constant state that the measurement may correct.
     """
     state, covariance, h, gain = memory.state[k], memory.covariance[k], memory.h, memory.gain
     record = memory.record[0]
-    learns, (first, last) = record.best == ALL and not record.pressed, learned
+    learns, (first, last) = record.best == bank.ALL and not record.pressed, learned
     gain[:] = 0.0
     for j in range(STATES):
         if h[j] != 0.0:

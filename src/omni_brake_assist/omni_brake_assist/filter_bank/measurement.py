@@ -1,37 +1,19 @@
-"""Measurement sources of the bank.
+"""Measurement models of the filter bank.
 
-For each source, the functions compute prediction, innovation, its variance, the test ratio (squared
-normalized innovation over its gate) and the log likelihood under each hypothesis. The source is
-fused if its test ratio is small enough. A source at fault is modeled as a random walk from its last
-reading, with steps as large as a vehicle can move, so that its likelihood under the hypotheses that
-exclude it can be compared with the others.
+For each source, the functions compute the prediction, the innovation, its variance, the test ratio
+(normalized innovation squared over `GATE`) and the log likelihood under each hypothesis. A source
+is fused only if its test ratio is at most 1; the twist of a vehicle without an IMU is always fused.
+A reading of a faulty source is modeled as a random walk from the last reading, with steps as large
+as the vehicle's motion allows, so that the hypotheses that exclude the source have a comparable
+likelihood.
 """
 
 import math
 from typing import NamedTuple
 
+from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.filters import correct, variance_along
-from omni_brake_assist.filter_bank.state import (
-    ALL,
-    BIAS_RATE,
-    FASTEST_RIM,
-    FILTERS,
-    HYPOTHESES,
-    LOSS_STEPS,
-    NO_ESTIMATE,
-    NO_GYRO,
-    NO_IMU,
-    NO_TWIST,
-    OFFSET,
-    RATE,
-    SCALE,
-    U_X,
-    U_Y,
-    BankConstants,
-    BankMemory,
-    Twist,
-    reset,
-)
+from omni_brake_assist.filter_bank.state import RATE, SCALE, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -41,31 +23,33 @@ GATE = 30.0
 _DRIVEN = 0.98  # prior probability that a wheel rolls while the pedal is up [1]
 _BRAKED = 0.03  # prior probability that a wheel rolls while its brake acts [1]
 _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is released [1]
-_LET_GO = 0.05  # enable up to which a brake counts as released [1]
-# Rim speed [m/s] that a released wheel gains within a time [s]. On ice (friction 0.1, load 2500 N,
-# radius 0.2 m, inertia 1 kg m^2) a rim gains it in a fifth of this time.
+_RELEASED_ENABLE = 0.05  # enable up to which a brake counts as released [1]
+# A released wheel counts as idle if its rim gains less than _GAIN [m/s] within _IDLE [s]. On ice
+# (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains as much in a fifth of this
+# time.
 _GAIN, _IDLE = 0.1, 0.05
 _FAULTY = 0.05  # prior probability of a faulty encoder [1]
-_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # range of faulty readings: at rest [m/s], per speed [1]
-_EDGE = 0.15  # speed by which a sliding rim may be outside rest to rolling [m/s]
-# Slip of driven wheels by the specific force [s^2/m], [s^4/m^2], as a share of the vehicle's speed,
-# and number of consecutive steps whose readings have the same error by slip.
+_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
+_EDGE = 0.15  # tolerance of the range of sliding speeds, rest to rolling [m/s]
+# Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m] and per its
+# square [s^4/m^2]; number of consecutive steps in which this slip has the same error.
 _SLIP, _SLIP_GROWTH, _SLIP_STEPS = 0.01, 0.002, 40.0
-_LEAST_LOSS, _LARGEST_LOSS = 1.5, 15.0  # deceleration of a braked vehicle [m/s^2]
-_LOSS_DEVIATION = 0.05  # standard deviation of a loss of speed [m/s]
+_LEAST_LOSS, _LARGEST_LOSS = 1.5, 15.0  # assumed range of a braked vehicle's deceleration [m/s^2]
+_LOSS_DEVIATION = 0.05  # standard deviation of the measured loss of speed [m/s]
 
 
 class _Wheel(NamedTuple):
-    """Model of a wheel in a step.
+    """Model of one wheel in one step.
 
     Attributes:
         rolls: prior probability that the wheel rolls [1].
         faulty: probability that its encoder is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
-        push: specific force by which the wheels drive the vehicle, NaN where it is not measured
-            [m/s^2].
-        excess: speed of the rim above rolling after a release, as the tire springs back [m/s].
-        span: range of the readings of a faulty encoder [m/s].
+        push: specific force that the driven wheels exert on the vehicle [m/s^2], NaN where it is
+            not measured.
+        excess: speed of a rim above rolling after its brake is released, as the tire springs back
+            [m/s].
+        span: width of the range of readings of a faulty encoder [m/s].
     """
 
     rolls: float
@@ -78,17 +62,17 @@ class _Wheel(NamedTuple):
 
 @lean
 def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: float) -> None:
-    """Correct the filters that use the gyro by its yaw rate [rad/s]."""
+    """Correct the filters that use the gyro with its yaw rate [rad/s]."""
     record, h = memory.record[0], memory.h
     own = constants.gyro**2 + (0.005 * rate) ** 2
     change = rate - record.gyro
     record.gyro = rate
     h[:] = 0.0
-    h[RATE] = h[BIAS_RATE] = 1.0
-    for k in range(HYPOTHESES):
-        uses = k not in (NO_GYRO, NO_IMU, NO_ESTIMATE)
+    h[RATE] = h[bank.BIAS_RATE] = 1.0
+    for k in range(bank.HYPOTHESES):
+        uses = k not in (bank.NO_GYRO, bank.NO_IMU, bank.NO_ESTIMATE)
         if uses:
-            innovation = rate - memory.state[k, RATE] - memory.state[k, BIAS_RATE]
+            innovation = rate - memory.state[k, RATE] - memory.state[k, bank.BIAS_RATE]
             total = own + variance_along(memory.covariance[k], h)
         else:
             innovation = change if math.isfinite(change) else 0.0
@@ -96,22 +80,22 @@ def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: flo
         squared = innovation**2 / total
         memory.evidence[k] -= constants.weight * 0.5 * (min(squared, GATE) + math.log(total))
         if uses and squared <= GATE:
-            correct(memory, k, innovation, own, (BIAS_RATE, OFFSET))
+            correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
 
 
 @lean
 def _twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
-    """Write the direction in the state that a component of the twist measures."""
+    """Set `h` to the direction in the state space that a component of the twist measures."""
     h[:] = 0.0
     if j == RATE:
-        h[RATE] = h[OFFSET] = 1.0
+        h[RATE] = h[bank.OFFSET] = 1.0
     else:
         h[j] = 1.0
         h[RATE] = constants.p_y if j == 0 else -constants.p_x
 
 
 @lean
-def _twist_variance(constants: BankConstants, twist: Twist, j: int) -> float:
+def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> float:
     """Return the variance of a component of a fault-free twist."""
     value = twist.value
     if j == RATE:
@@ -122,7 +106,7 @@ def _twist_variance(constants: BankConstants, twist: Twist, j: int) -> float:
 
 @lean
 def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
-    """Return a reading minus the prediction of a filter, along `BankMemory.h`."""
+    """Return a reading minus the prediction of a filter along the direction `BankMemory.h`."""
     innovation = reading
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
@@ -130,7 +114,7 @@ def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
 
 
 @lean
-def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: Twist) -> None:
+def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist) -> None:
     """Correct the filters that use the twist.
 
     Args:
@@ -142,13 +126,13 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
     record, h, value = memory.record[0], memory.h, twist.value
     angle = 0.5 * (record.twist_rate + value[2]) * dt
     c, s = math.cos(angle), math.sin(angle)
-    # The last twist in the body axes at this one.
+    # The last twist, rotated into the body axes at the time of the new one.
     record.twist_x, record.twist_y = (
         c * record.twist_x + s * record.twist_y,
         c * record.twist_y - s * record.twist_x,
     )
-    for k in range(HYPOTHESES):
-        uses = k not in (NO_TWIST, NO_ESTIMATE)
+    for k in range(bank.HYPOTHESES):
+        uses = k not in (bank.NO_TWIST, bank.NO_ESTIMATE)
         squared, logs = 0.0, 0.0
         for j in range(3):
             own = _twist_variance(constants, twist, j)
@@ -157,8 +141,8 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
             innovation = value[j] - last
             total = 2.0 * own + dt * (constants.turn if j == RATE else constants.walk) ** 2
             cost = innovation**2 / total + math.log(total)
-            # The yaw rate of a faulty twist may still be right.
-            if uses or (k == NO_TWIST and j == RATE):
+            # The yaw rate of a twist with a faulty velocity may still be correct.
+            if uses or (k == bank.NO_TWIST and j == RATE):
                 _twist_direction(constants, h, j)
                 misfit = _twist_innovation(memory, k, value[j])
                 predicted = own + variance_along(memory.covariance[k], h)
@@ -166,9 +150,9 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
                     innovation, total = misfit, predicted
             squared += innovation**2 / total
             logs += math.log(total)
-            if k == ALL and j >= 1:
+            if k == bank.ALL and j >= 1:
                 memory.ratio[j - 1] = squared / GATE
-        if k == ALL:
+        if k == bank.ALL:
             memory.ratio[1] -= memory.ratio[0]
         memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
         if not uses:
@@ -178,9 +162,9 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: T
                 _twist_direction(constants, h, j)
                 innovation = _twist_innovation(memory, k, value[j])
                 own = _twist_variance(constants, twist, j)
-                correct(memory, k, innovation, own, (BIAS_RATE, OFFSET))
-        elif record.best not in (k, NO_ESTIMATE):
-            reset(memory, k, record.best)
+                correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
+        elif record.best not in (k, bank.NO_ESTIMATE):
+            bank.reset(memory, k, record.best)
     record.twist_x, record.twist_y, record.twist_rate = value[0], value[1], value[2]
 
 
@@ -194,18 +178,18 @@ def fuse_wheels(
     speeds: FloatArray,
     push: float,
 ) -> None:
-    """Correct all filters by the wheels that roll.
+    """Correct all filters with the wheels that roll.
 
-    A reading is a mixture of three cases: the wheel rolls; it slides, at a speed between rest and
-    rolling, or a little more while the tire springs back after a release; or its encoder is faulty.
-    Only one encoder can be faulty at a time.
+    A reading is modeled as a mixture of three cases. The wheel rolls; or it slides, with a speed
+    between rest and rolling, or slightly above rolling while the tire springs back after a release;
+    or its encoder is faulty. At most one encoder is assumed to be faulty.
 
     Args:
         constants: constants of the vehicle.
         memory: memory of the bank.
         dt: length of the step [s].
         braking: whether the pedal is down.
-        enable: enables [1], shape (N,).
+        enable: brake enables [1], shape (N,).
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
@@ -220,9 +204,9 @@ def fuse_wheels(
         change = rim - memory.rim[i]
         memory.rim[i] = rim
         memory.wheel_ratio[i] = math.nan
-        held = braking and enable[i] > _LET_GO
+        held = braking and enable[i] > _RELEASED_ENABLE
         memory.released[i] = 0.0 if held else memory.released[i] + dt
-        if not abs(rim) < FASTEST_RIM:
+        if not abs(rim) < bank.FASTEST_RIM:
             continue
         memory.mark[i] = min(memory.mark[i], abs(rim))
         if held or not braking or abs(rim) > memory.mark[i] + _GAIN:
@@ -233,18 +217,18 @@ def fuse_wheels(
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
-            excess = 0.0 if held else 2.0 * constants.rebound * fresh  # 95 % of its readings
+            excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
             rolls = _BRAKED
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], _FAULTY)
-        memory.evidence[NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
+        memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
         wheel, odds = _Wheel(rolls, faulty, own, 0.0 if braking else push, excess, span), 1.0
-        for k in range(FILTERS):
+        for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             if k == memory.record[0].best:
                 odds = (possible * span) ** constants.weight
-        _judge_encoder(constants, memory, i, odds)
+        _update_encoder(constants, memory, i, odds)
         released = released or not held
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record = memory.record[0]
@@ -257,7 +241,7 @@ def fuse_wheels(
 def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
-    """Correct a filter by a wheel; return the likelihood of a fault-free encoder [s/m]."""
+    """Correct a filter with one wheel; return the likelihood of a fault-free encoder [s/m]."""
     rolls, faulty, own, push, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
@@ -267,7 +251,7 @@ def _fuse_wheel(
     h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
     speed = math.hypot(state[U_X], state[U_Y])
     if math.isnan(push):
-        push = speed * abs(state[RATE])  # of a turn
+        push = speed * abs(state[RATE])  # centripetal acceleration in a turn
     slip = math.sqrt(_SLIP_STEPS) * (_SLIP + _SLIP_GROWTH * push) * push
     variance = own + (constants.share * ground) ** 2 + (slip * speed) ** 2
     predicted = variance_along(memory.covariance[k], h)
@@ -285,15 +269,16 @@ def _fuse_wheel(
     if (1.0 - faulty) * rolling > 0.5 * likelihood:
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
-        # Driven wheels slip in a turn, so they must not correct the biases of other sensors.
+        # Driven wheels slip in a turn. They may correct only their own scale, no bias of another
+        # sensor.
         correct(memory, k, innovation, variance, (SCALE, SCALE))
-    # A reading that could be a slide does not prove that the encoder works.
+    # A reading that a slide could explain is no evidence that the encoder works.
     return rolling + min(sliding, 1.0 / span)
 
 
 @lean
-def _judge_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: float) -> None:
-    """Update the probability that an encoder is faulty by Bayes' rule."""
+def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: float) -> None:
+    """Update the probability that the encoder of a wheel is faulty by Bayes' rule."""
     faulty = memory.faulty[i]
     faulty /= faulty + (1.0 - faulty) * odds
     memory.faulty[i] = faulty + constants.transition * (_FAULTY - faulty)
@@ -301,22 +286,22 @@ def _judge_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: f
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Compare the loss of speed in each filter with what brakes and tires allow."""
+    """Compare the loss of speed in each filter with the range that brakes and tires allow."""
     loss = memory.loss
-    for row in range(LOSS_STEPS):
-        for k in range(FILTERS + 1):
+    for row in range(bank.LOSS_STEPS):
+        for k in range(bank.FILTERS + 1):
             loss[row, k] = loss[row + 1, k]
-    for k in range(FILTERS):
-        loss[LOSS_STEPS, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
-    loss[LOSS_STEPS, FILTERS] = float(now_ns)
-    time = (loss[LOSS_STEPS, FILTERS] - loss[0, FILTERS]) * 1e-9
+    for k in range(bank.FILTERS):
+        loss[bank.LOSS_STEPS, k] = math.hypot(memory.state[k, U_X], memory.state[k, U_Y])
+    loss[bank.LOSS_STEPS, bank.FILTERS] = float(now_ns)
+    time = (loss[bank.LOSS_STEPS, bank.FILTERS] - loss[0, bank.FILTERS]) * 1e-9
     record = memory.record[0]
     if record.braked < time + constants.spin_up or not record.inertial:
         return
-    for k in range(FILTERS):
-        lost = loss[0, k] - loss[LOSS_STEPS, k]
+    for k in range(bank.FILTERS):
+        lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
         least = min(_LEAST_LOSS * pedal * time, 0.5 * loss[0, k])
         off = max(least - lost, 0.0) + max(lost - _LARGEST_LOSS * time, 0.0)
         squared = min((off / _LOSS_DEVIATION) ** 2, 5.0 * GATE)
         memory.evidence[k] -= constants.wheel_weight * 0.5 * squared
-    memory.evidence[NO_ESTIMATE] -= constants.wheel_weight
+    memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

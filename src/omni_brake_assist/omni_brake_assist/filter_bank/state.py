@@ -16,25 +16,26 @@ IntArray = NDArray[np.int64]
 Record = Any
 """A record of a structured array, by reference."""
 
-# Hypotheses: which sources are at fault. All but the last have a filter without these sources.
+# Hypotheses on which source is faulty. Each of them but NO_ESTIMATE has a filter without this
+# source.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(6)
 FILTERS, HYPOTHESES = 5, 6
 
-# Velocity of the mounting of the IMU, yaw rate, biases of gyro and accelerometer, relative error of
-# the wheel radii, offset of the yaw rate of the twist.
+# Components of the state: velocity at the mounting point of the IMU, yaw rate, biases of gyro and
+# accelerometer, relative error of the wheel radii, offset of the twist's yaw rate.
 U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
 STATES = 8
 
 READINGS = 64
-"""Steps of which all readings are stored for a twist that is late."""
+"""Number of past steps whose readings are stored, for a twist that arrives late."""
 ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
-"""Columns of a row of readings: pedal, IMU, speeds and enables of the wheels."""
+"""First columns of pedal, IMU and wheels in a row of readings."""
 
 LOSS_STEPS = 10
-"""Steps over which the loss of speed is measured."""
+"""Number of steps over which the loss of speed is measured."""
 
 FAULTY = 0.5
-"""Probability of a faulty encoder above which its wheel is isolated [1]."""
+"""Probability of a faulty encoder above which the encoder is isolated [1]."""
 
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
@@ -44,29 +45,29 @@ BANK = np.dtype(
     [
         ("begun", "?"),
         ("known", "?"),  # whether a twist has been fused
-        ("inertial", "?"),  # whether there has been an IMU reading
+        ("inertial", "?"),  # whether an IMU reading has been received
         ("pressed", "?"),  # whether the pedal was down in the last step
-        ("horizon_ns", "i8"),  # time of the filters [ns]
+        ("horizon_ns", "i8"),  # time at which the filter states are valid [ns]
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
         ("twist_x", "f8"),  # velocity of that twist [m/s]
         ("twist_y", "f8"),
         ("twist_rate", "f8"),  # yaw rate of that twist [rad/s]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
-        ("braked", "f8"),  # time since the pedal went down [s]
-        ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
+        ("braked", "f8"),  # time since the pedal was pressed [s]
+        ("unsupported", "f8"),  # time without a released wheel that rolls [s]
         ("scale", "f8"),  # estimated error of the wheel radii [1]
-        ("restart_ns", "i8"),  # when the filter of all sources was last reset [ns]
+        ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
     ]
 )
 
 
 class Readings(NamedTuple):
-    """Pedal, enables and readings of a step, NaN where there is none.
+    """Pedal, enables and sensor readings of a step, NaN where a reading is missing.
 
     Attributes:
         pedal: the driver's brake demand, 0 while the pedal is up [1].
-        enable: enables of the step before [1], shape (N,).
+        enable: brake enables of the previous step [1], shape (N,).
         inertial: yaw rate [rad/s] and specific force [m/s^2], shape (3,).
         speeds: wheel speeds [rad/s], shape (N,).
     """
@@ -78,7 +79,7 @@ class Readings(NamedTuple):
 
 
 class Twist(NamedTuple):
-    """The latest twist.
+    """Latest received twist.
 
     Attributes:
         received: whether there is a valid twist.
@@ -94,37 +95,37 @@ class Twist(NamedTuple):
 
 
 class BankConstants(NamedTuple):
-    """Constants of the bank.
+    """Constants of the filter bank.
 
     Attributes:
         n_x: active directions, x component [1], shape (N,).
         n_y: active directions, y component [1], shape (N,).
         lever: levers of the active directions about the mounting of the IMU [m], shape (N,).
-        roll: speed along the active direction per wheel speed [m], shape (N,).
+        roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         p_x: position of the IMU, x [m].
         p_y: position of the IMU, y [m].
-        force: random walk of the velocity if the specific force is used [m/s/sqrt(s)].
-        walk: random walk of the velocity without it: 1 g during 0.01 s [m/s/sqrt(s)].
-        turn: random walk of the yaw rate: 30 rad/s^2 during 0.01 s [rad/s/sqrt(s)].
-        gyro: standard deviation of the gyro [rad/s].
-        rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
-        wheel: standard deviation of a rolling rim and of a fault-free twist [m/s].
-        share: standard deviation of both as a share of the speed [1].
-        spin_up: time after the release of a brake at which its wheel rolls [s].
-        rebound: excess of a rim over rolling after a release, while the tire springs back [m/s].
-        rebound_time: duration of this excess [s].
-        weight: weight of the evidence of a step, below 1 because errors are correlated [1].
-        wheel_weight: weight of the evidence of the wheels in a step [1].
-        transition: probability of a transition in a step [1].
-        velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
-        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
-        delay: time by which a twist is older than its stamp [ns].
-        patience: time for which a twist is awaited [ns].
-        longest: longest step; after a longer one the filters start again [s].
+        spin_up: time from the release of a brake until its wheel rolls [s].
+        delay: latency of a twist that its stamp does not include [ns].
+        twist_wait: longest time for which the filters wait for a late twist [ns].
+        longest: longest time step; after a longer one the filters are initialized again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
         initial: standard deviations of the states at the start, shape (8,).
-        drift: growth of the deviations of the constant states, pedal up [1/sqrt(s)], shape (8,).
-        nothing: an empty record.
+        drift: random walk of the constant states while the pedal is up [1/sqrt(s)], shape (8,).
+        nothing: an empty record, for a reset.
+        force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
+        walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
+        turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
+        gyro: standard deviation of the gyro [rad/s].
+        rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
+        wheel: standard deviation of the velocity, of a rolling rim and of a fault-free twist [m/s].
+        share: further standard deviation of both, as a share of the speed [1].
+        rebound: speed of a rim above rolling after a release, while the tire springs back [m/s].
+        rebound_time: duration of this excess [s].
+        weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
+        wheel_weight: exponent of the likelihoods of the wheels in a step [1].
+        transition: probability of a transition between hypotheses in a step [1].
+        velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
+        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
     """
 
     n_x: FloatArray
@@ -133,54 +134,56 @@ class BankConstants(NamedTuple):
     roll: FloatArray
     p_x: float
     p_y: float
-    force: float
-    walk: float
-    turn: float
-    gyro: float
-    rate: float
-    wheel: float
-    share: float
     spin_up: float
-    rebound: float
-    rebound_time: float
-    weight: float
-    wheel_weight: float
-    transition: float
-    velocity_deviation: float
-    rate_deviation: float
     delay: int
-    patience: int
+    twist_wait: int
     longest: float
     prior: FloatArray
     initial: FloatArray
     drift: FloatArray
     nothing: NDArray[np.void]
+    force: float = 0.02
+    walk: float = 1.0
+    turn: float = 3.0
+    gyro: float = 0.01
+    rate: float = 0.02
+    wheel: float = 0.03
+    share: float = 0.005
+    rebound: float = 0.25
+    rebound_time: float = 0.15
+    weight: float = 0.3
+    wheel_weight: float = 0.2
+    transition: float = 1e-3
+    velocity_deviation: float = 0.4
+    rate_deviation: float = 0.15
 
 
 class BankMemory(NamedTuple):
-    """State of the bank from step to step.
+    """State of the filter bank between steps.
 
     Attributes:
         state: state of each filter, shape (5, 8).
         covariance: covariance of each filter, shape (5, 8, 8).
         posterior: log probabilities of the hypotheses, shape (6,).
-        evidence: log likelihoods of a step, shape (6,).
+        evidence: log likelihoods of the readings of a step, shape (6,).
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest recent speed of each released rim, from which a gain counts [m/s], shape (N,).
+        mark: lowest recent speed of each released rim, the reference of its gain in speed [m/s],
+            shape (N,).
         idle: time for which each released rim has not gained speed [s], shape (N,).
         faulty: probability of a faulty encoder of each wheel [1], shape (N,).
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
-        loss: speeds of the last steps by filter [m/s] and their times [ns], shape (11, 6).
-        rows: readings of the last steps, a ring buffer, shape (64, 4 + 2 N).
+        loss: past speed in each filter [m/s] and its time [ns], shape (11, 6).
+        rows: readings of the past steps, a ring buffer, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
-        newest: row of the newest reading, and of the newest that the filters have used, shape (2,).
-        h: direction of a measurement in the state, shape (8,).
-        gain: gain of a correction, shape (8,).
-        product: rows of a product of matrices, shape (2, 8).
+        newest: row of the newest reading, and of the newest one that the filters have used,
+            shape (2,).
+        h: direction in the state space that a measurement observes, shape (8,).
+        gain: Kalman gain of a correction, shape (8,).
+        product: temporary rows of a matrix product, shape (2, 8).
     """
 
     state: FloatArray
@@ -207,29 +210,15 @@ class BankMemory(NamedTuple):
 def bank_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BankConstants:
-    """Return the constants in the layout of the kernel."""
+    """Convert a configuration to the constants of the filter bank."""
     p_x, p_y = configuration.imu_x, configuration.imu_y
     return BankConstants(
         **_rims(geometry, p_x, p_y),
         p_x=p_x,
         p_y=p_y,
-        force=0.02,
-        walk=1.0,
-        turn=3.0,
-        gyro=0.01,
-        rate=0.02,
-        wheel=0.03,
-        share=0.005,
         spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
-        rebound=0.25,
-        rebound_time=0.15,
-        weight=0.3,
-        wheel_weight=0.2,
-        transition=1e-3,
-        velocity_deviation=0.4,
-        rate_deviation=0.15,
         delay=round(configuration.feedback_delay * 1e9),
-        patience=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
+        twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
         longest=configuration.maximum_time_step,
         prior=np.array([0.9, 0.05, 0.02, 0.02, 0.005, 0.005]),
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
@@ -239,8 +228,8 @@ def bank_constants(
 
 
 @lru_cache(maxsize=64)
-def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, FloatArray]:
-    """Return the kinematics of rims and IMU, once for all runs of a campaign."""
+def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, Any]:
+    """Return the kinematics of rims and IMU; computed once for all runs of a campaign."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
     roll = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
@@ -248,7 +237,7 @@ def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, Float
 
 
 def bank_memory(wheels: int) -> BankMemory:
-    """Return the memory of a bank that has received nothing."""
+    """Return the initial memory, without any received message."""
     return BankMemory(
         np.zeros((FILTERS, STATES)),
         np.zeros((FILTERS, STATES, STATES)),
@@ -274,7 +263,7 @@ def bank_memory(wheels: int) -> BankMemory:
 
 @lean
 def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: FloatArray) -> None:
-    """Initialize all filters at a twist with large variances."""
+    """Initialize all filters with the velocity of a twist and with large variances."""
     memory.record[0] = constants.nothing[0]
     bank = memory.record[0]
     bank.begun = True
@@ -307,7 +296,7 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Start a filter again from the state and covariance of the best one."""
+    """Restart a filter with the state and covariance of the best one."""
     for i in range(STATES):
         memory.state[k, i] = memory.state[best, i]
         for j in range(STATES):

@@ -1,1 +1,1 @@
-"""Control laws, which compute brake enables from a valid twist; one module each."""
+"""Control laws, one module each. A law computes brake enables from a valid twist."""

@@ -1,10 +1,17 @@
-"""Control allocation: the friction forces that stop the vehicle shortest on its heading and line.
+"""Control allocation: friction forces for the shortest stop that keeps heading and line of motion.
 
-Each step estimates the friction force and capacity of each wheel (`friction_observer`), then the
-mass and the accelerations that these forces do not explain (`disturbance_observer`). It solves the
-braking QP for the forces (`braking_qp`) and converts them to brake torques or to a pattern of
-on-off valves (`slip_control`). Neither mass, load nor tire is known. docs/allocation.md derives all
-of this.
+In each step the law estimates the friction force ``f_i`` and the friction capacity ``c_i`` of each
+wheel (`friction_observer`). It then estimates the mass and the accelerations that these forces do
+not explain (`disturbance_observer`), and solves an optimization problem (`braking_qp`)
+
+``min (1 - b_0 x)^2 + W (|e_1| + |e_2|)``
+subject to ``l <= b x - e <= u`` and ``0 <= x <= min(1, what the brakes can hold)``
+
+for the forces ``f = c x``. The solution has the largest deceleration ``b_0 x`` whose yaw moment
+``b_1 x`` and side force ``b_2 x`` exceed their bounds ``l, u`` by the smallest excess ``e``.
+Finally the law converts the forces to brake forces or to a pattern of on-off valves
+(`slip_control`). Mass, loads and tire properties need not be known. docs/allocation.md derives the
+equations.
 """
 
 import dataclasses
@@ -18,7 +25,7 @@ from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.disturbance_observer import CASCADE, observe_body
 from omni_brake_assist.laws.friction_observer import estimate_dead_time, observe_friction
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.slip_control import LEAST_ENABLE, control_slip, remember_torque
+from omni_brake_assist.laws.slip_control import control_slip, remember
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.kernels import lean
@@ -31,24 +38,22 @@ _PERIOD = 0.01  # control period assumed at the first step [s]
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
-    """Return a configuration in the layout of the kernel."""
+    """Convert a configuration to the constants of the law."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
-    rolling = np.sum(geometry.active * geometry.rolling, axis=1)
+    rim = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
     return Constants(
         n_x=n_x,
         n_y=n_y,
         lever=cross(geometry.position, geometry.active),
-        rim=geometry.radius * np.abs(rolling),
-        sense=np.sign(rolling),
-        radius=geometry.radius.copy(),
+        rim=rim,
+        peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
+        wheel_mass=configuration.wheel_inertia / rim**2,
+        most=brake.max_torque / np.abs(rim),
         gyration=0.5 * float(np.mean(np.sum(geometry.position**2, axis=1))),
-        inertia=configuration.wheel_inertia,
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
-        brake=NominalBrake(
-            brake.max_torque, brake.dead_time, brake.time_constant, brake.pressure_step
-        ),
+        brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
         **dataclasses.asdict(configuration.allocation),
     )
 
@@ -61,7 +66,7 @@ def new_memory(wheels: int) -> Memory:
         sent=np.zeros((QUEUE, wheels)),
         qp=new_qp(wheels),
         forces=np.zeros((2, wheels)),
-        deep=np.zeros((2, wheels)),
+        slides=np.zeros((2, wheels)),
     )
 
 
@@ -69,17 +74,17 @@ def new_memory(wheels: int) -> Memory:
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Distribute the braking; arguments as `Law.step`.
+    """Compute the enables of one step; arguments as in `Law.step`.
 
-    The error of a wheel is its sliding speed minus that at the target slip [m/s].
+    The error of a wheel is its sliding speed minus the sliding speed at the target slip [m/s].
     """
-    body, wheel = memory.body[0], memory.wheel
+    body = memory.body[0]
     dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
-    # One wheel may be assumed to roll once the observers have settled.
+    # After the observers have converged, one wheel without a known speed may be assumed to roll.
     settled = body.steps * dt > CASCADE**2 * law.observer_time
-    unknown = _read_wheels(law, memory, motion)
+    unknown = _read_wheels(law, memory, motion, error)
     if motion.pedal <= 0.0 or unknown > settled:
         return NO_HELP
     if body.steps > 0:
@@ -87,55 +92,41 @@ def step(
             estimate_dead_time(law, memory, dt)
         observe_friction(law, memory, dt)
         observe_body(law, memory, motion, dt)
-    body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
     allocate(law, memory, motion)
     control_slip(law, memory, motion, dt, enable)
-    strongest, demanding = 0.0, 0
-    for i in range(error.size):
-        rim_speed = law.rim[i] * wheel[i].speed
-        error[i] = wheel[i].hub - rim_speed - law.target_slip * law.radius[i] * wheel[i].speed
-        wheel[i].last_speed = wheel[i].speed
-        strongest = max(strongest, enable[i])
-        if wheel[i].demand > wheel[demanding].demand:
-            demanding = i
-    if strongest <= 0.0:
-        enable[demanding] = max(law.brake.pressure_step, LEAST_ENABLE)
-    remember_torque(law, memory, motion, dt, enable)
-    body.steps += 1
+    remember(law, memory, motion, dt, enable)
     return ASSIST
 
 
 @lean
 def _start(law: Constants, memory: Memory) -> None:
-    """Begin with the nominal mass, its weight shared by the wheels, on ground of friction 1."""
+    """Initialize with the nominal mass, equal wheel loads, and a friction coefficient of 1."""
     body, wheel = memory.body[0], memory.wheel
-    body.steps = 0
-    body.heading = body.a_x = body.a_y = body.yaw_acceleration = 0.0
+    body.steps, body.heading = 0, 0.0
     body.yaw_disturbance = body.lateral_disturbance = 0.0
     body.mass, body.deceleration, body.force = law.mass, _GRAVITY, law.mass * _GRAVITY
     body.dead_time, body.responded = law.brake.dead_time, False
     memory.sent[:] = memory.qp.solution[:] = 0.0
     for i in range(wheel.size):
-        wheel[i].torque = wheel[i].mean_torque = wheel[i].force = 0.0
-        wheel[i].capacity, wheel[i].demand = law.mass * _GRAVITY / wheel.size, 1.0
+        wheel[i].brake = wheel[i].mean_brake = wheel[i].force = 0.0
+        wheel[i].capacity, memory.qp.solution[i] = law.mass * _GRAVITY / wheel.size, 1.0
 
 
 @lean
-def _read_wheels(law: Constants, memory: Memory, motion: Motion) -> int:
-    """Write the state of the wheels; return how many speeds are unknown."""
+def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> int:
+    """Write the state and error of each wheel; return the number of unknown wheel speeds."""
     unknown, fastest = 0, 0.0
-    for i in range(law.rim.size):
+    for i in range(error.size):
         wheel = memory.wheel[i]
         along = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y + law.lever[i] * motion.yaw_rate
         wheel.hub, wheel.sign = abs(along), math.copysign(1.0, along)
         wheel.known = math.isfinite(motion.wheel_speed[i])
-        wheel.speed = wheel.hub / law.rim[i]
+        wheel.speed = wheel.hub
         if wheel.known:
-            wheel.speed = max(wheel.sign * law.sense[i] * motion.wheel_speed[i], 0.0)
-        sliding = wheel.hub - law.rim[i] * wheel.speed
-        wheel.slip = sliding / (law.radius[i] * wheel.speed + 1e-3)
+            wheel.speed = max(wheel.sign * law.rim[i] * motion.wheel_speed[i], 0.0)
+        error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
         unknown += not wheel.known
         fastest = max(fastest, wheel.hub)
-    for i in range(law.rim.size):
+    for i in range(error.size):
         memory.wheel[i].locked = memory.wheel[i].hub <= law.locked_share * fastest
     return unknown

@@ -1,11 +1,12 @@
-"""Least squares within bounds by an active set: a few unknowns, solved in microseconds.
+"""Least squares with box constraints by an active-set method, for a few unknowns.
 
 ``min 1/2 sum_r w_r (b_r x - g_r)^2 + 1/2 sum_i d_i x_i^2 + p x`` for ``0 <= x <= u``, ``d > 0``.
-Unknowns at a bound are held there, the others are solved for; a step that would leave the box ends
-at the first bound that it meets, and a bound whose multiplier has the wrong sign is released. Each
-step lowers the cost, so the method ends; the limit of its steps is for a broken problem only.
+Unknowns at a bound are held at this bound, and the others are solved for. A step that would leave
+the box ends at the first bound on its way. A bound whose multiplier has the wrong sign is released.
+Each step reduces the cost, so the method terminates; the limit on the number of steps is needed
+only for a defective problem.
 
-As there are fewer rows than unknowns, a step is solved for in the space of the rows (the
+Since there are fewer rows than unknowns, each step is solved in the space of the rows (the
 Sherman-Morrison-Woodbury identity).
 """
 
@@ -18,11 +19,11 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _FREE, _LOW, _HIGH = range(3)
-_TOLERANCE = 1e-9  # of a multiplier, beyond rounding [1]
+_TOLERANCE = 1e-9  # tolerance of a multiplier for rounding errors [1]
 
 
 class Box(NamedTuple):
-    """A problem of R rows and M unknowns of the order of 1, and the workspace of its solution.
+    """A problem of R rows and M unknowns of order 1, with the workspace of the solver.
 
     Attributes:
         rows: ``b``, shape (R, M).
@@ -31,12 +32,12 @@ class Box(NamedTuple):
         damping: ``d``, shape (M,).
         linear: ``p``, shape (M,).
         upper: ``u >= 0``, shape (M,).
-        solution: where to start, then the minimum, shape (M,).
+        solution: initial value, then the solution, shape (M,).
         place: whether each unknown is free or at a bound, shape (M,).
-        slope: of the cost, shape (M,).
-        step: of the solution, shape (M,).
+        slope: gradient of the cost, shape (M,).
+        step: step from the solution to the minimum, shape (M,).
         matrix: Cholesky factor in the space of the rows, shape (R, R).
-        residual: of the rows, shape (R,).
+        residual: residuals of the rows, shape (R,).
     """
 
     rows: FloatArray
@@ -54,7 +55,7 @@ class Box(NamedTuple):
 
 
 def new_box(rows: int, unknowns: int) -> Box:
-    """Return a problem whose weights are 1, without upper bounds, and zero elsewhere."""
+    """Return a problem with weights of 1, infinite upper bounds, and zeros in all other arrays."""
     return Box(
         rows=np.zeros((rows, unknowns)),
         weights=np.ones(rows),
@@ -73,14 +74,14 @@ def new_box(rows: int, unknowns: int) -> Box:
 
 @lean
 def box_least_squares(box: Box) -> None:
-    """Minimize the cost, from where the solution is."""
+    """Minimize the cost, starting at `box.solution`."""
     solution, upper, step, place = box.solution, box.upper, box.step, box.place
     m = solution.size
     for i in range(m):
         solution[i] = min(max(solution[i], 0.0), upper[i])
         at_bound = _LOW if solution[i] <= 0.0 else _HIGH
         place[i] = _FREE if 0.0 < solution[i] < upper[i] else at_bound
-    full = False  # whether the last step was not stopped by a bound
+    full = False  # whether the last step ended without meeting a bound
     for _ in range(10 * m + 10):
         _find_slope(box)
         if full and not _release(box):
@@ -116,7 +117,7 @@ def _find_slope(box: Box) -> None:
 
 @lean
 def _release(box: Box) -> bool:
-    """Free the unknown whose multiplier has the wrong sign the most; return whether one has."""
+    """Free the unknown with the most negative multiplier at its bound; return if one exists."""
     worst, loosest = -_TOLERANCE, -1
     for i in range(box.slope.size):
         multiplier = box.slope[i] if box.place[i] == _LOW else -box.slope[i]
@@ -129,7 +130,7 @@ def _release(box: Box) -> bool:
 
 @lean
 def _find_step(box: Box) -> None:
-    """Write the step of the free unknowns to their minimum, zero for the others.
+    """Compute the step to the minimum over the free unknowns; it is zero for all others.
 
     ``d step = b' y - slope`` with ``(1/w + b 1/d b') y = b 1/d slope``.
     """
@@ -155,7 +156,7 @@ def _find_step(box: Box) -> None:
 
 @lean
 def _solve(matrix: FloatArray, y: FloatArray) -> None:
-    """Solve ``matrix x = y`` in place by Cholesky's rule; only the lower triangle counts."""
+    """Solve ``matrix x = y`` in place by Cholesky factorization of the lower triangle."""
     n = y.size
     for r in range(n):
         for s in range(r + 1):

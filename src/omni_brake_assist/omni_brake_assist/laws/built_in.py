@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
-from omni_brake_assist.laws.law import HELD, Motion, is_new
+from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion, is_new
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -14,21 +14,25 @@ SLIDING_MODE, ALLOCATION = range(2)
 
 
 class LawConstants(NamedTuple):
-    """Constants of all built-in laws, since one kernel with a branch compiles faster than two.
+    """Constants of all built-in laws; one kernel with a branch compiles faster than two kernels.
 
     Attributes:
         kind: number of the chosen law.
+        replans: whether `allocation` controls the rest of a stop after a brake has failed; only
+            with on-off valves and a built-in law. With proportional brakes this rotated some
+            vehicles more than all brakes on (`study faults`), so all brakes then act.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """
 
     kind: int
+    replans: bool
     sliding_mode: Manifold
     allocation: allocation_state.Constants
 
 
 class LawMemory(NamedTuple):
-    """State of the laws between steps; each law resets its own part with `Motion.first`.
+    """State of the laws between steps; each law resets its own part when `Motion.first` is set.
 
     Attributes:
         allocation: state of the law `allocation`.
@@ -45,21 +49,28 @@ def law_memory(wheels: int) -> LawMemory:
 def law_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> LawConstants:
-    """Return the constants of the laws in the layout of the kernel."""
+    """Convert a configuration to the constants of the laws."""
     law = sliding_mode.SlidingMode(configuration, geometry)
     kind = ALLOCATION if configuration.law == "allocation" else SLIDING_MODE
-    return LawConstants(
-        kind, law.manifold.constants, allocation.make_constants(configuration, geometry)
-    )
+    made = allocation.make_constants(configuration, geometry)
+    replans = configuration.law in LAWS and made.brake.pressure_step >= 1.0
+    return LawConstants(kind, replans, law.manifold.constants, made)
 
 
 @lean
 def step(
     laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Call the chosen law unless no time has passed; arguments as `Law.step`."""
+    """Call the chosen law unless no time has passed; arguments as in `Law.step`.
+
+    After a brake has failed, `allocation` controls the rest of the stop with the other brakes, if
+    `LawConstants.replans`.
+    """
     if not is_new(motion):
         return HELD
-    if laws.kind == ALLOCATION:
+    failed = motion.failed_brake != NO_WHEEL
+    if failed and not laws.replans:
+        return NO_HELP
+    if laws.kind == ALLOCATION or failed:
         return int(allocation.step(laws.allocation, memory.allocation, motion, error, enable))
     return int(sliding_mode.step(laws.sliding_mode, motion, error, enable))

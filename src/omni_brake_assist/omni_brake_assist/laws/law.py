@@ -1,9 +1,9 @@
 """Interface of a control law: its input `Motion` and its output, the brake enables.
 
-A law is called once for every new time at which the pedal is down and the motion is known. For
-further demands at the same time its answer is kept. For each wheel it returns the share of the
-brake pressure that should pass. The assistant puts all brakes on whenever that is safer
-(`assist_step`), so a law needs no fail-safe of its own.
+A law is called once for each new time stamp at which the pedal is down and the motion is known. Its
+result is reused for further demands with the same stamp. For each wheel the law returns the share
+of the brake pressure that should pass. The assistant puts all brakes on whenever this is safer
+(`assist_step`), so a law needs no fail-safe.
 """
 
 import sys
@@ -15,25 +15,28 @@ import numpy as np
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-# Answers of a law: ASSIST, brake as written; NO_HELP, all brakes because no single one would help.
-# FAILED marks a law that failed, HELD one that was not called because no time had passed.
+# Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, as no single one would
+# help. FAILED: the law raised an error. HELD: it was not called, because no time had passed.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
+
+NO_WHEEL = -1
 
 
 class Motion(NamedTuple):
     """Input of a law at a control step.
 
     Attributes:
-        first: whether this is the first step of a stop, or of a new line of motion.
-        dt: time since the twist of the step before [s], 0 at the first step only.
+        first: whether this is the first step of a stop or of a new line of motion.
+        dt: time since the twist of the previous step [s]; 0 only in the first step.
         v_x: velocity ``v_cx`` in the body frame [m/s].
         v_y: velocity ``v_cy`` in the body frame [m/s].
         yaw_rate: ``Omega`` [rad/s].
-        across_x: x component of the unit vector ``p`` across the line of motion at the start of
-            braking, Eq. (51), in the body frame of this moment [1]; 0 if there is no line to keep.
+        across_x: x component of the unit vector ``p`` across the line of motion, Eq. (51), in the
+            present body frame [1]; 0 if there is no line to keep.
         across_y: y component of ``p`` [1].
         pedal: the driver's brake demand, 0 to 1.
         wheel_speed: wheel speeds about the axes [rad/s], NaN where unknown, shape (N,).
+        failed_brake: index of the wheel whose brake has failed, NO_WHEEL if all brakes work.
     """
 
     first: bool
@@ -45,46 +48,47 @@ class Motion(NamedTuple):
     across_y: float
     pedal: float
     wheel_speed: FloatArray
+    failed_brake: int = NO_WHEEL
 
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether time has passed since the last step, or a stop begins."""
+    """Return whether time has passed since the last step or a stop begins."""
     return bool(motion.first or motion.dt > 0.0)
 
 
 class Law(Protocol):
-    """A control law, made of a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
+    """A control law, created from a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int | None:
-        """Decide which brakes act.
+        """Compute the brake enables of one step.
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: receives the law's error of each wheel [m/s], shape (N,), which is only recorded.
-            enable: receives the share of brake pressure that passes, 0 to 1, shape (N,).
+            error: output, the law's error of each wheel [m/s], shape (N,); for recordings only.
+            enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
         Returns:
-            ASSIST or None to apply these enables, NO_HELP to put all brakes on.
+            ASSIST or None to apply the enables, NO_HELP to put all brakes on.
         """
 
 
-_reported: set[type] = set()  # laws whose first fault has been shown
+_reported: set[type] = set()  # laws whose first error has been printed
 
 
-def ask(
+def call_law(
     law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
 ) -> tuple[int, str]:
-    """Call a user's law; return its answer, or the error if it failed.
+    """Call a user's law; return its result, and the error message if it failed.
 
-    If the law may release brakes (`enabled`), its first fault is printed to standard error, with
-    the lines of the law's own file.
+    If the law may release brakes (`enabled`), its first error is printed to standard error, with
+    the lines of the law's file at which it occurred.
     """
     if not is_new(motion):
         return HELD, ""
     try:
         answer = law.step(motion, error, enable)
-        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # NaN is no share either
+        if not np.all((enable >= 0.0) & (enable <= 1.0)):  # also false for NaN
             raise ValueError(f"the law returned an enable outside [0, 1]: {enable.tolist()}")
         if answer is None:
             return ASSIST, ""
@@ -94,7 +98,7 @@ def ask(
                 "brake pressure are written into enable"
             )
         return answer, ""
-    except Exception as problem:  # a fault of the law must not cost a brake
+    except Exception as problem:  # an error in the law must not release a brake
         if enabled:
             _report(law, problem)
         return FAILED, f"{type(problem).__name__}: {problem}"
@@ -104,7 +108,7 @@ def _report(law: Law, problem: Exception) -> None:
     if type(law) in _reported:
         return
     _reported.add(type(law))
-    frames = traceback.extract_tb(problem.__traceback__)[1:]  # without `ask`
+    frames = traceback.extract_tb(problem.__traceback__)[1:]  # without `call_law`
     print(
         f"control law {type(law).__module__}:{type(law).__qualname__} failed, all brakes are on "
         "(shown once):\n"

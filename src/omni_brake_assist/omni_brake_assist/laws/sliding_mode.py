@@ -1,4 +1,4 @@
-"""The control law of 2013: a brake acts while its error is negative. Eqs. (44)-(46)."""
+"""Control law of 2013: a brake acts while the error of its wheel is negative; Eqs. (44)-(46)."""
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
@@ -11,17 +11,11 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-    """Enable the brakes with a negative error; arguments as `Law.step`."""
+    """Enable the brakes whose error is negative; arguments as in `Law.step`."""
     outcome = NO_HELP
     for i in range(error.size):
         s_perp, s_omega, s_par = wheel_error(
-            manifold,
-            i,
-            motion.v_x,
-            motion.v_y,
-            motion.yaw_rate,
-            motion.across_x,
-            motion.across_y,
+            manifold, i, motion.v_x, motion.v_y, motion.yaw_rate, motion.across_x, motion.across_y
         )
         error[i] = s_perp + s_omega + s_par  # Eq. (44)
         enable[i] = 1.0 if error[i] < 0.0 else 0.0  # Eqs. (45), (46)
@@ -31,10 +25,10 @@ def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArr
 
 
 class SlidingMode:
-    """The law as a Python object.
+    """The law `sliding_mode` as a Python object.
 
     Attributes:
-        manifold: the error functions.
+        manifold: error functions of the wheels.
     """
 
     def __init__(self, configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> None:
@@ -42,5 +36,5 @@ class SlidingMode:
         self.manifold = SlidingManifold(geometry, weighting)
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-        """Enable the brakes with a negative error; see `Law.step`."""
+        """Enable the brakes whose error is negative; see `Law.step`."""
         return int(step(self.manifold.constants, motion, error, enable))

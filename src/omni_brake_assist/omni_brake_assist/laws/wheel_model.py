@@ -1,10 +1,11 @@
-"""The assistant's model of a braked wheel: brake lag and slip.
+"""Model of a braked wheel inside the assistant: brake lag and slip.
 
-The nominal brake follows its command after a dead time and with a first-order lag. The wheel turns
-by ``I dw/dt = g f - T``, with the lever ``g`` of the friction force ``f`` and the torque ``T``. The
-force over the slip rises as a parabola to the estimated capacity and remains there. This is no tire
-model: only the sign of the slope and the height matter, and the measured wheel speed corrects both
-at every step.
+Each wheel is reduced to its rim. With the lever ``g`` of the friction force ``f`` about the axle,
+the rim has the mass ``I/g^2``, the speed ``u`` along the active direction and the brake force
+``B``, and ``I/g^2 du/dt = f - B``. The nominal brake follows its command after a dead time and with
+a first-order lag. The friction force rises as a parabola of the sliding speed to the estimated
+capacity and then remains constant. This is not a full tire model: only the sign of the slope and
+the height of the curve matter, and both are corrected by the measured wheel speed at every step.
 """
 
 import math
@@ -13,54 +14,46 @@ from typing import NamedTuple
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_SUBSTEPS = 2
-_NEWTON = 3
 QUEUE = 128
-"""Steps that a dead time may last at most."""
+"""Largest dead time that can be modeled, in control steps."""
 
 
 class NominalBrake(NamedTuple):
-    """Assumed properties of the brakes.
+    """Assumed properties of a brake.
 
     Attributes:
-        max_torque: torque with the pedal fully down [N m].
-        dead_time: time from a command to the first change of the torque [s].
+        dead_time: time from a command to the first change of the force [s].
         time_constant: time constant of the lag after the dead time [s].
         pressure_step: resolution of the enable [1], 1 for on-off valves.
     """
 
-    max_torque: float
     dead_time: float
     time_constant: float
     pressure_step: float
 
 
 class BrakedWheel(NamedTuple):
-    """Assumed properties of a wheel.
+    """Assumed properties of a braked wheel.
 
     Attributes:
         capacity: largest friction force [N].
-        peak_slip: smallest slip at which the capacity is reached [1].
-        rim: lever ``r |n_w . u|`` of the friction force about the axle [m].
-        radius: radius of the wheel [m].
-        inertia: inertia of the wheel about its axle [kg m^2].
+        peak_slip: ratio of sliding speed to rim speed at which the capacity is first reached [1].
+        mass: inertia of the wheel as a mass at its rim [kg].
     """
 
     capacity: float
     peak_slip: float
-    rim: float
-    radius: float
-    inertia: float
+    mass: float
 
 
 @lean
-def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
-    """Return the torque that was demanded of brake `i` a number of steps ago [N m].
+def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
+    """Return the force that was commanded to brake `i` some steps ago [N].
 
     Args:
-        sent: commanded torques by step [N m], a ring buffer, shape (QUEUE, N).
+        sent: forces commanded in past steps [N], a ring buffer, shape (QUEUE, N).
         newest: row of the newest command.
-        delay: number of steps before it; may be fractional.
+        delay: number of steps before the newest command; may be fractional.
         i: index of the wheel.
     """
     whole = min(math.floor(delay), QUEUE - 2)
@@ -70,58 +63,50 @@ def asked_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
 
 
 @lean
-def lagged(brake: NominalBrake, torque: float, asked: float, dt: float) -> tuple[float, float]:
-    """Return the torque of a brake after a step, and its mean over the step [N m]."""
+def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tuple[float, float]:
+    """Return the brake force after a step with a command, and its mean [N]."""
     if brake.time_constant <= 0.0:
-        return asked, asked
+        return command, command
     ratio = dt / brake.time_constant
-    missing = torque - asked
-    mean = asked + missing * -math.expm1(-ratio) / ratio
-    return asked + missing * math.exp(-ratio), mean
+    after = command + (force - command) * math.exp(-ratio)
+    return after, command + (force - after) / ratio
 
 
 @lean
-def friction(slip: float, peak_slip: float, capacity: float) -> tuple[float, float]:
-    """Return the assumed force [N] and its slope over the slip [N]."""
-    if slip >= peak_slip:
-        return capacity, 0.0
-    if slip <= 0.0:
-        return 0.0, 0.0
-    missing = 1.0 - slip / peak_slip
-    return capacity * (1.0 - missing * missing), 2.0 * capacity * missing / peak_slip
+def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> float:
+    """Return the command with which a brake reaches the force `wanted` after a step [N]."""
+    if brake.time_constant <= 0.0:
+        return wanted
+    return force - (wanted - force) / math.expm1(-dt / brake.time_constant)
 
 
 @lean
-def turn_on(
-    wheel: BrakedWheel, spin: float, torque: float, hub: float, dt: float
+def advance_rim(
+    wheel: BrakedWheel, speed: float, brake: float, hub: float, dt: float
 ) -> tuple[float, float]:
-    """Advance a wheel by a step; implicit, so that a stiff tire needs no small steps.
+    """Advance the speed of a braked wheel by one step, implicitly because the tire is stiff.
+
+    With the speed ``u_p`` of the rim at the peak, the force is ``c (1 - q^2)`` with the share ``q =
+    (u - u_p)/(hub - u_p)``, limited to 0 to 1. The equation of the step is quadratic in ``q``.
 
     Args:
         wheel: assumed properties of the wheel.
-        spin: wheel speed in the sense in which it rolls [rad/s], at least 0.
-        torque: torque of the brake [N m].
+        speed: speed of the rim in the sense in which it rolls [m/s], at least 0.
+        brake: brake force [N].
         hub: speed of the wheel's center along the active direction [m/s], at least 0.
         dt: length of the step [s].
 
     Returns:
-        Wheel speed after the step [rad/s] and mean friction force during it [N].
+        Speed of the rim after the step [m/s] and mean friction force during it [N].
     """
-    capacity, peak_slip, rim, radius, inertia = wheel
-    h = dt / _SUBSTEPS
-    total = 0.0
-    for _ in range(_SUBSTEPS):
-        new, force = spin, 0.0
-        for _ in range(_NEWTON):
-            ground = radius * new + 1e-3
-            slip = (hub - rim * new) / ground
-            force, slope = friction(slip, peak_slip, capacity)
-            stiff = slope * (rim + radius * slip) / ground  # -df/dspin
-            residual = new - spin - h * (rim * force - torque) / inertia
-            new = max(new - residual / (1.0 + h * rim * stiff / inertia), 0.0)
-        force = min(max((inertia * (new - spin) / h + torque) / rim, 0.0), capacity)
-        if new <= 0.0:
-            force = friction((hub) / 1e-3, peak_slip, capacity)[0]
-        total += force
-        spin = new
-    return spin, total / _SUBSTEPS
+    capacity, peak_slip, mass = wheel
+    inertia = mass / dt
+    peak = hub / (1.0 + peak_slip)
+    excess = capacity - brake + inertia * (speed - peak)
+    if excess <= 0.0:  # the wheel slides
+        return max(peak + excess / inertia, 0.0), capacity
+    slope = inertia * (hub - peak)
+    share = 2.0 * excess / (slope + math.sqrt(slope * slope + 4.0 * capacity * excess))
+    if share >= 1.0:  # it rolls faster than its hub
+        return max(speed - brake / inertia, 0.0), 0.0
+    return peak + share * (hub - peak), capacity * (1.0 - share * share)

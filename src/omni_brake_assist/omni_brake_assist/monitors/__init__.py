@@ -1,1 +1,1 @@
-"""Monitors that apply all brakes, or withhold impossible inputs from a law; one module each."""
+"""Monitors, one module each, that put all brakes on or withhold implausible inputs from a law."""

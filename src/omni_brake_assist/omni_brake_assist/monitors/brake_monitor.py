@@ -1,11 +1,12 @@
-"""Detection of failed brakes: a braked wheel that still rolls freely.
+"""Detection of failed brakes: a wheel that rolls freely although its brake should act.
 
-A working brake makes its wheel slide: the rim is slower than the ground,
-``R n_w . u_w w < n_w . v_i``. A brake has failed if its wheel rolls without slip while another
-wheel slides under at most the same pressure. A law that assumes a working brake would release other
-brakes. Therefore, once a brake has failed, all brakes act until the pedal is released.
+A working brake makes its wheel slide: the rim is slower than the ground, ``R n_w . u_w w < n_w .
+v_i``. A brake counts as failed if its wheel rolls without slip while another wheel slides under the
+same or less pressure. A law that assumes that the failed brake works would release the wrong
+brakes. After a failure, until the pedal is released, either `allocation` controls the on-off valves
+of the other brakes, or all brakes act if they are proportional.
 
-If all brakes act weakly, no wheel slides, and no brake is reported as failed.
+If all brakes act so weakly that no wheel slides, no failure is detected.
 """
 
 from typing import NamedTuple
@@ -13,21 +14,20 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.laws.law import NO_WHEEL
 from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-NO_WHEEL = -1
-
-_PRESSED = 0.2  # smallest pedal for the detection [1]
-_PASSED = 0.9  # smallest command to a tested brake; a law may reduce one on purpose [1]
-_HARD = 0.5  # pedal above which a slide under a smaller command is also used [1]
-_LEAST = 0.05  # smallest command at which a slide is due to the brake [1]
+_PRESSED = 0.2  # smallest pedal position for the detection [1]
+_COMMANDED = 0.9  # smallest command for a test of a brake; a law may command less [1]
+_HARD = 0.5  # pedal position above which a slide under a smaller command counts too [1]
+_LEAST = 0.05  # smallest command to which a slide is attributed [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-_NOISE, _SCALE = 0.05, 0.015  # tolerance of a rolling rim [m/s], [1]
-_SLIDES = 3.0  # tolerances beyond which a wheel slides [1]
-_LATELY = 0.5  # time for which a slide of another wheel is used [s]
-_FORGIVEN = 4.0  # rate at which the timer falls while the wheel slides, over its rise [1]
+_NOISE, _SCALE = 0.05, 0.015  # tolerance of the speed of a rolling rim [m/s], [1]
+_SLIDES = 3.0  # multiple of this tolerance beyond which a wheel counts as sliding [1]
+_SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
+_RECOVERY_RATE = 4.0  # rate at which the timer falls while the wheel slides, over its rise [1]
 
 
 class BrakeConstants(NamedTuple):
@@ -37,8 +37,8 @@ class BrakeConstants(NamedTuple):
         n_x: active directions, x component [1], shape (N,).
         n_y: active directions, y component [1], shape (N,).
         lever: ``cross(r_i, n_wi)`` [m], shape (N,).
-        roll: speed along the active direction per wheel speed [m], shape (N,).
-        time: duration of rolling after which a brake counts as failed [s].
+        roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
+        time: duration of free rolling after which a brake counts as failed [s].
     """
 
     n_x: FloatArray
@@ -49,12 +49,13 @@ class BrakeConstants(NamedTuple):
 
 
 class BrakedWheels(NamedTuple):
-    """Commands and speeds of the wheels.
+    """Commands to the brakes and speeds of the wheels.
 
     Attributes:
-        commanded: share of the pedal's demand that each brake passes [1], shape (N,).
+        commanded: share of the pedal's pressure that each brake was commanded to pass [1],
+            shape (N,).
         speeds: wheel speeds [rad/s], shape (N,); NaN where unknown.
-        scale: estimated relative excess of the speed of rolling rims over the ground [1].
+        scale: estimated relative error of the wheel radii, by which rolling rims seem faster [1].
     """
 
     commanded: FloatArray
@@ -65,7 +66,7 @@ class BrakedWheels(NamedTuple):
 def brake_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BrakeConstants:
-    """Return the constants in the layout of the kernel."""
+    """Convert a configuration to the constants of the monitor."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
     return BrakeConstants(
@@ -80,10 +81,10 @@ def brake_constants(
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory, shape (N + 1,).
 
-    Entries: time for which each braked wheel has rolled [s]; time since any wheel has slid [s].
+    Entries: time for which each braked wheel has rolled freely [s]; time since any wheel slid [s].
     """
     memory = np.zeros(wheels + 1)
-    memory[wheels] = _LATELY
+    memory[wheels] = _SLIDE_VALIDITY
     return memory
 
 
@@ -96,20 +97,20 @@ def watch_brakes(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
 ) -> int:
-    """Update with a step of braking; return a wheel whose brake has failed, or NO_WHEEL.
+    """Update the timers with a step of braking; return the wheel whose brake failed, or NO_WHEEL.
 
     Args:
         constants: constants of the vehicle.
         memory: from `brake_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand in the step, 0 while the pedal is up [1].
-        wheels: speeds after the step and commands before it.
+        wheels: wheel speeds after the step and commands before it.
         twist: body twist [m/s, m/s, rad/s].
     """
     speeds = wheels.speeds
     if pedal <= 0.0:
         memory[:] = 0.0
-        memory[-1] = _LATELY
+        memory[-1] = _SLIDE_VALIDITY
         return NO_WHEEL
     memory[-1] += dt
     for looks_for_slides in (True, False):
@@ -117,7 +118,7 @@ def watch_brakes(
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
             command = wheels.commanded[i]
-            least = _LEAST if looks_for_slides and pedal >= _HARD else _PASSED
+            least = _LEAST if looks_for_slides and pedal >= _HARD else _COMMANDED
             if pedal < _PRESSED or command < least or abs(hub) < _SLOW:
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
@@ -127,8 +128,8 @@ def watch_brakes(
                 if behind > _SLIDES * rolling:
                     memory[-1] = 0.0
             elif abs(behind) > rolling:
-                memory[i] = max(memory[i] - _FORGIVEN * dt, 0.0)
-            elif abs(behind) <= rolling and memory[-1] < _LATELY:
+                memory[i] = max(memory[i] - _RECOVERY_RATE * dt, 0.0)
+            elif abs(behind) <= rolling and memory[-1] < _SLIDE_VALIDITY:
                 memory[i] += dt
     for i in range(speeds.size):
         if memory[i] > constants.time:

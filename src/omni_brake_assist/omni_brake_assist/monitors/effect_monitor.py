@@ -1,26 +1,27 @@
-"""Monitor of the braking effect: it uses pedal, wheel speeds and acceleration, nothing else.
+"""Monitor of the braking effect, which uses only pedal, wheel speeds and acceleration.
 
-If a vehicle decelerates by ``a`` and could decelerate by ``c``, it travels ``v (1 - a / c) dt``
-farther than necessary. The monitor adds this to the missed distance ``M`` and the rest,
-``v a / c dt``, to the braked distance ``B``, and requires
+A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
+dt`` farther than necessary. The monitor adds this length to the missed distance ``M``, adds the
+rest, ``v a / c dt``, to the braked distance ``B``, and requires
 
     M <= creep + allowance v_0 + share B
 
-``v`` is the larger of two speeds: the speed of the fastest rim, since some wheel rolls in an
-assisted stop, and the speed before the stop minus the integrated specific force. So a scale error
-that all encoders and the twist share does not shorten the distance. Without an IMU this error
-cannot be observed, and ``v`` falls at most by `loss`. Nothing is added to ``M`` while every brake
-acts. The deceleration ``a`` is measured twice, as the low-passed specific force and as the
-difference of ``v`` and its low-pass; the larger share ``a / c`` counts. The possible deceleration
-``c`` is the largest one of this stop, in proportion to the pedal, and at least `floor`, which is
-possible with the lowest friction.
+The speed ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an
+assisted stop, and the speed before the stop minus the integral of the specific force. A scale error
+that all encoders and the twist share therefore does not shorten the computed distance. Without an
+IMU such an error cannot be observed, and ``v`` falls by `loss` at most. While all brakes act,
+nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
+specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
+``a / c`` is used. The possible deceleration ``c`` is the largest one observed in this stop, scaled
+by the pedal position. It is at least `floor`, which is possible even with the lowest friction.
 
-Two more bounds limit for how long brakes may be released: the duration of a stop with a modest
-deceleration, and, with an IMU, `stall` at the end of a stop without much deceleration. The latter
-occurs when two brakes keep a vehicle on a course along which no roller is braked. Without an IMU
-the slow wheels of a vehicle whose fast ones are locked would look like the end of a stop.
+Two more bounds limit how long brakes may be released. One is the duration of a stop with a modest
+deceleration. The other, used only with an IMU, is `stall`: the time without much deceleration at
+the end of a stop. This time passes if two brakes keep a vehicle on a course along which no roller
+is braked. Without an IMU, the monitor could not distinguish the end of a stop from slow wheels of a
+vehicle whose fast wheels are locked.
 
-Once a bound is exceeded, all brakes act until the pedal is released.
+After a bound is exceeded, all brakes act until the pedal is released.
 """
 
 import math
@@ -29,112 +30,83 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 Record = Any
-"""A ledger by reference: an entry of `effect_memory`."""
+"""A record of the array that `effect_memory` returns, by reference."""
 
 _LEDGER = np.dtype(
     [
         ("missed", "f8"),  # missed distance [m]
         ("braked", "f8"),  # braked distance [m]
         ("tripped", "?"),  # whether a bound has been exceeded
-        ("start", "f8"),  # speed of the fastest rim when the pedal went down [m/s]
-        ("demanded", "f8"),  # time since then, weighted by the pedal [s]
-        ("elapsed", "f8"),  # time since then [s]
+        ("start", "f8"),  # speed of the fastest rim when the pedal was pressed [m/s]
+        ("demanded", "f8"),  # time since the pedal was pressed, weighted by its position [s]
+        ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
-        ("seen", "f8"),  # share of recent steps in which v was that of a rim [1]
-        ("force_x", "f8"),  # specific force, low-passed [m/s^2]
+        ("seen", "f8"),  # low-passed share of steps in which v was a rim's speed [1]
+        ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
-        ("force_time", "f8"),  # time for which the specific force has been known [s]
-        ("best_force", "f8"),  # largest deceleration by the specific force [m/s^2]
+        ("force_time", "f8"),  # duration for which the specific force has been known [s]
+        ("best_force", "f8"),  # largest deceleration measured by the IMU [m/s^2]
         ("force_pedal", "f8"),  # pedal position at that time [1]
-        ("best_loss", "f8"),  # largest deceleration by the rims [m/s^2]
+        ("best_loss", "f8"),  # largest deceleration measured by the rims [m/s^2]
         ("loss_pedal", "f8"),  # pedal position at that time [1]
         ("stalled", "f8"),  # time without much deceleration at the end of the stop [s]
     ]
 )
 
-_SETTLED = 0.6  # share of its step response that a low pass must have reached to be used [1]
+_SETTLED = 0.6  # share of its step response at which a low-pass becomes valid [1]
 _END = 0.3  # share of the initial speed below which a stop is at its end [1]
-_LITTLE = 0.3  # share of the possible deceleration below which it counts as little [1]
-_FASTEST_RIM = 200.0  # [m/s]
-_LARGEST_FORCE = 100.0  # [m/s^2]
-_LARGEST_LOSS = 12.0  # deceleration that a tire allows [m/s^2]
+_LITTLE = 0.3  # share of the possible deceleration that counts as little [1]
+_LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 
 
 class EffectConstants(NamedTuple):
     """Constants of the effect monitor.
 
     Attributes:
-        roll: speed along the active direction per wheel speed [m], shape (N,).
-        share: largest missed over braked distance if the specific force is known [1].
-        blind_share: largest missed over braked distance if it is unknown [1].
-        allowance: additional missed distance per speed at the start [s].
+        roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
+        empty: an empty record for a reset, shape (1,).
+        share: largest ratio of missed to braked distance if the specific force is known [1].
+        blind_share: largest ratio of missed to braked distance if it is unknown [1].
+        allowance: further missed distance allowed per initial speed [s].
         creep: missed distance that is always allowed [m].
-        loss: assumed deceleration if neither rims nor the specific force show it [m/s^2].
-        bias: error of the specific force [m/s^2].
-        floor: deceleration at a friction of 0.3 if half of the wheels brake, as on a diagonal
-            course: 0.3 g / 2 [m/s^2].
+        loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
+        bias: largest error of the specific force [m/s^2].
+        floor: possible deceleration with a friction of 0.3 if half of the wheels brake, as on a
+            diagonal course: 0.3 g / 2 [m/s^2].
         force_time: time constant of the low pass of the specific force [s].
         wheel_time: time constant of the low pass of the speed [s].
-        least: smallest mean deceleration of a stop [m/s^2].
-        grace: time that a stop may always take in addition [s].
+        least: smallest mean deceleration of a complete stop [m/s^2].
+        grace: additional time that every stop may take [s].
         stall: longest time without much deceleration at the end of a stop [s].
-        empty: an empty record, shape (1,).
     """
 
     roll: FloatArray
-    share: float
-    blind_share: float
-    allowance: float
-    creep: float
-    loss: float
-    bias: float
-    floor: float
-    force_time: float
-    wheel_time: float
-    least: float
-    grace: float
-    stall: float
     empty: NDArray[np.void]
-
-
-class EffectStep(NamedTuple):
-    """A step of the assistant.
-
-    Attributes:
-        dt: length of the step [s].
-        pedal: the driver's brake demand, 0 while the pedal is up [1].
-        released: whether a brake was released.
-    """
-
-    dt: float
-    pedal: float
-    released: bool
+    share: float = 0.25
+    blind_share: float = 0.5
+    allowance: float = 0.15
+    creep: float = 0.1
+    loss: float = 6.0
+    bias: float = 0.5
+    floor: float = 1.5
+    force_time: float = 0.2
+    wheel_time: float = 0.6
+    least: float = 1.0
+    grace: float = 1.0
+    stall: float = 0.2
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
-    """Return the constants of wheels in the layout of the kernel."""
-    return EffectConstants(
-        roll=geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
-        share=0.25,
-        blind_share=0.5,
-        allowance=0.15,
-        creep=0.1,
-        loss=6.0,
-        bias=0.5,
-        floor=1.5,
-        force_time=0.2,
-        wheel_time=0.6,
-        least=1.0,
-        grace=1.0,
-        stall=0.2,
-        empty=effect_memory(),
-    )
+    """Return the constants of a vehicle with these wheels."""
+    roll = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    return EffectConstants(roll, effect_memory())
 
 
 def effect_memory() -> NDArray[np.void]:
@@ -146,24 +118,27 @@ def effect_memory() -> NDArray[np.void]:
 def watch_effect(
     constants: EffectConstants,
     memory: NDArray[np.void],
-    step: EffectStep,
+    dt: float,
+    pedal: float,
+    released: bool,
     speeds: FloatArray,
     force: FloatArray,
 ) -> bool:
-    """Add the last step; return whether all brakes must act.
+    """Update the distances with the last step; return whether all brakes must act.
 
     Args:
         constants: constants of the vehicle.
         memory: from `effect_memory`, changed in place.
-        step: length and commands of the step.
+        dt: length of the step [s].
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
+        released: whether any brake was released.
         speeds: current wheel speeds [rad/s], shape (N,); NaN where unknown.
         force: specific force along x and y [m/s^2], shape (2,); NaN if unknown.
     """
-    dt, pedal, released = step
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
-        if rim < _FASTEST_RIM:
+        if rim < FASTEST_RIM:
             top, known = max(top, rim), True
     if pedal <= 0.0:
         memory[0] = constants.empty[0]
@@ -172,7 +147,7 @@ def watch_effect(
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
-    felt = abs(force[0]) < _LARGEST_FORCE and abs(force[1]) < _LARGEST_FORCE
+    felt = abs(force[0]) < LARGEST_FORCE and abs(force[1]) < LARGEST_FORCE
     loss = constants.loss
     if felt:
         loss = min(math.hypot(force[0], force[1]) + constants.bias, _LARGEST_LOSS)
@@ -200,7 +175,7 @@ def watch_effect(
 def _share_of_wheels(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, seen: bool
 ) -> float:
-    """Return the achieved share of the possible loss of speed, by the fastest rim."""
+    """Return the achieved share of the possible deceleration, measured by the fastest rim."""
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
@@ -216,7 +191,7 @@ def _share_of_wheels(
 def _share_of_force(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
-    """Return the achieved share of the possible loss of speed, by the specific force."""
+    """Return the achieved share of the possible deceleration, measured by the specific force."""
     time = constants.force_time
     follow = 1.0 - math.exp(-dt / time)
     ledger.force_time += dt
@@ -233,7 +208,7 @@ def _share_of_force(
 def _share(
     constants: EffectConstants, loss: float, pedal: float, best: float, best_pedal: float
 ) -> float:
-    """Return a loss of speed over the possible one at a pedal position, 0 to 1."""
+    """Return a deceleration divided by the possible one at this pedal position, 0 to 1."""
     possible = constants.floor * pedal
     if best_pedal > 0.0:
         possible = max(possible, best * min(pedal / best_pedal, 1.0))

@@ -1,17 +1,18 @@
-"""The commands of the command line, one module each.
+"""Commands of the command line, one module each.
 
-A command is a module of this package. The first line of its docstring names the command and what it
-does; the second paragraph, if there is one, introduces its help. It has its options as a
+A command is a module of this package. The first line of its docstring states the name and the
+purpose of the command; an optional second paragraph introduces its help. The module has a
 `Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
-`Report`. It raises `InputError` before anything starts, and `WorkError` or `OSError` if the work
-fails after its start. It imports what it needs when it runs, so that help and errors in options are
-printed without delay.
+`Report`. The function raises `InputError` before anything starts, and `WorkError` or `OSError` if
+the work fails after its start. Modules that a command needs are imported when it runs, so that help
+and option errors are printed without delay.
 
-A command that may take long without reporting progress describes its work in ``WORK``; a line with
-the time elapsed goes to standard error every few seconds.
+A command that may take long without reporting progress describes its work in ``WORK``; every few
+seconds, a line with the elapsed time is then printed to standard error.
 
-A module with a ``PACKAGE`` has subcommands, the modules of that package. If the module defines
-``command(name)``, that function makes the command; otherwise the submodule is the command.
+A module with a ``PACKAGE`` has subcommands, which are the modules of that package. If the module
+defines ``command(name)``, this function creates the command; otherwise the submodule is the
+command.
 """
 
 import functools
@@ -40,11 +41,10 @@ class Command(Protocol):
 
 @functools.cache
 def commands_of(package: str) -> dict[str, str]:
-    """Return the descriptions of a package's commands by name, without importing the commands.
+    """Return names and descriptions of a package's commands, without importing the commands.
 
     Args:
-        package: dotted name of the package; its modules whose names begin with ``_`` are no
-            commands.
+        package: dotted name of the package; modules whose names begin with ``_`` are not commands.
     """
     return {
         _command_name(package, name): first_line(words)
@@ -71,5 +71,5 @@ def _command_name(package: str, module: str) -> str:
 
 
 def first_line(words: str) -> str:
-    """Return the first line of a docstring without the command itself."""
+    """Return the first line of a docstring without the command name."""
     return re.sub(r"^``[^`]*``: ", "", words.strip().split("\n")[0]).rstrip(".")

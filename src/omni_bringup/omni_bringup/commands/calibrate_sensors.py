@@ -1,8 +1,8 @@
 """``./omni calibrate-sensors``: estimate the mounting of line cameras from drives of known motion.
 
-Estimate pitch, axis, position, mirroring and line rate of each line camera, with uncertainties,
-from recorded drives (straight, sideways, turning) whose motion is known from the wheels or
-simulated. Write a figure of the residuals and the YAML of the cameras.
+Estimate pixel pitch, axis, position, mirroring and line rate of each line camera, with
+uncertainties. The recorded drives (straight, sideways, turning) must have a known motion, from the
+wheels or from a simulation. Write a figure of the residuals and a YAML file of the cameras.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from omni_bringup.command_report import Report, estimate, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import velocity_row
 
 if TYPE_CHECKING:
@@ -29,11 +29,11 @@ class Options(CommandOptions):
 
     drives: tuple[Path, ...] = option(positional=True, metavar="DRIVE")
     """recordings with the lines of the cameras and the motion of the vehicle"""
-    reference: str = parameter("auto", choices=("auto", "truth", "wheels"))
+    reference: str = option("auto", choices=("auto", "truth", "wheels"))
     """source of the known motion: wheel speeds during steady driving, or the ground truth of a
     simulation (default: ground truth if it was recorded)"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of sensors.yaml and the picture (default: results/calibrate-sensors)"""
+    """folder of sensors.yaml and the figure (default: results/calibrate-sensors)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -123,11 +123,7 @@ def _yaml(found: Mapping[str, Calibration]) -> str:
             f"axis {math.degrees(error['heading']):.2g} deg, across it {1e3 * error['lever']:.2g} "
             f"mm, line rate {error['line_rate']:.2g}/s"
         )
-        if one.unseen:
-            words = ", ".join(one.unseen)
-            lines.append(f"    the drives hardly excite {words}: nominal values")
-        if one.mirrored:
-            lines.append("    its lines run against the nominal axis")
+        lines += [f"    {words}" for words in _remarks(one)]
     tree = {
         name: {
             key: round(value, 7) if isinstance(value, float) else value
@@ -151,8 +147,11 @@ def _text(found: Mapping[str, Calibration]) -> Iterator[Any]:
             words = row.quantity.replace("_", " ")
             table.add_row(name, words, unit, before, after, f"{scale * row.error:.2g}")
     yield table
-    for name, one in found.items():
-        if one.unseen:
-            yield f"{name}: the drives hardly excite {', '.join(one.unseen)}; nominal values kept"
-        if one.mirrored:
-            yield f"{name}: its lines run against the nominal axis (mirrored)"
+    yield from (f"{name}: {words}" for name, one in found.items() for words in _remarks(one))
+
+
+def _remarks(one: Calibration) -> Iterator[str]:
+    if one.unseen:
+        yield f"the drives do not determine {', '.join(one.unseen)}; nominal values kept"
+    if one.mirrored:
+        yield "its lines run against the nominal axis (mirrored)"

@@ -1,8 +1,9 @@
-"""``./omni check-node``: check whether a user's node keeps the contract of its topics.
+"""``./omni check-node``: check whether a user's node meets the contract of its topics.
 
 Play a recording to an odometry or a brake assistant in real time: unchanged, with a gap in one
 input, with unusable values, and cut off during braking. Send valid and invalid enables to a
-simulator. Report each breach in one sentence; the exit code is 1 if there is any.
+simulator. Report each violation of the contract in one sentence; the exit code is 1 if there is
+any.
 """
 
 from __future__ import annotations
@@ -18,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import parameter
 
 if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration
@@ -34,16 +34,16 @@ class Options(CommandOptions):
     )
     """role of the node: odometry, simulator or brake_assist"""
     recording: Path | None = option(None, metavar="BAG")
-    """recording of ./omni run to feed (default: bags/small_stop/assisted)"""
+    """recording of ./omni run that is played to the node (default: bags/small_stop/assisted)"""
     start: str | None = option(None, metavar="COMMAND")
-    """command that starts the node in a separate ROS domain (default: the node already runs in the
-    domain of ROS_DOMAIN_ID)"""
-    duration: float = parameter(10.0, unit="s", above=1.0, maximum=600.0)
+    """command that starts the node in a separate ROS domain (default: the node already runs, in
+    the domain of ROS_DOMAIN_ID)"""
+    duration: float = option(10.0, unit="s", above=1.0, maximum=600.0)
     """time for which messages of a simulator are checked"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Send inputs to the node, or record its outputs, and report breaches of its contract."""
+    """Send inputs to the node, record its outputs, and report violations of its contract."""
     from omni_bringup.node_check.exchange_node import Partner
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
@@ -67,7 +67,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 @contextmanager
 def _node(command: str | None) -> Iterator[tuple[int, Any]]:
-    """Start the node if a command is given; yield its ROS domain and a test that it still runs."""
+    """Start the node if a command is given; yield its ROS domain and a check that it still runs."""
     from omni_bringup.graph.domain import reserved_domain
     from omni_ros.environment import chosen_domain, node_environment
 

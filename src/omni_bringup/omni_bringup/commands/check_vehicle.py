@@ -1,29 +1,23 @@
-"""``./omni check-vehicle``: find mistakes in the description of a vehicle from a short drive.
+"""``./omni check-vehicle``: find errors in the description of a vehicle from a short drive.
 
-Compare a recording of three slow motions (forward, to the left, counter-clockwise, each from rest
-to rest) and a stop with the vehicle's file: order and signs of the wheels, rollers, radii,
-positions, twist sensor, IMU, order and dead times of the brakes. Each mistake is named with its
-remedy.
+Compare a vehicle's file with a recording of three slow motions (forward, to the left,
+counter-clockwise, each from rest to rest) and of stops in different directions. Checked are order
+and signs of the wheels, rollers, radii, positions, twist sensor, IMU, and order and dead times of
+the brakes. Each error is reported with its remedy. Brakes whose exchange these stops could not
+reveal are reported too.
 """
-
-from __future__ import annotations
 
 import math
 import os
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import yaml
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
+from omni_platform import topics
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import parameter
-
-if TYPE_CHECKING:
-    from omni_tools.commissioning.signals import Signals
-
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
@@ -33,46 +27,53 @@ class Options(CommandOptions):
     """Options of ``omni check-vehicle``."""
 
     recording: Path = option(positional=True, metavar="RECORDING")
-    """rosbag2 folder with wheel_states, brake/pedal and, to check them too, odometry/twist, imu and
-    brake/enable; or 'live' for a drive that follows, in the domain of ROS_DOMAIN_ID"""
+    """rosbag2 folder with wheel_states and brake/pedal; odometry/twist, imu and brake/enable are
+    checked if they are recorded. 'live' for a drive that follows, in the domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder"""
-    distance: float = parameter(1.0, unit="m", above=0.0)
+    distance: float = option(1.0, unit="m", above=0.0, maximum=1000.0)
     """measured distance of the motions forward and to the left"""
-    angle: float = parameter(90.0, unit="deg", above=0.0)
-    """measured angle of the motion counter-clockwise"""
+    angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
+    """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")
     """namespace of the vehicle, for a live drive"""
-    timeout: float = parameter(600.0, unit="s", above=0.0)
+    timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
     """time within which a live drive must be complete"""
     out: Path | None = option(None, metavar="FILE")
-    """corrected file of the vehicle (default: results/check-vehicle/RECORDING.yaml)"""
+    """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Find the mistakes, and write a corrected file of the vehicle if its values are wrong."""
-    from omni_tools.commissioning.mistakes import corrected, find_mistakes
-    from omni_tools.commissioning.signals import MOTIONS, motions_of, read_signals
+    """Find the errors, and write a corrected vehicle file if its values are wrong."""
+    from omni_tools.commissioning import mistakes as known
+    from omni_tools.commissioning.signals import MOTIONS, motions_of, read_signals, unchecked
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
     if options.recording == _LIVE:
         workspace.note(
             f"drive {options.distance:g} m or {options.angle:g} deg {', '.join(MOTIONS)}, each "
-            "from rest to rest, then drive and brake"
+            "from rest to rest, then drive and brake in two directions; 2 s at rest end the drive"
         )
-        signals = _received(options, tuple(vehicle.wheels))
+        from omni_bringup.node_check.drive_node import receive_drive
+        from omni_bringup.node_check.exchange_node import Partner
+        from omni_ros.environment import chosen_domain
+
+        with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
+            signals = receive_drive(partner, tuple(vehicle.wheels), options.timeout)
     else:
         signals = read_signals(options.recording, tuple(vehicle.wheels))
-    mistakes = find_mistakes(
-        vehicle.wheels,
-        signals,
-        motions_of(signals),
-        distance=options.distance,
-        angle=math.radians(options.angle),
-        brake=vehicle.brake,
+    motions = motions_of(signals)
+    drive = vehicle.wheels, signals, motions
+    angle = math.radians(options.angle)
+    mistakes = known.find_mistakes(
+        *drive, distance=options.distance, angle=angle, brake=vehicle.brake
     )
+    missing = unchecked(signals)
+    undistinguished = []
+    if not mistakes and topics.TWIST.name not in missing:
+        undistinguished = known.undistinguished_brakes(*drive, brake=vehicle.brake)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
-    changed = corrected(values, mistakes)
+    changed = known.corrected(values, mistakes)
     files = []
     if changed != values:
         name = f"{options.recording.resolve().name}.yaml"
@@ -83,17 +84,24 @@ def run(options: Options, workspace: Workspace) -> Report:
         files.append(write_text(path, head + text))
     return Report(
         metrics={"mistakes.all": {"value": len(mistakes), "unit": "1"}},
-        details={"mistakes": [{"name": one.name, "remedy": one.remedy} for one in mistakes]},
+        details={
+            "mistakes": [{"name": one.name, "remedy": one.remedy} for one in mistakes],
+            "undistinguished": undistinguished,
+            "unchecked": missing,
+        },
         text=[f"{one.name}: {one.remedy}" for one in mistakes] or ["no mistake found"],
+        hints=[
+            *(
+                f"not checked, because {topic} is missing: {what}"
+                for topic, what in missing.items()
+            ),
+            *[
+                "the stops would not show an exchange of the brakes "
+                + ", ".join(map(" and ".join, undistinguished))
+                + "; add stops in other directions, with the assistant enabled"
+            ]
+            * bool(undistinguished),
+        ],
         files=files,
         ok=not mistakes,
     )
-
-
-def _received(options: Options, wheels: tuple[str, ...]) -> Signals:
-    from omni_bringup.node_check.drive_node import receive_drive
-    from omni_bringup.node_check.exchange_node import Partner
-    from omni_ros.environment import chosen_domain
-
-    with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
-        return receive_drive(partner, wheels, options.timeout)

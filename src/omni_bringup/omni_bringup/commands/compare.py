@@ -1,4 +1,4 @@
-"""``./omni compare``: compare recordings in a table, with a column for each stop.
+"""``./omni compare``: compare recordings in a table with one column for each stop.
 
 Compute the metrics of each stop: distance, rotation, odometry error and drift (ATE, and RPE over
 1 m).
@@ -19,18 +19,18 @@ class Options(CommandOptions):
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
     """rosbag2 folder of a run or a drive, or a single .mcap file"""
-    max_distance: float | None = option(None, metavar="M")
+    max_distance: float | None = option(None, metavar="M", minimum=0.0, maximum=1.0e4)
     """longest permitted stopping distance; with a longer stop the exit code is 1"""
-    max_rotation: float | None = option(None, metavar="DEG")
+    max_rotation: float | None = option(None, metavar="DEG", minimum=0.0, maximum=3600.0)
     """largest permitted change of orientation; with a larger one the exit code is 1"""
     csv: Path | None = option(None, metavar="FILE")
-    """file to which the table is written as well"""
+    """file to which the table is also written"""
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
     """Compute the metrics of the recordings and return them as one table."""
     from omni_figures.comparison_table import ComparisonTable
-    from omni_figures.data_table import write_table
+    from omni_figures.data_table import write_cases
     from omni_loop.metrics import results_document
     from omni_tools.report.recording import compared_runs, differing_values, run_names
 
@@ -46,7 +46,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     missed = []
     for name, metrics in columns.items():
         for key, limit in limits.items():
-            if key not in metrics:  # a whole drive has no stop to judge
+            if key not in metrics:  # limits apply to stops, not to a complete drive
                 continue
             metrics[key] = replace(metrics[key], at_most=limit)
             if metrics[key].status == "missed":
@@ -54,12 +54,8 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
                 words = f"{name}: {key.replace('_', ' ')} {found} is not at most {limit:g}"
                 missed.append(command_report.printable(words))
     if options.csv is not None:
-        quantities = list(dict.fromkeys(key for one in columns.values() for key in one))
-        rows = [
-            [name, *(one[key].value if key in one else "" for key in quantities)]
-            for name, one in columns.items()
-        ]
-        write_table(options.csv, ["stop", *quantities], rows)
+        values = {name: {key: m.value for key, m in one.items()} for name, one in columns.items()}
+        write_cases(options.csv, "stop", values)
     differences = differing_values(options.bags)
     return command_report.Report(
         **results_document("compare", columns),
@@ -70,7 +66,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
 
 
 def _in_words(differences: Mapping[str, Sequence[str]], most: int = 3) -> Iterator[str]:
-    """Yield a line for each part of the configuration that differs, with its first values."""
+    """Yield a line with example values for each part of the configuration that differs."""
     parts: dict[str, list[str]] = {}
     for key, values in differences.items():
         part, _, name = key.partition(".")

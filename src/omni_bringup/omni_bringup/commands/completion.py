@@ -1,9 +1,10 @@
-"""``./omni completion``: print the bash completion of commands, options and names.
+"""``./omni completion``: print a bash completion script for commands, options and names.
 
 Enable it with: eval "$(./omni completion)"
 """
 
 from collections.abc import Iterator
+from importlib import resources
 from typing import Any
 
 from omni_bringup import commands
@@ -12,23 +13,8 @@ from omni_bringup.commands.list import EVERY, names_of
 from omni_bringup.workspace import Workspace
 from omni_platform import command_options, configuration
 
-_SCRIPT = """\
-_omni() {{
-  local word="${{COMP_WORDS[COMP_CWORD]}}" path="${{COMP_WORDS[*]:1:COMP_CWORD-1}}" choices=""
-  case "$path" in
-{cases}
-    *) choices="" ;;
-  esac
-  case "${{COMP_WORDS[COMP_CWORD-1]}}" in
-{values}
-  esac
-  COMPREPLY=($(compgen -W "$choices" -- "$word"))
-  [[ ${{#COMPREPLY[@]}} -gt 0 || $word == -* ]] || COMPREPLY=($(compgen -f -- "$word"))
-}}
-complete -o filenames -F _omni ./omni omni
-"""
 _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
-_NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows
+_NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows each command
 
 
 class Options(configuration.Configuration):
@@ -40,15 +26,16 @@ def run(_options: Options, workspace: Workspace) -> Report:
     names = {kind: sorted(names_of(kind, workspace.folder)) for kind in EVERY}
     cases = list(_cases(commands, "", names))
     values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]
-    # The shell takes the first match: "study table2" must stand before "study".
+    # The shell uses the first match, so "study table2" must come before "study".
     cases.sort(key=lambda case: -len(case[0]))
     lines = [f'    "{path}"{"*" if path else ""}) choices="{words}" ;;' for path, words in cases]
-    script = _SCRIPT.format(cases="\n".join(lines), values="\n".join(values))
+    script = (resources.files(__package__) / "completion.bash").read_text(encoding="utf-8")
+    script = script.replace("@CASES@", "\n".join(lines)).replace("@VALUES@", "\n".join(values))
     return Report(text=script.splitlines())
 
 
 def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
-    """Yield pairs: the words typed so far, and the words that may follow."""
+    """Yield pairs of the words typed so far and the words that may follow."""
     known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
     yield path, " ".join(known)
     for name in known:

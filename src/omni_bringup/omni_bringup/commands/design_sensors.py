@@ -1,6 +1,6 @@
 """``./omni design-sensors``: place line cameras under a chassis for the most accurate twist.
 
-Search the positions of line cameras with the smallest mean twist error, draw them, and evaluate
+Search for the positions of line cameras with the smallest mean twist error, draw them, and evaluate
 given and common placements for comparison.
 """
 
@@ -17,7 +17,7 @@ from omni_platform.command_options import CommandOptions, option
 from omni_tools.placement.options import PlacementOptions
 
 if TYPE_CHECKING:
-    from omni_tools.placement import evaluation, trials
+    from omni_tools.placement import trials
     from omni_tools.placement.design import Design, DesignTask
 
 
@@ -43,27 +43,20 @@ def run(options: Options, workspace: Workspace) -> Report:
         result = design(task, report)
         driven = confirm(task, result, report) if options.confirm else {}
     placement = write_text(folder / "sensors.yaml", sensor_file(task, result, vehicle))
-    title = f"{task.count} line cameras under {vehicle}, {_conditions(task, options)}"
-    figure = placement_figure(_drawn(result, task), result.criterion, task.area, title)
+    conditions = f"{task.speed:.3g} m/s on {options.ground}"
+    title = f"{task.count} line cameras under {vehicle}, {conditions}"
+    compared = [*task.given, "tangential", "radial", "condition"][:3]
+    drawn = [result.best, *map(result.placement, compared)]
+    figure = placement_figure(drawn, result.criterion, task.area, title)
     singular = [name for name in task.given if result.placement(name).singular]
     return Report(
         metrics=entries(task, result, driven),
-        text=_text(task, result, driven, _conditions(task, options)),
+        text=_text(task, result, driven, conditions),
         files=(placement, save_figure(figure, folder.resolve() / "placements.png")),
         hints=(_use(options.vehicle, placement),),
         summary=folder,
         ok=not (options.check and singular),
     )
-
-
-def _conditions(task: DesignTask, options: Options) -> str:
-    return f"{task.speed:.3g} m/s on {options.ground}"
-
-
-def _drawn(result: Design, task: DesignTask) -> list[evaluation.EvaluatedPlacement]:
-    """Return the best placement and up to three others for comparison."""
-    names = [*task.given, "tangential", "radial", "condition"]
-    return [result.best, *(result.placement(name) for name in names[:3])]
 
 
 def _text(
@@ -90,7 +83,7 @@ def _text(
 
 
 def _use(vehicle: str, placement: Path) -> str:
-    """Return the command line that uses a placement, which is valid for this chassis only."""
+    """Return the command line that uses a placement, which is only valid for this chassis."""
     if vehicle.endswith(".yaml"):
         vehicle = str(Path(vehicle).resolve())
     parts = (f"vehicle={vehicle}", f"sensors={placement}")

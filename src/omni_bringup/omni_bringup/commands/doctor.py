@@ -1,6 +1,6 @@
 """``./omni doctor``: check the installation, and whether ROS nodes can communicate.
 
-Check the parts of the installation, one line each, with a remedy for each failure. Exit code 1 if a
+Check each part of the installation in one line, with a remedy for each failure. Exit code 1 if any
 check fails.
 """
 
@@ -29,15 +29,15 @@ class Options(CommandOptions):
     """Options of ``omni doctor``."""
 
     parameters: Path | None = option(None, metavar="DIR")
-    """folder of ./omni ros-params, whose warning about the source of the twist is shown"""
+    """folder written by ./omni ros-params, whose warning about the source of the twist is shown"""
 
 
 class TroubleError(Exception):
-    """A problem of the installation and its remedy."""
+    """A problem of the installation, with its remedy."""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Check every part."""
+    """Check each part of the installation."""
     checks: dict[str, Callable[[Path], str]] = {
         "Python": _python,
         "packages": _packages,
@@ -82,7 +82,7 @@ def _imported(name: str) -> Any:
 def _packages(_: Path) -> str:
     for name in ("numpy", "scipy", "matplotlib", "yaml", "rosbags", "omni_sim"):
         _imported(name)
-    return f"numba {_imported('numba').__version__} and all others are there"
+    return f"numba {_imported('numba').__version__} and all other packages are installed"
 
 
 def _ros(_: Path) -> str:

@@ -1,7 +1,7 @@
 """``./omni drive``: drive a vehicle in real time from a page in the browser.
 
-Run the nodes in real time; a person drives from a page in the browser or by cmd_vel.
-Ctrl-C ends it.
+Run the nodes in real time while a person drives from a page in the browser or by cmd_vel. Ctrl-C
+ends the drive.
 """
 
 from __future__ import annotations
@@ -18,46 +18,46 @@ from omni_bringup import command_report, interruption
 from omni_bringup.workspace import Workspace
 from omni_platform.brakes import TYPICAL, typical_changes
 from omni_platform.command_options import option, overrides_option
-from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.configuration import Configuration, ConfigurationError
 
 if TYPE_CHECKING:
     from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
-# Ice ahead of the left wheels only, on which an unassisted stop swerves most.
+# Ice ahead of the left wheels only, where an unassisted stop swerves most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 
 class Options(Configuration):
     """Options of ``omni drive``."""
 
-    vehicle: str | None = parameter(None)
+    vehicle: str | None = option(None)
     """a file of config/vehicles/ (default: the experiment's)"""
-    experiment: str = parameter("small_stop")
+    experiment: str = option("small_stop")
     """experiment whose last variant determines ground, sensors and nodes"""
-    ground: str | None = parameter(None)
+    ground: str | None = option(None)
     """a file of config/grounds/ (default: the experiment's)"""
-    law: str | None = parameter(None)
+    law: str | None = option(None)
     """control law, built in or my_module:MyLaw (default: the experiment's)"""
-    brakes: str | None = parameter(None, choices=tuple(TYPICAL))
-    """typical brakes of a kind, as in ./omni new-vehicle (default: the vehicle's)"""
-    no_ice: bool = parameter(False)
-    """leave out the patch of ice that is otherwise added to a ground without patches"""
+    brakes: str | None = option(None, choices=tuple(TYPICAL))
+    """typical brakes of this kind, as in ./omni new-vehicle (default: the vehicle's)"""
+    no_ice: bool = option(False)
+    """do not add the patch of ice that a ground without patches otherwise gets"""
     overrides: tuple[str, ...] = overrides_option()
-    max_speed: float = option(5.0, metavar="M/S")
-    """speed of a full stick"""
+    max_speed: float = option(5.0, metavar="M/S", above=0.0, maximum=50.0)
+    """speed at full stick"""
     host: str = option("127.0.0.1", metavar="ADDRESS")
     """address of this machine at which the page is served, for example to a phone; anyone who
-    has the page's address with its token can drive"""
+    knows the page's address with its token can drive"""
     port: int = option(0, metavar="PORT", minimum=0, maximum=65535)
     """TCP port of the page; 0 for any free port"""
-    unstamped: bool = parameter(False)
-    """cmd_vel is a Twist, as older teleoperation nodes send it"""
+    unstamped: bool = option(False)
+    """cmd_vel has the type Twist, as older teleoperation nodes publish it"""
     out: Path | None = option(None, metavar="DIR")
     """record the drive to this rosbag2 folder"""
-    lines: bool = parameter(False)
-    """record the lines of the cameras too, which replay needs: 1 MB/s"""
+    lines: bool = option(False)
+    """also record the lines of the cameras, which a replay needs: 1 MB/s"""
 
 
 def run(options: Options, workspace: Workspace) -> command_report.Report:
@@ -67,7 +67,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
         ProcessError: a node has ended; otherwise only a signal ends the command.
     """
     from omni_bringup.graph.domain import reserved_domain
-    from omni_bringup.graph.process_group import process_group
+    from omni_bringup.graph.process_group import ProcessGroup
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
 
@@ -85,12 +85,12 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     _is_local(options.host)
     configuration = _compose(library, options, workspace)
     while True:
-        # A recording contains one vehicle on one ground, so the page offers no choice.
+        # A recording contains one vehicle on one ground, so the page then offers no choices.
         choices = {} if folder else _choices(library, options, configuration)
         with (
             reserved_domain() as domain,
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
-            process_group(node_environment(domain)) as group,
+            ProcessGroup(node_environment(domain)) as group,
         ):
             driven = Path(scratch), parameters | choices, folder, options.lines
             for node in drive_nodes(configuration, *driven):
@@ -110,7 +110,7 @@ def _is_local(host: str) -> bool:
     """Return whether an address is reachable from this machine only.
 
     Raises:
-        ConfigurationError: the text is no IP address, or the wildcard address.
+        ConfigurationError: the text is not an IP address, or is the wildcard address.
     """
     try:
         address = ipaddress.ip_address(host)
@@ -124,7 +124,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the parameters of the driver's node with the choices of its page."""
+    """Return the parameters of the driver's node that list the choices on its page."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {
@@ -134,8 +134,8 @@ def _choices(
         "brakes": (options.brakes or configuration.vehicle.brake.kind, list(TYPICAL)),
     }
     found: dict[str, Any] = {"choices.names": list(offered)}
-    for kind, (asked, names) in offered.items():
-        chosen = asked or library.named(options.experiment, kind)
+    for kind, (given, names) in offered.items():
+        chosen = given or library.named(options.experiment, kind)
         found[f"choices.{kind}.chosen"] = chosen
         found[f"choices.{kind}.names"] = names if chosen in names else [chosen, *names]
     return found
@@ -151,10 +151,9 @@ def _compose(
     }
     changes = [f"{key}={value}" for key, value in chosen.items() if value is not None]
     changes += [*(typical_changes(options.brakes) if options.brakes else ()), *options.overrides]
-    variant = library.variants(options.experiment)[-1]
-    configuration = library.load(options.experiment, variant, changes)
+    configuration = library.load(options.experiment, overrides=changes)
     if not configuration.ground.patches and not options.no_ice:
-        configuration = library.load(options.experiment, variant, [*changes, _ICE])
+        configuration = library.load(options.experiment, overrides=[*changes, _ICE])
     configuration.check_drivable()
     names = [
         chosen[kind] or library.named(options.experiment, kind) for kind in ("vehicle", "ground")
@@ -166,7 +165,7 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration with a maneuver at the largest speed, forward and then sideways."""
+    """Return the configuration for motion at the largest speed, forward and then sideways."""
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(
@@ -182,53 +181,46 @@ def drive_nodes(
     folder: Path | None,
     lines: bool = False,
 ) -> list[NodeProcess]:
-    """Return the nodes of a drive, in the order of their start.
+    """Return the nodes of a drive in the order of their start.
 
     Args:
-        configuration: the whole loop.
+        configuration: configuration of the whole loop.
         scratch: folder for the parameter files of the nodes.
         parameters: parameters of the driver's node.
-        folder: rosbag2 folder to record to, if any.
-        lines: whether the camera lines are recorded; they are most of the data.
+        folder: rosbag2 folder of the recording; None for no recording.
+        lines: whether to record the camera lines, which are most of the data.
     """
     from omni_bringup.graph import nodes as graph
 
-    nodes = []
+    started, nodes = [], graph.Nodes(configuration, scratch)
     if folder is not None:
         topics = {
             topic: kind
             for topic, kind in graph.recorded_topics(configuration).items()
             if lines or not topic.endswith("/lines")
         }
-        nodes.append(graph.recorder(configuration, folder, scratch, chosen=topics))
-    listeners = 1 + len(nodes)  # without the driver's node, which may start later
-    optical = configuration.uses_lines
+        started.append(nodes.recorder(folder, chosen=topics))
+    listeners = 1 + len(started)  # without the driver's node, which may start later
+    shown = lines or folder is None
     return [
-        *nodes,
-        graph.driver(configuration, scratch, parameters),
-        graph.odometry(configuration, scratch, lockstep=False, listeners=listeners + optical),
-        graph.brake_assist(configuration, scratch, lockstep=False, listeners=listeners),
-        graph.simulator(
-            configuration,
-            scratch,
-            lockstep=False,
-            driven=True,
-            lines_recorded=lines or folder is None,
-            listeners=listeners,
-        ),
+        *started,
+        nodes.driver(parameters),
+        nodes.odometry(listeners + configuration.uses_lines),
+        nodes.brake_assist(listeners),
+        nodes.simulator(driven=True, lines_recorded=shown, listeners=listeners),
     ]
 
 
 def _follow(
     group: ProcessGroup, domain: int, parameters: dict[str, Any]
 ) -> Iterator[dict[str, Any]]:
-    """Print the page's address once it is served, watch the nodes, and yield the page's choices.
+    """Print the address of the page, watch the nodes, and yield the choices made on the page.
 
     Args:
         group: the nodes.
         domain: ROS domain of the nodes.
-        parameters: parameters of the driver's node; token and port are stored in it for its
-            restart.
+        parameters: parameters of the driver's node; token and port are stored here for a restart of
+            the node.
 
     Raises:
         ProcessError: a node has ended.
@@ -243,7 +235,7 @@ def _follow(
             if "choose" in document:
                 yield document["choose"]
             elif "token" not in parameters:
-                # Only the address goes to standard output, where programs read it.
+                # Standard output contains only the address, for programs that read it.
                 print(document["url"], flush=True)
                 place, parameters["token"] = document["url"].rstrip("/").rsplit("/", 1)
                 parameters["port"] = int(place.rsplit(":", 1)[1])

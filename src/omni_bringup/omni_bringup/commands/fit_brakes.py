@@ -1,7 +1,8 @@
-"""``./omni fit-brakes``: find torque, dead time and lag of brakes from recorded stops.
+"""``./omni fit-brakes``: estimate torque, dead time and lag of brakes from recorded stops.
 
 Estimate the largest torque of a vehicle's brakes, their dead time and their time constant from
-recordings of stops in which the wheels keep turning under their brakes (with half the pedal).
+recordings of stops in which the wheels keep turning under their brakes (for example with half the
+pedal).
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from omni_bringup.command_report import Report, estimate, estimate_table, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import parameter
 
 if TYPE_CHECKING:
     from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -30,15 +30,15 @@ class Options(CommandOptions):
 
     recordings: tuple[Path, ...] = option(positional=True, metavar="RECORDING")
     """rosbag2 folders with wheel_states, brake/pedal, brake/enable and a twist"""
-    vehicle: str | None = parameter(None)
+    vehicle: str | None = option(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
     configuration next to the first recording)"""
-    twist: str = parameter(
+    twist: str = option(
         "odometry/twist", choices=("odometry/twist", "velocity_sensor/twist", "ground_truth/odom")
     )
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of brake and figure (default: results/fit-brakes/RECORDING)"""
+    """folder of brake file and figure (default: results/fit-brakes/RECORDING)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -85,7 +85,7 @@ def _entries(fit: BrakeFit, vehicle: VehicleConfiguration) -> dict[str, Any]:
         for (key, unit), value, error in zip(_UNITS.items(), fit.values, errors, strict=True)
     }
     for wheel, value, error in zip(vehicle.wheels, fit.wheel_torque, fit.wheel_error, strict=True):
-        if not math.isnan(value):  # nan if the stops do not distinguish the wheels
+        if not math.isnan(value):  # NaN if the stops do not distinguish the wheels
             entries[f"max_torque.{wheel}"] = estimate(value, "N m", error)
     entries["residual.all"] = {"value": fit.residual, "unit": "m/s"}
     entries["intervals.all"] = {"value": float(fit.intervals), "unit": "1"}
@@ -97,7 +97,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
         f"# Brakes fitted to {', '.join(names)}; copy this section into the vehicle's file.",
         "# Standard errors: "
         + ", ".join(
-            f"{key} {error:.2g} {unit}"  # nan on a bound
+            f"{key} {error:.2g} {unit}"  # NaN at a bound of the search
             for (key, unit), error in zip(_UNITS.items(), fit.standard_errors, strict=True)
         ),
         "# The torque is as uncertain as the vehicle's mass: 1 % of mass is 1 % of torque.",
@@ -109,11 +109,11 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
 
 
 def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
-    """Yield table and remarks; one remark warns of a relative torque error above `vague`."""
+    """Yield table and remarks, with a warning if the relative torque error exceeds `vague`."""
     yield estimate_table(entries)
     yield (
-        f"a wheel turned under its brake in {fit.intervals} intervals of {stops} recorded, "
-        f"differences of {1e3 * fit.residual:.2g} mm/s"
+        f"recordings: {stops}; intervals in which a wheel turned under its brake: {fit.intervals}; "
+        f"RMS difference: {1e3 * fit.residual:.2g} mm/s"
     )
     share = fit.standard_errors[0] / fit.values[0]
     if share > vague:

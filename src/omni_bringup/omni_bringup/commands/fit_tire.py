@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, estimate, estimate_table, write_text
 from omni_bringup.workspace import Workspace
-from omni_platform import command_options, configuration
-from omni_platform.command_options import CommandOptions
+from omni_platform import configuration
+from omni_platform.command_options import CommandOptions, option
 
 if TYPE_CHECKING:
     from omni_tools.tires.data import TireData
@@ -24,18 +24,18 @@ WORK = "fitting the tire"
 class Options(CommandOptions):
     """Options of ``omni fit-tire``."""
 
-    data: Path = command_options.option(positional=True, metavar="DATA.csv")
+    data: Path = option(positional=True, metavar="DATA.csv")
     """file whose first line names the columns slip [1], load [N] and force [N]"""
-    model: str = configuration.parameter("tmeasy")
+    model: str = option("tmeasy")
     """tire model, such as tmeasy, linear, magic_formula"""
-    wheel_radius: float = configuration.parameter(0.2, unit="m", above=0.0, maximum=2.0)
-    """radius of the wheel, from which stiffness and damping are estimated"""
-    out: Path | None = command_options.option(None, metavar="DIR")
-    """folder of the tire and the figure (default: results/fit-tire/DATA)"""
+    wheel_radius: float = option(0.2, unit="m", above=0.0, maximum=2.0)
+    """radius of the wheel, from which tire stiffness and damping are estimated"""
+    out: Path | None = option(None, metavar="DIR")
+    """folder of tire file and figure (default: results/fit-tire/DATA)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Fit the tire, write its parameters and draw the fit."""
+    """Fit the tire, write its parameters, and draw the fit."""
     from omni_figures.style import save_figure
     from omni_sim.tire.models import MODELS
     from omni_tools.tires.data import TireDataError, read_tire_data
@@ -45,8 +45,8 @@ def run(options: Options, workspace: Workspace) -> Report:
     try:
         data = read_tire_data(options.data)
         fit = fit_tire(data, options.model)
-    except TireDataError as error:
-        raise TireDataError(f"{options.data}: {error}") from None
+    except (TireDataError, configuration.WorkError) as error:
+        raise type(error)(f"{options.data}: {error}") from None
     name = options.data.stem
     folder = workspace.results(options.out, "fit-tire", name)
     tire = write_text(folder / f"{name}.yaml", _tire_file(fit, options, data))
@@ -64,25 +64,11 @@ def run(options: Options, workspace: Workspace) -> Report:
     )
 
 
-def _units(model: str) -> dict[str, str]:
-    """Return the units of a model's parameters by dotted key."""
+def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
+    from omni_bringup.parameter_reference import leaves
     from omni_sim.tire.models import MODELS
 
-    def walk(kind: type[configuration.Configuration], prefix: str) -> dict[str, str]:
-        units: dict[str, str] = {}
-        for name, inner, info in configuration.declared_parameters(kind):
-            key = configuration.join_key(prefix, name)
-            if configuration.is_configuration(inner):
-                units |= walk(inner, key)
-            else:
-                units[key] = info.unit or "1"
-        return units
-
-    return walk(MODELS[model].configuration, "")
-
-
-def _entries(fit: TireFit, model: str, data: TireData) -> dict[str, Any]:
-    units = _units(model)
+    units = {key: info.unit or "1" for key, _, info, _ in leaves(MODELS[model].configuration)}
     entries = {
         f"{key.replace('.', '_')}.{model}": estimate(value, units[key], error, bounded=fixed)
         for key, value, error, fixed in _rows(fit)
@@ -102,7 +88,7 @@ def _rows(fit: TireFit) -> list[tuple[str, float, float, bool]]:
 
 
 def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
-    """Return the YAML of a tire file, which a vehicle can refer to by its name."""
+    """Return the YAML text of a tire file, which a vehicle can refer to by name."""
     from omni_loop.commented_yaml import commented_yaml
     from omni_tools.vehicles.estimates import tire_stiffness
 

@@ -1,20 +1,19 @@
 """``./omni limit``: compute lower bounds of the stopping distance.
 
-Compute lower bounds of the stopping distance from friction, loads and pedal, with and without
-keeping heading and line.
+Compute lower bounds of the stopping distance from friction, loads and pedal, both for stops that
+keep heading and line and for all stops.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentLibrary
     from omni_sim.configuration import GroundConfiguration
     from omni_sim.vehicle.configuration import VehicleConfiguration
-    from omni_tools.limit.bounds import Bound, Maneuver
-    from omni_tools.limit.front import Load, Stop
+    from omni_tools.limit.bounds import Maneuver
+    from omni_tools.limit.front import Load
 
 _WORDS = {"bound": "keeps heading and line", "bound_any_heading": "any heading, any path"}
 
@@ -35,24 +34,25 @@ class Options(CommandOptions):
 
     experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
     """a file of config/experiments/, or a path that ends in .yaml (default: straight_line)"""
-    vehicle: str | None = parameter(None)
+    vehicle: str | None = option(None)
     """a file of config/vehicles/ instead of an experiment"""
-    speed: float | None = parameter(None, unit="m/s", minimum=0.0, maximum=50.0)
+    speed: float | None = option(None, unit="m/s", minimum=0.0, maximum=50.0)
     """speed before braking (default: 10)"""
-    direction: float | None = parameter(None, unit="deg", minimum=-360.0, maximum=360.0)
+    direction: float | None = option(None, unit="deg", minimum=-360.0, maximum=360.0)
     """direction of motion, counter-clockwise from forward (default: 0)"""
-    friction: float | None = parameter(None, minimum=0.0, maximum=2.0)
+    friction: float | None = option(None, minimum=0.0, maximum=2.0)
     """friction factor of the ground (default: 1)"""
-    best: bool = parameter(False)
-    """also plan the shortest stops for several rotations, and draw them together with the laws:
-    minutes, needs CasADi"""
+    best: bool = option(False)
+    """also plan the shortest stops for several allowed rotations, and draw them together with
+    the stops of the laws; takes minutes, requires CasADi"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of --best's figure (default: results/limit/NAME)"""
+    """folder of the figure for --best (default: results/limit/NAME)"""
     overrides: tuple[str, ...] = overrides_option()
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Compute the bounds, and with ``--best`` the shortest stops."""
+    from omni_figures.comparison_table import ComparisonTable
     from omni_loop.metrics import Metric, results_document
     from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 
@@ -72,7 +72,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         }
         for case, bound in bounds.items()
     }
-    text = list(_text(name, vehicle, ground, maneuver, bounds))
+    text: list[Any] = []
     if options.best:
         from omni_figures.style import save_figure
         from omni_tools.limit.front import draw_front, front
@@ -87,12 +87,16 @@ def run(options: Options, workspace: Workspace) -> Report:
         }
         drawn = draw_front(name, stops, bounds["bound"].distance)
         figure = save_figure(drawn, workspace.results(options.out, "limit", name) / "front.png")
-        text += [_front_table(stops), f"figure: {figure}"]
-    return Report(**results_document(name, metrics), text=text)
+        text = [f"figure: {figure}"]
+    shown = {_WORDS.get(case, case.replace("_", " ")): found for case, found in metrics.items()}
+    table = ComparisonTable(shown, title=f"{name}: no stop is shorter than a bound")
+    if not math.isnan(bounds["bound"].distance):
+        text.append(_forces(vehicle, ground, maneuver))
+    return Report(**results_document(name, metrics), text=(table, *text))
 
 
 def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
-    """Return the name of the experiment or vehicle, and a function that loads it with changes."""
+    """Return the name of the experiment or vehicle, and a function that loads it with overrides."""
     keys = {
         "speed": "maneuver.speed",
         "direction": "maneuver.direction_deg",
@@ -102,64 +106,28 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
     name, overrides = options.experiment or "straight_line", options.overrides
     if options.vehicle is not None:
         if options.experiment is not None:
-            raise ConfigurationError("--vehicle", f"does not go with experiment {name}")
+            raise ConfigurationError("--vehicle", f"cannot be combined with experiment {name}")
         if overrides:
-            raise ConfigurationError("--set", "goes with an experiment, not with --vehicle")
+            raise ConfigurationError(
+                "--set", "can only be used with an experiment, not with --vehicle"
+            )
         moving = (f"{keys[word]}={value}" for word, value in given.items())
         overrides = (f"vehicle={options.vehicle}", *moving)
     elif given:
         flag = f"--{next(iter(given))}"
-        raise ConfigurationError(flag, "goes with --vehicle; change an experiment's with --set")
-    variant = library.variants(name)[-1]
+        raise ConfigurationError(
+            flag, "can only be used with --vehicle; change an experiment with --set"
+        )
     return (
         Path(options.vehicle or name).stem,
-        lambda changes: library.load(name, variant, (*overrides, *changes)),
+        lambda changes: library.load(name, overrides=(*overrides, *changes)),
     )
-
-
-def _front_table(stops: dict[str, Stop]) -> Table:
-    from rich.table import Table
-
-    table = Table("stop", "distance [m]", "rotation [deg]", pad_edge=False)
-    for case, stop in stops.items():
-        found = "-" if math.isnan(stop.distance) else f"{stop.distance:.2f}"
-        table.add_row(case.replace("_", " "), found, f"{stop.rotation:.1f}")
-    return table
-
-
-def _text(
-    name: str,
-    vehicle: VehicleConfiguration,
-    ground: GroundConfiguration,
-    maneuver: Maneuver,
-    bounds: dict[str, Bound],
-) -> Iterator[Any]:
-    from rich.table import Table
-
-    from omni_figures.comparison_table import in_small_units, metric_number
-    from omni_loop.metrics import Metric
-
-    unit, distances = in_small_units([Metric(one.distance, "m") for one in bounds.values()])
-    table = Table("no stop is shorter", unit, "gap", r"tolerance \[mm]", pad_edge=False)
-    for (case, bound), distance in zip(bounds.items(), distances, strict=True):
-        if distance is None or math.isnan(bound.distance):
-            table.add_row(_WORDS[case], "-", "", "")
-        else:
-            row = metric_number(distance.value, unit), f"{bound.gap:.1e}"
-            table.add_row(_WORDS[case], *row, f"{1e3 * bound.tolerance:.2g}")
-    yield name
-    yield table
-    for case, bound in bounds.items():
-        if bound.reason:
-            yield f"{_WORDS[case]}: none, {bound.reason}"
-    if not math.isnan(bounds["bound"].distance):
-        yield _forces(vehicle, ground, maneuver)
 
 
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Table:
-    """Return the forces of the strongest straight deceleration on the ground outside patches."""
+    """Return the wheel forces at the largest straight deceleration on ground without patches."""
     import numpy as np
     from rich.table import Table
 

@@ -1,23 +1,15 @@
-"""``./omni nav2-polygons``: compute the collision monitor's polygons from simulated stops.
+"""``./omni nav2-polygons``: compute polygons of the collision monitor from simulated stops.
 
-Simulate thousands of stops of a vehicle and write the area that its footprint covers, including
-rotation, for each direction, speed and yaw rate, as YAML of Nav2's collision monitor.
+Simulate thousands of stops of a vehicle. For each direction, speed and yaw rate, write the area
+that the vehicle's footprint covers, including rotation, as YAML for Nav2's collision monitor.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 from omni_tools.stopping_area.options import AreaOptions
-
-if TYPE_CHECKING:
-    from omni_loop.metrics import Metric
-    from omni_tools.stopping_area.area import StopCampaign
 
 
 class Options(AreaOptions, CommandOptions):
@@ -60,27 +52,23 @@ def run(options: Options, workspace: Workspace) -> Report:
     document = collision_monitor.monitor_parameters(options, campaign.cells, limits, metrics)
     title = f"{name}, {options.variant}"
     figure = areas_figure(campaign.cells, limits, campaign.base.vehicle, title)
+    found = [metric.value for key, metric in metrics.items() if key.startswith("area.")]
+    text = [
+        f"{len(campaign.cells)} polygons of {min(found):.2f} to {max(found):.2f} m^2, "
+        f"{options.variant}, from {campaign.fitted} stops: at least {options.coverage:.2%} of "
+        f"stops stay inside, with a confidence of {options.confidence:.0%} for each polygon"
+    ]
+    for case in ("uniform", "extremes"):
+        if count := metrics[f"held_out_stops.{case}"].value:
+            share = metrics[f"outside_share.{case}"].value
+            text.append(f"held out, {case}: {share:.2%} of {count:.0f} stops leave their polygon")
     return Report(
         name="nav2-polygons",
         metrics={key: results_entry(metric) for key, metric in metrics.items()},
-        text=_text(options, campaign, metrics),
+        text=text,
         files=(
             write_text(folder / "collision_monitor.yaml", document),
             save_figure(figure, folder / "areas.png"),
         ),
         summary=folder,
     )
-
-
-def _text(options: Options, campaign: StopCampaign, metrics: dict[str, Metric]) -> Iterator[str]:
-    areas = [metric.value for key, metric in metrics.items() if key.startswith("area.")]
-    yield (
-        f"{len(campaign.cells)} polygons of {min(areas):.2f} to {max(areas):.2f} m^2, "
-        f"{options.variant}, from {campaign.fitted} stops: at least {options.coverage:.2%} of "
-        f"stops stay inside, with a confidence of {options.confidence:.0%} for each polygon"
-    )
-    for case in ("uniform", "extremes"):
-        count = metrics[f"held_out_stops.{case}"].value
-        if count:
-            share = metrics[f"outside_share.{case}"].value
-            yield f"held out, {case}: {share:.2%} of {count:.0f} stops leave their polygon"

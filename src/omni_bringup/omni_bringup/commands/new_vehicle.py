@@ -1,7 +1,8 @@
 """``./omni new-vehicle``: write the files of your vehicle from a few measured numbers.
 
-Write a vehicle, its line cameras and a stop into a folder. Estimates are marked as estimates, and
-implausible values are noted. On a terminal it asks for values that are not given.
+Write the files of a vehicle, its line cameras and an example stop into a folder. Estimated values
+are marked, and implausible values are reported. On a terminal, the command asks for values that are
+not given.
 """
 
 import contextlib
@@ -14,42 +15,37 @@ from typing import Any
 from omni_bringup.command_report import Report, entries_by_case
 from omni_bringup.workspace import Workspace
 from omni_platform.brakes import TYPICAL
-from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import (
-    ConfigurationError,
-    declared_parameters,
-    from_mapping,
-    parameter,
-)
+from omni_platform.command_options import CommandOptions, option, option_of
+from omni_platform.configuration import ConfigurationError, declared_parameters, from_mapping
 
 _MECANUM, _OMNI, _KIWI = KINDS = ("mecanum", "omni", "kiwi")
-_USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # wheels
+_USUAL = {_MECANUM: 4, _OMNI: 4, _KIWI: 3}  # default number of wheels
 
 
 class Options(CommandOptions):
     """Options of ``omni new-vehicle``."""
 
     name: str = option(positional=True, metavar="NAME")
-    """name of the vehicle, and of its folder"""
-    length: float | None = parameter(None, unit="m")
+    """name of the vehicle and of its folder"""
+    length: float | None = option(None, unit="m")
     """length of the chassis"""
-    width: float | None = parameter(None, unit="m")
+    width: float | None = option(None, unit="m")
     """width of the chassis"""
-    mass: float | None = parameter(None, unit="kg")
-    """mass of the chassis with the wheels"""
-    wheel_radius: float | None = parameter(None, unit="m")
+    mass: float | None = option(None, unit="kg")
+    """mass of the chassis including wheels"""
+    wheel_radius: float | None = option(None, unit="m")
     """radius of a wheel"""
-    kind: str | None = parameter(None, choices=KINDS)
+    kind: str | None = option(None, choices=KINDS)
     """mecanum: wheels in pairs (default); omni: omni-wheels on a circle; kiwi: three omni-wheels"""
-    wheels: int | None = parameter(None)
-    """number of wheels (default: 4, a kiwi has 3)"""
-    load: float | None = parameter(None, unit="kg")
+    wheels: int | None = option(None)
+    """number of wheels (default: 4; 3 for a kiwi)"""
+    load: float | None = option(None, unit="kg")
     """mass of a load at the front left (default: 0)"""
-    drive_torque: float | None = parameter(None, unit="N m")
+    drive_torque: float | None = option(None, unit="N m")
     """largest torque of a drive at its wheel (default: an estimate)"""
-    drive_power: float | None = parameter(None, unit="W")
+    drive_power: float | None = option(None, unit="W")
     """largest power with which a drive brakes its wheel (default: no limit)"""
-    brakes: str | None = parameter(None, choices=tuple(TYPICAL))
+    brakes: str | None = option(None, choices=tuple(TYPICAL))
     """kind of brakes: on_off valves (default), spring-applied brakes, proportional brakes, or
     drives with a torque or a velocity command"""
     out: Path | None = option(None, metavar="DIR")
@@ -57,18 +53,17 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Write the files; report loads and forces of each wheel."""
-    from omni_bringup.graph.run_folder import check_unused
+    """Write the files, and report the loads and forces of each wheel."""
+    from omni_bringup.graph.run_folder import unused
     from omni_tools.vehicles.estimates import Measured, write_vehicle
     from omni_tools.vehicles.plausibility import plain, remarks, wheel_facts
 
-    folder = options.out or Path(options.name)
-    check_unused(folder)
+    folder = unused(options.out or Path(options.name))
+    answers = _answers(options)
     try:
-        measured = from_mapping(Measured, _answers(options))
+        measured = from_mapping(Measured, answers)
     except ConfigurationError as error:
-        flag = "--" + error.key.replace("_", "-")
-        raise ConfigurationError(flag, error.problem) from None
+        raise ConfigurationError(option_of(Options, error.key), error.problem) from None
     paths = write_vehicle(options.name, measured, folder)
     experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
@@ -96,7 +91,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _answers(options: Options) -> dict[str, Any]:
-    """Return the values of `Measured` that are given as options or on a terminal."""
+    """Return the values of `Measured` from the options, or otherwise from the terminal."""
     from omni_tools.vehicles.estimates import Measured
 
     values: dict[str, Any] = {}
@@ -108,7 +103,7 @@ def _answers(options: Options) -> dict[str, Any]:
         words = f"{info.description} [{info.unit}]" if info.unit else info.description
         choices = KINDS if name == "kind" else info.choices
         flag = f"--{name.replace('_', '-')}"
-        values[name] = _asked(flag, words, kind, choices, usual) if given is None else given
+        values[name] = _entered(flag, words, kind, choices, usual) if given is None else given
     if values["kind"] == _KIWI:
         if values["wheels"] != _USUAL[_KIWI]:
             raise ConfigurationError("--wheels", f"{values['wheels']} must be 3 for a kiwi")
@@ -116,18 +111,18 @@ def _answers(options: Options) -> dict[str, Any]:
     return values
 
 
-def _asked(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value entered on the terminal, or else the usual value.
+def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
+    """Return a value that is entered on the terminal, or otherwise the usual value.
 
     Raises:
         ConfigurationError: there is no terminal and no usual value.
     """
     from rich import console, markup, prompt
 
-    asked: Any = {float: prompt.FloatPrompt, int: prompt.IntPrompt}.get(kind, prompt.Prompt)
+    dialog: Any = {float: prompt.FloatPrompt, int: prompt.IntPrompt}.get(kind, prompt.Prompt)
     if sys.stdin.isatty():
         with contextlib.suppress(EOFError):
-            return asked.ask(
+            return dialog.ask(
                 markup.escape(words),
                 console=console.Console(stderr=True),
                 choices=choices and list(choices),

@@ -1,7 +1,7 @@
 """``./omni replay``: run nodes on recorded inputs.
 
-Publish the recorded inputs with /clock to the real nodes, record their outputs, and compare these
-with the recorded outputs.
+Publish the recorded inputs with /clock to the real nodes, record the outputs of the nodes, and
+compare these with the recorded outputs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
-from omni_platform.configuration import WorkError, parameter
+from omni_platform.configuration import WorkError
 
 if TYPE_CHECKING:
     from omni_recording.actions.compare import TopicComparison
@@ -28,27 +28,25 @@ class Options(CommandOptions):
     nodes: tuple[str, ...] = option(("linescan_odometry",), many=True, metavar="NODE")
     """nodes to run: linescan_odometry, brake_assist or both"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
-    experiment: str | None = parameter(None)
+    experiment: str | None = option(None)
     """use the configuration of this experiment's last variant instead of the recorded one"""
-    rate: float | None = option(None, metavar="R", above=0.0)
-    """speed as a multiple of the recorded one (default: as fast as the nodes follow)"""
-    offline: bool = parameter(False)
-    """in one process and without topics; --rate has no effect"""
-    check: bool = parameter(False)
-    """exit code 1 if the results differ from the recorded ones by more than --tolerance"""
-    tolerance: float = parameter(
-        # Rounding differs between processors; the values are in SI units and of the order of one.
-        1e-6,
-        minimum=0.0,
-        description="largest difference of a value, in its SI unit",
-    )
+    rate: float | None = option(None, metavar="R", above=0.0, maximum=1000.0)
+    """speed as a multiple of the recorded one (default: as fast as the nodes can follow)"""
+    offline: bool = option(False)
+    """replay in one process without topics; --rate has no effect"""
+    check: bool = option(False)
+    """exit code 1 if the results differ from the recorded outputs by more than --tolerance"""
+    # Rounding differs between processors; values in SI units are of the order of one.
+    tolerance: float = option(1e-6, minimum=0.0, maximum=1000.0)
+    """largest difference of a value, in its SI unit"""
     out: Path | None = option(None, metavar="DIR")
     """new folder of the results (default: next to the recording, BAG_replayed_TIME)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Check the recording, replay it and compare the results with it."""
-    from omni_bringup.graph.run_folder import write_configuration
+    from omni_bringup.commands.bag import beside
+    from omni_bringup.graph.run_folder import time_in_name, unused, write_configuration
     from omni_bringup.replay import plan as plans
     from omni_bringup.replay.graph import replay_over_graph
     from omni_bringup.replay.offline import replay_offline
@@ -62,15 +60,15 @@ def run(options: Options, workspace: Workspace) -> Report:
         configuration = plans.recorded_configuration(bag, options.overrides, "--experiment", remedy)
     else:
         library = workspace.experiment_library()
-        variant = library.variants(options.experiment)[-1]
-        configuration = library.load(options.experiment, variant, options.overrides)
+        configuration = library.load(options.experiment, overrides=options.overrides)
     plan = plans.replay_plan(configuration, options.nodes)
     counts = plans.check_inputs(bag, plan)
     known = [topic for topic in plan.outputs if counts.get(topic)]
     if options.check and len(known) < len(plan.outputs):
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
-        raise BagError(bag.path, f"holds nothing to compare the results with on {lacking}")
-    folder = _result_folder(options)
+        raise BagError(bag.path, f"contains nothing to compare the results with on {lacking}")
+    default = beside(options.bag, f"replayed_{time_in_name()}")
+    folder = unused((options.out or default).absolute())
     try:
         if options.offline:
             replay_offline(bag, plan, folder)
@@ -78,7 +76,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known).values()
-    except BagError as error:  # damage found only while the recording is played
+    except BagError as error:  # damage that is found only during the replay
         raise WorkError(str(error)) from None
     return Report(
         metrics={
@@ -93,17 +91,6 @@ def run(options: Options, workspace: Workspace) -> Report:
         ),
         ok=not options.check or all(one.agrees(options.tolerance) for one in comparisons),
     )
-
-
-def _result_folder(options: Options) -> Path:
-    from omni_bringup.commands.bag import beside
-    from omni_bringup.graph.run_folder import check_unused, time_in_name
-
-    if options.out is None:
-        return beside(options.bag, f"replayed_{time_in_name()}")
-    folder: Path = options.out.absolute()
-    check_unused(folder)
-    return folder
 
 
 def _entries(one: TopicComparison, tolerance: float) -> dict[str, dict[str, Any]]:
@@ -124,9 +111,11 @@ def _in_words(one: TopicComparison, tolerance: float) -> str:
         return f"all {one.first} messages are identical to the recorded ones"
     words = f"{one.identical} of {one.first} recorded messages are identical"
     if one.unpaired:
-        words += f", {one.unpaired} have no partner of their stamp ({one.second} were replayed)"
+        words += (
+            f", {one.unpaired} have no counterpart with the same stamp ({one.second} were replayed)"
+        )
     if one.different_texts:
-        words += f", {one.different_texts} differ in more than numbers"
+        words += f", {one.different_texts} differ in texts or names"
     if one.worst:
         words += f", the largest difference is {one.largest_difference:.3g} in {one.worst}"
     relation = "within" if one.agrees(tolerance) else "not within"

@@ -1,7 +1,7 @@
 """``./omni report``: show recordings as a page for a browser.
 
-Write one self-contained HTML file: an animation of the vehicle from above with synchronous plots,
-the results, the lines of the cameras at the start of braking, and the configurations with their
+Write one self-contained HTML file with an animation of the vehicle from above and synchronous
+plots, the results, the camera lines at the start of braking, and the configurations with their
 differences.
 """
 
@@ -27,9 +27,9 @@ class Options(CommandOptions):
     """Options of ``omni report``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
-    """rosbag2 folder, or a single .mcap file; several runs are played over each other"""
+    """rosbag2 folder, or a single .mcap file; several runs are shown on top of each other"""
     out: Path | None = option(None, metavar="FILE")
-    """the page (default: report.html next to the first recording)"""
+    """file of the page (default: report.html next to the first recording)"""
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
@@ -63,18 +63,16 @@ def run(options: Options, _workspace: Workspace) -> Report:
 
 
 def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
-    """Return a PNG of the lines around the start of braking [s], if the recording has lines."""
-    from omni_bringup.replay.lines import read_batches
+    """Return a PNG of the lines around the start of braking, if the recording contains lines."""
+    from omni_bringup.replay.lines import read_batches, recorded_cameras
     from omni_figures.style import picture_of
-    from omni_platform import topics
-    from omni_recording.folder import bag_summary, open_vehicle
+    from omni_recording.folder import open_vehicle
     from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 
     if run.configuration is None:
-        return {}  # a note in the results of the run explains why
+        return {}  # a note in the results of the run states the reason
     bag, odometry = open_vehicle(path), run.configuration.odometry
-    counts = bag_summary(bag).counts
-    cameras = [camera for camera in odometry.sensors if counts.get(topics.lines(camera).path)]
+    cameras = recorded_cameras(bag, odometry.sensors)
     if not cameras:
         return {}
     braking = -float(run.history.braking_time[0])
@@ -86,7 +84,7 @@ def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:
-    """Return the descriptions of the runs, else their names."""
+    """Return the descriptions of the runs, or their names if there are none."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
     title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
     return title[:200]  # characters

@@ -1,7 +1,7 @@
 """``./omni ros-params``: write parameter files for a real vehicle.
 
-Turn a vehicle file, or the configuration of a run, into the parameter files of odometry and
-assistant and a URDF; docs/real_vehicle.md explains their use.
+Convert a vehicle file, or the configuration of a run, to the parameter files of odometry and
+assistant and to a URDF; docs/real_vehicle.md explains their use.
 """
 
 from pathlib import Path
@@ -21,10 +21,10 @@ class Options(CommandOptions):
     out: Path = option(metavar="DIR")
     """folder of the files; it is created if it is missing"""
     source: str | None = option(None, metavar="NAME")
-    """source of the twist, named as in ./omni study feedback; a warning states if assistance with
-    this source does more harm than good"""
+    """source of the twist, by its name in ./omni study feedback; a warning states whether
+    assistance with this source does more harm than good"""
     feedback: Path = option(Path("results/feedback/summary.json"), metavar="FILE")
-    """result of ./omni study feedback for the vehicle, for --source"""
+    """result of ./omni study feedback for this vehicle, required for --source"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 
@@ -37,7 +37,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     path = options.configuration
     if path.is_dir():
         library = workspace.experiment_library()
-        hardware = Hardware.of(library.load(str(path), library.variants(str(path))[-1]))
+        hardware = Hardware.of(library.load(str(path)))
     else:
         hardware = read_hardware(path)
     for remark in roller_remarks(hardware.brake_assist.wheels):

@@ -1,7 +1,7 @@
 """``./omni run``: run an experiment over the ROS graph, record it and compute metrics.
 
-Run every variant of an experiment over real ROS processes, record it to a rosbag2 folder, print
-the results and draw the figures.
+Run every variant of an experiment over real ROS processes, record it to a rosbag2 folder, print the
+results, and draw the figures.
 """
 
 from __future__ import annotations
@@ -17,20 +17,14 @@ from omni_bringup.progress_bar import progress_bar
 from omni_bringup.workspace import Workspace
 from omni_loop.options import LoopOptions
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import (
-    ConfigurationError,
-    InputError,
-    WorkError,
-    check_choice,
-    parameter,
-)
+from omni_platform.configuration import ConfigurationError, InputError, WorkError, check_choice
 
 if TYPE_CHECKING:
     from omni_bringup.graph.run_variant import VariantResult
     from omni_loop.experiment import ExperimentConfiguration
 
 REPLACEABLE = ("brake_assist", "linescan_odometry")
-"""Nodes that a user's node may replace."""
+"""Nodes that a user's own node may replace."""
 
 
 class Options(LoopOptions, CommandOptions):
@@ -38,27 +32,27 @@ class Options(LoopOptions, CommandOptions):
 
     experiment: str = option("straight_line", positional=True, metavar="EXPERIMENT")
     """a file of config/experiments/, or a path that ends in .yaml"""
-    variant: tuple[str, ...] = parameter(())
+    variant: tuple[str, ...] = option(())
     """run only this variant"""
     out: Path | None = option(None, metavar="DIR")
     """folder of the recordings and figures (default: bags/EXPERIMENT/TIME)"""
     ground: str | None = option(None, metavar="NAME|PICTURE")
     """a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi"""
-    dpi: float | None = parameter(None)
-    """dots per inch of the picture, or resolution in which a ground is drawn"""
-    real_time: bool = parameter(False)
-    """pace the simulation by the wall clock instead of waiting for every reply"""
-    compression: str = parameter("none", choices=("none", "zstd", "lz4"))
-    """compression of the recording; reduces noisy lines by about an eighth"""
-    fsync: bool = parameter(False)
-    """wait for the disk at every flush, so that a power cut loses at most a second of data"""
+    dpi: float | None = option(None, above=0.0, maximum=50000.0)
+    """dots per inch of the picture, or resolution at which a ground is rendered"""
+    real_time: bool = option(False)
+    """run the simulation at the pace of the wall clock instead of waiting for every reply"""
+    compression: str = option("none", choices=("none", "zstd", "lz4"))
+    """compression of the recording; it reduces noisy lines by about an eighth"""
+    fsync: bool = option(False)
+    """wait for the disk at every flush, so that a power failure loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")
-    """do not start brake_assist or linescan_odometry; your own node in the same ROS_DOMAIN_ID
-    takes its place"""
+    """do not start brake_assist or linescan_odometry, because your own node in the same
+    ROS_DOMAIN_ID replaces it"""
 
     @property
     def external(self) -> frozenset[str]:
-        """Names of the nodes that are not started."""
+        """Names of the nodes that are not started, because a user's node replaces them."""
         return frozenset(words.partition("=")[0] for words in self.replace)
 
     def check_consistency(self) -> None:
@@ -78,21 +72,19 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     configurations = _checked_configurations(options, workspace)
     folder = _result_folder(options, workspace)
     results = _run_variants(configurations, folder, options, workspace)
-    titles = _titles(configurations)
-    pictures = _draw(configurations, results, titles, folder)
-    return _report(options.experiment, results, titles, pictures, folder)
+    return _report(options.experiment, configurations, results, folder)
 
 
 def _checked_configurations(
     options: Options, workspace: Workspace
 ) -> dict[str, ExperimentConfiguration]:
-    """Return the configuration of every variant, checked before anything starts."""
+    """Return the configurations of all variants, checked before anything starts."""
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
     from omni_sim.texture.cache import TextureCache
 
     library = workspace.experiment_library()
     for variant in options.variant:
-        # A repeated name is probably a mistake for another variant.
+        # A repeated name is probably a mistake for the name of another variant.
         if options.variant.count(variant) > 1:
             raise ConfigurationError("--variant", f"{variant!r} is given twice")
     overrides = (*ground_overrides(options.ground, options.dpi), *options.changes)
@@ -108,15 +100,12 @@ def _checked_configurations(
 
 def _result_folder(options: Options, workspace: Workspace) -> Path:
     from omni_bringup.graph.domain import reserved_domain
-    from omni_bringup.graph.run_folder import check_unused, time_in_name
+    from omni_bringup.graph.run_folder import time_in_name, unused
 
     with reserved_domain():
-        pass  # fail before the folder is made; each run reserves a domain again
-    if options.out is not None:
-        folder: Path = options.out
-        check_unused(folder)
-    else:
-        folder = workspace.folder / "bags" / Path(options.experiment).stem / time_in_name()
+        pass  # Fail before the folder is created; each run reserves a domain again.
+    default = workspace.folder / "bags" / Path(options.experiment).stem / time_in_name()
+    folder = unused(options.out or default)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -130,17 +119,16 @@ def _run_variants(
     options: Options,
     workspace: Workspace,
 ) -> list[VariantResult]:
-    """Run the variants over real processes; keep the results of each.
+    """Run each variant as a graph of node processes; keep the results of each.
 
     Raises:
-        WorkError: a run ended early; the message names what is left of its recording.
+        WorkError: a run ended early; the message names what remains of its recording.
     """
-    from omni_bringup.graph.nodes import RecordingOptions
     from omni_bringup.graph.run_folder import write_summary
     from omni_bringup.graph.run_variant import finish_runs, run_variant
 
     interruption.clean_up_on_signals()
-    # Checked and printed during the first run, because this check would delay the start.
+    # This check is done during the first run, because it would delay the start.
     note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
     results = {}
@@ -161,7 +149,7 @@ def _run_variants(
                     folder / variant,
                     lockstep=not options.real_time,
                     on_progress=partial(on_progress, variant),
-                    recording=RecordingOptions(options.compression, options.fsync),
+                    recording={"compression": options.compression, "synchronize": options.fsync},
                     external=options.external,
                 )
                 for variant, configuration in configurations.items()
@@ -184,7 +172,7 @@ def _runs_at_once(options: Options) -> int:
 
 
 def _left_behind(folder: Path) -> Iterator[str]:
-    """Yield the recordings of a failed run, and which of them are incomplete."""
+    """Yield a line for each recording of a failed run, and state whether it is incomplete."""
     from omni_bringup.graph.run_folder import unfinished_recordings
 
     yield f"what was recorded is in {folder}"
@@ -195,37 +183,24 @@ def _left_behind(folder: Path) -> Iterator[str]:
         )
 
 
-def _titles(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, str]:
-    """Return the title of each variant, with the law if it is the user's own."""
-    laws = {variant: one.brake_assist for variant, one in configurations.items()}
-    return {
-        variant: f"{variant} ({one.law})" if one.enabled and ":" in one.law else variant
-        for variant, one in laws.items()
-    }
-
-
-def _draw(
-    configurations: Mapping[str, ExperimentConfiguration],
-    results: Sequence[VariantResult],
-    titles: Mapping[str, str],
-    folder: Path,
-) -> list[Path]:
-    # Imported after the run: the import takes about a second.
-    from omni_figures.run_figures import draw_run_figures
-
-    histories = {titles[result.variant]: result.history for result in results}
-    return draw_run_figures(configurations, histories, folder)
-
-
 def _report(
     experiment: str,
+    configurations: Mapping[str, ExperimentConfiguration],
     results: Sequence[VariantResult],
-    titles: Mapping[str, str],
-    pictures: Sequence[Path],
     folder: Path,
 ) -> command_report.Report:
+    """Draw the figures and return the report; a user's own law is named in the titles."""
+    # Imported after the run: the import takes about a second.
     from omni_figures.comparison_table import ComparisonTable
+    from omni_figures.run_figures import draw_run_figures
 
+    titled: dict[str, VariantResult] = {}
+    for result in results:
+        assist = configurations[result.variant].brake_assist
+        own = assist.enabled and ":" in assist.law
+        titled[f"{result.variant} ({assist.law})" if own else result.variant] = result
+    histories = {title: result.history for title, result in titled.items()}
+    pictures = draw_run_figures(configurations, histories, folder)
     return command_report.Report(
         **_document(experiment, results),
         details={
@@ -234,7 +209,7 @@ def _report(
             "figures": [str(picture) for picture in pictures],
         },
         text=(
-            ComparisonTable({titles[result.variant]: result.metrics for result in results}),
+            ComparisonTable({title: result.metrics for title, result in titled.items()}),
             *(f"figure     {picture}" for picture in pictures),
             f"recordings {folder}",
         ),

@@ -1,6 +1,6 @@
 """``./omni show``: describe and draw a vehicle, ground, tire, placement or experiment.
 
-Describe a name of ./omni list and draw it; of a study or law, print its purpose and options.
+Describe and draw an item of ./omni list; for a study or law, print its purpose and options.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from omni_bringup.command_report import Report
 from omni_bringup.commands.list import EVERY, KINDS, LAWS, STUDIES, first_sentence, names_of
 from omni_bringup.workspace import Workspace
-from omni_platform import command_options, configuration
-from omni_platform.command_options import CommandOptions
+from omni_platform import configuration
+from omni_platform.command_options import CommandOptions, option
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,12 +27,12 @@ WORK = "drawing"
 class Options(CommandOptions):
     """Options of ``omni show``."""
 
-    name: str = command_options.option(positional=True, metavar="NAME")
-    """name from ./omni list, or a path that ends in .yaml"""
-    kind: str | None = command_options.option(None, metavar="KIND", choices=EVERY)
-    """kind of the item; needed for a path, or if two kinds share the name"""
-    out: Path | None = command_options.option(None, metavar="FILE")
-    """the picture (default: results/show/NAME.png)"""
+    name: str = option(positional=True, metavar="NAME")
+    """name from ./omni list, a path that ends in .yaml, or the folder of a vehicle"""
+    kind: str | None = option(None, metavar="KIND", choices=EVERY)
+    """kind of the item; required for a path, or if two kinds have an item with this name"""
+    out: Path | None = option(None, metavar="FILE")
+    """file of the figure (default: results/show/NAME.png)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -42,7 +42,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         return _described(kind, options)
     from omni_figures.style import save_figure
 
-    facts, figure = _shown(kind, options.name, workspace.experiment_library())
+    facts, figure = _shown(kind, options.name, workspace.checked_experiments())
     picture = options.out or workspace.results(None, "show") / f"{path.stem}.png"
     save_figure(figure, picture)
     return Report(
@@ -58,7 +58,10 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
-    """Return the kind of a name and its file."""
+    """Return the kind and the file of a name."""
+    folder = workspace.experiment_library().located(options.kind or "vehicles", options.name)
+    if folder != options.name:
+        return options.kind or "vehicles", Path(folder)
     if options.name.endswith(".yaml"):
         if options.kind not in KINDS:
             problem = f"the kind of {options.name} is required: one of {', '.join(KINDS)}"
@@ -86,7 +89,7 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
 
 
 def _described(kind: str, options: Options) -> Report:
-    """Return the description of a study or a law, and the options of a study."""
+    """Return the description of a study or law, with the options of a study."""
     import inspect
 
     facts: dict[str, str] = {}
@@ -119,20 +122,19 @@ def _shown(kind: str, name: str, library: ExperimentLibrary) -> tuple[dict[str, 
         vehicle = library.vehicle(name)
         return drawings.vehicle_in_words(vehicle), drawings.draw_vehicle(vehicle)
     base = "straight_line"
-    variant = library.variants(base)[0]
     if kind == "tires":
-        tire = library.load(base, variant, [f"vehicle.tire={name}"]).vehicle.tire
+        tire = library.load(base, overrides=[f"vehicle.tire={name}"]).vehicle.tire
         return drawings.tire_in_words(tire), drawings.draw_tire(tire, Path(name).stem)
     if kind == "grounds":
-        ground = library.load(base, variant, [f"ground={name}"]).ground
-        if ground.texture.kind != "picture":  # full resolution takes long, and no screen shows it
+        ground = library.load(base, overrides=[f"ground={name}"]).ground
+        if ground.texture.kind != "picture":  # full resolution takes long and no screen shows it
             coarse = [f"ground={name}", "ground.texture.dpi=300"]
-            ground = library.load(base, variant, coarse).ground
+            ground = library.load(base, overrides=coarse).ground
         return drawings.ground_in_words(ground), drawings.draw_ground(ground, Path(name).stem)
     if kind == "sensors":
         sensors = library.sensors(name)
         return drawings.sensors_in_words(sensors), drawings.draw_sensors(sensors)
-    experiment = library.load(name, library.variants(name)[-1])
+    experiment = library.load(name)
     words = drawings.vehicle_in_words(experiment.vehicle)
     words = {"variants": ", ".join(library.variants(name)), **words}
     return words, drawings.draw_vehicle(experiment.vehicle, experiment.sensors)

@@ -1,4 +1,4 @@
-"""``./omni study``: compute figures and numbers that answer one question."""
+"""``./omni study``: compute figures and numbers that answer a question."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ if TYPE_CHECKING:
     from omni_studies.study import Study, StudyResult
 
 PACKAGE = "omni_studies.studies"
-# Options that name what is simulated. Only studies with one of them report implausible values.
+# Options that select the simulated vehicle. Only studies with such an option report implausible
+# values.
 _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 class _Output(CommandOptions):
-    """Options that every study has in addition to its own."""
+    """Options that every study has besides its own."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of the figures and data (default: results/STUDY)"""
     strict: bool = option(False)
-    """end with exit code 1 if a metric misses its limit or a claim does not hold"""
+    """exit code 1 if a metric misses its limit or a claim is not true"""
 
 
 def command(name: str) -> _StudyCommand:
@@ -37,7 +38,7 @@ def command(name: str) -> _StudyCommand:
 
 
 class _StudyCommand:
-    """A study and the folder of its results."""
+    """A study, with the folder of its results."""
 
     def __init__(self, name: str, study: Study) -> None:
         self._name = name
@@ -96,3 +97,6 @@ def _text(result: StudyResult) -> Iterator[Any]:
     yield table
     yield from result.findings
     yield from map(str, result.claims)
+    judged = sum(bool(metric.status) for metric in metrics) + len(result.claims)
+    if judged:
+        yield f"{judged - len(result.missed)} of {judged} limits and claims are met"

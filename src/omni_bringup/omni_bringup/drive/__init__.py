@@ -1,1 +1,1 @@
-"""Driving by hand: the page, its server and the node of the driver."""
+"""Driving by hand: page, server and driver node."""

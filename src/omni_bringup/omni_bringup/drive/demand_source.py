@@ -1,13 +1,13 @@
-"""Selection between the page and `cmd_vel` as the source of demands, with a dead man's switch.
+"""Selection of page or `cmd_vel` as the source of demands, with a dead man's switch.
 
-A page in a browser and a `cmd_vel` publisher (a teleoperation node) may both send demands. The
+Both a page in a browser and a publisher of `cmd_vel` (a teleoperation node) may send demands. The
 vehicle brakes fully
 
-- until one of them sends a demand,
+- until one of them sends a demand for the first time,
 - while a page is open but sends nothing: a hidden tab, a halted browser, a lost connection,
 - after a page was closed, until a page opens again or `cmd_vel` sends zero, so that a teleoperation
   node takes over only after a deliberate stop,
-- if no page is open and `cmd_vel` sends nothing, so that a teleoperation key must be held down.
+- if no page is open and no `cmd_vel` is received, so that a teleoperation key must be held down.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ class Demand:
     """A demand on the vehicle and its source.
 
     Attributes:
-        pedal: brake pedal, 0..1.
+        pedal: position of the brake pedal, 0 to 1.
         twist: body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s].
         source: page, cmd_vel or none.
     """
@@ -37,10 +37,10 @@ _NO_SOURCE = Demand(1.0, REST, "none")
 
 
 class DemandSource:
-    """Selects the source of the demand.
+    """Selects the source of the demands.
 
     Args:
-        page_timeout: time without a demand of an open page after which the vehicle brakes [s].
+        page_timeout: time without a demand from an open page after which the vehicle brakes [s].
         command_timeout: time without a `cmd_vel` after which the last one is ignored [s].
     """
 
@@ -55,19 +55,19 @@ class DemandSource:
         self._command_time = -math.inf
 
     def open_page(self) -> None:
-        """Select a page; the vehicle brakes until its first demand."""
+        """Select a page as the source; the vehicle brakes until the page's first demand."""
         self._page_open, self._page_left = True, False
         self._page_time = -math.inf
 
     def close_page(self) -> None:
-        """Deselect the page."""
+        """Deselect the page as the source."""
         self._page_open, self._page_left = False, True
 
     def take_page(self, pedal: float, twist: Twist, now: float) -> None:
         """Store the demand of the page.
 
         Args:
-            pedal: brake pedal, 0..1.
+            pedal: position of the brake pedal, 0 to 1.
             twist: body twist [m/s, m/s, rad/s].
             now: time of arrival on a monotonic clock [s].
         """

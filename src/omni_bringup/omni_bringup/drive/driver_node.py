@@ -1,6 +1,6 @@
-"""Node of the driver: page or `cmd_vel` in, demands on the vehicle out.
+"""Driver node: receives inputs of a page or `cmd_vel`, and publishes the demands.
 
-The contract (topics, parameters, timeouts) is in the README of this package.
+The README of this package describes the contract: topics, parameters and timeouts.
 """
 
 import asyncio
@@ -44,49 +44,49 @@ _SWITCH = "enabled"
 
 
 class Choice(Configuration):
-    """Vehicles, grounds or other items that the page offers for one kind of choice."""
+    """Items that the page offers for one kind of choice, such as vehicles or grounds."""
 
     chosen: str = parameter()
-    """Name of the item that is driven"""
+    """Name of the item that is in use"""
     names: tuple[str, ...] = parameter()
     """Names of all items that the page offers"""
 
 
 class DriverConfiguration(Configuration):
-    """Parameters of the node of the driver."""
+    """Parameters of the driver node."""
 
     wheels: Mapping[str, WheelMount] = parameter()
-    """Wheels of the platform by name"""
-    chassis_length: float = parameter(unit="m", above=0.0)
+    """Names of the platform's wheels"""
+    chassis_length: float = parameter(unit="m", above=0.0, maximum=100.0)
     """Length of the platform"""
-    chassis_width: float = parameter(unit="m", above=0.0)
+    chassis_width: float = parameter(unit="m", above=0.0, maximum=100.0)
     """Width of the platform"""
     patches: Mapping[str, FrictionPatch] = section(dict)
-    """Patches of the ground to draw, by name"""
+    """Patches of the ground that are drawn, by name"""
     choices: Mapping[str, Choice] = section(dict)
-    """Choices of the page by kind"""
+    """Choices that the page offers, by kind"""
     assist: bool = parameter(True)
-    """Whether the brake assistant starts switched on"""
+    """Whether the brake assistant is switched on at the start"""
     max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)
     """Speed at full stick"""
     max_yaw_rate: float = parameter(1.5, unit="rad/s", above=0.0, maximum=12.0)
     """Yaw rate at full stick"""
     page_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=5.0)
-    """Time without a message of the open page after which the vehicle brakes fully"""
+    """Time without a message from the open page after which the vehicle brakes fully"""
     demand_period: float = parameter(0.02, unit="s", above=0.0, maximum=0.1)
-    """Time between two demands"""
+    """Time between two published demands"""
     state_period: float = parameter(0.033, unit="s", above=0.0, maximum=1.0)
-    """Time between two states of the vehicle on the page"""
+    """Time between two updates of the vehicle's state on the page"""
     command_timeout: float = parameter(1.0, unit="s", above=0.0, maximum=5.0)
     """Time after which the last cmd_vel is ignored; longer than the repeat period of a keyboard"""
     stamped_cmd_vel: bool = parameter(True)
-    """Whether cmd_vel is a TwistStamped; otherwise it is a Twist"""
+    """Whether cmd_vel has the type TwistStamped; otherwise the type is Twist"""
     host: str = parameter("127.0.0.1")
-    """IP address of this machine for the page"""
+    """IP address of this machine at which the page is served"""
     port: int = parameter(0, minimum=0, maximum=65535)
     """TCP port of the page; 0 for any free port"""
     token: str = parameter("")
-    """Token in the page's address; if empty, a random token is made"""
+    """Token in the page's address; empty for a random token"""
 
 
 class DriverNode(Node):
@@ -125,12 +125,15 @@ class DriverNode(Node):
         self._listen(kind, "cmd_vel", self._on_command)
         self._listen(Odometry, "ground_truth/odom", self._on_truth)
         self._listen(JointState, "brake/pedal", self._on_pedal)
-        self._listen(JointState, "brake/enable", self._on_enable)
-        self._listen(JointState, "brake_assist/error", self._on_error)
+        self._listen(JointState, "brake/enable", partial(self._on_wheels, "enable", "effort"))
+        self._listen(
+            JointState, "brake_assist/error", partial(self._on_wheels, "error", "velocity")
+        )
         self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
         self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
-        # Poses of the last half second: a stop begins at the pose with the stamp of the pedal.
+        # Poses of the last half second, because a stop begins at the pose with the stamp of the
+        # pedal.
         self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
@@ -142,7 +145,7 @@ class DriverNode(Node):
         self.create_subscription(kind, topic, on_message, qos.RELIABLE)
 
     def publish_demand(self) -> None:
-        """Publish the current demand."""
+        """Publish the present demand."""
         demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))
@@ -150,13 +153,13 @@ class DriverNode(Node):
         self._pedal.publish(pedal)
 
     def _receive(self, demand: Demand) -> None:
-        # A switch before the assistant has started is ignored; the page shows the actual state.
+        # Before the assistant has started, its switch is ignored; the page shows the actual state.
         switched = demand.assist is not None and demand.assist != self.state["assist"]
         if switched and self._assist.service_is_ready():
             given = Parameter(_SWITCH, value=demand.assist).to_parameter_msg()
             self._assist.call_async(SetParameters.Request(parameters=[given]))
         kind, name = demand.choose or ("", "")
-        # `omni drive` restarts the nodes with the choice; a name that was not offered is ignored.
+        # `omni drive` restarts the nodes with the choice; names that were not offered are ignored.
         if kind in self._choices and name in self._choices[kind].names:
             report({"choose": {kind: name}})
 
@@ -187,17 +190,15 @@ class DriverNode(Node):
         self.state["pedal"] = pedal
 
     def _note_start(self) -> None:
-        """Store pose and speed at the stamp at which the pedal went down."""
+        """Store pose and speed at the stamp at which the pedal was pressed."""
         for stamp_ns, pose, twist in self._poses:
             if stamp_ns == self._pedal_down_ns:
                 start = {"time": stamp_ns / 1e9, "pose": pose, "speed": math.hypot(*twist[:2])}
                 self.state["start"], self._pedal_down_ns = start, None
 
-    def _on_enable(self, message: JointState) -> None:
-        self.state["enable"] = self._by_wheel(message.name, message.effort)
-
-    def _on_error(self, message: JointState) -> None:
-        self.state["error"] = self._by_wheel(message.name, message.velocity)
+    def _on_wheels(self, key: str, field: str, message: JointState) -> None:
+        found = dict(zip(message.name, getattr(message, field), strict=False))
+        self.state[key] = [float(found.get(name, 0.0)) for name in self._wheels]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -213,25 +214,15 @@ class DriverNode(Node):
                 if given.name == _SWITCH:
                     self.state["assist"] = given.value.bool_value
 
-    def _by_wheel(self, names: list[str], values: Any) -> list[float]:
-        found = dict(zip(names, values, strict=False))
-        return [float(found.get(name, 0.0)) for name in self._wheels]
-
 
 def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
     """Return the data with which the page draws the vehicle."""
+    tree = to_mapping(configuration)
     named = {
-        kind: [
-            to_mapping(part) | {"name": name.replace("_", " ")}
-            for name, part in getattr(configuration, kind).items()
-        ]
+        kind: [part | {"name": name.replace("_", " ")} for name, part in tree[kind].items()]
         for kind in ("patches", "wheels")
     }
-    return {
-        "length": configuration.chassis_length,
-        "width": configuration.chassis_width,
-        **named,
-    }
+    return {"length": tree["chassis_length"], "width": tree["chassis_width"], **named}
 
 
 def _take_in(node: DriverNode, spinner: process.Spinner) -> None:
@@ -261,7 +252,7 @@ async def _drive(node: DriverNode, spinner: process.Spinner) -> None:
 
 
 def drive(node: DriverNode, spinner: process.Spinner) -> None:
-    """Serve the page and publish the demands until a signal asks to stop."""
+    """Serve the page and publish the demands until a signal requests shutdown."""
     asyncio.run(_drive(node, spinner))
 
 

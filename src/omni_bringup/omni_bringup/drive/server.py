@@ -1,8 +1,9 @@
-"""Server of the page for driving: files over HTTP, demands and state over a WebSocket.
+"""Server of the driving page: files over HTTP, demands and state over a WebSocket.
 
-The page is reachable from this machine only, unless another address is given, and only with the
-random token in its address. Another page in the same browser does not have the token and comes from
-another origin; a page whose host name was rebound to this address still sends its own host name.
+The page can be reached only from this machine, unless another address is given, and only with the
+random token in its address. Another page in the same browser does not know the token and has
+another origin. A page whose host name was rebound to this address still sends its own host name,
+and is rejected for this reason.
 """
 
 import enum
@@ -34,7 +35,7 @@ _SOCKET = "socket"
 
 
 class CloseCode(enum.IntEnum):
-    """Why the server closes the connection to a page (RFC 6455, 7.4)."""
+    """Reasons why the server closes the connection to a page (RFC 6455, 7.4)."""
 
     INVALID_DATA = 1007
     TAKEN_OVER = 4001
@@ -42,17 +43,17 @@ class CloseCode(enum.IntEnum):
 
 
 class PageError(ValueError):
-    """An invalid message of the page."""
+    """The page sent an invalid message."""
 
 
 class Demand(NamedTuple):
     """A message of a page.
 
     Attributes:
-        pedal: 0..1.
-        stick: forward, left, turn, each -1..1.
+        pedal: position of the brake pedal, 0 to 1.
+        stick: position of the stick forward, left and in rotation, each -1 to 1.
         assist: new position of the assist switch, if it was changed.
-        choose: kind and name of a new choice, such as a ground, if there is one.
+        choose: kind and name of a new choice, such as a ground; None if there is none.
     """
 
     pedal: float
@@ -62,28 +63,21 @@ class Demand(NamedTuple):
 
 
 def parse_demand(text: str | bytes) -> Demand:
-    """Return the demand in a page's message.
+    """Parse a message of the page.
 
     Args:
         text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0]}``, optionally with ``"assist": true``
             and ``"choose": ["ground", "cork"]``.
 
     Raises:
-        PageError: the text is no message of this form.
+        PageError: the text is not a message of this form.
     """
     try:
         document = json.loads(text)
         pedal = _within(document["pedal"], 0.0)
         forward, left, turn = (_within(value, -1.0) for value in document["stick"])
         assist, choose = document.get("assist"), document.get("choose")
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        RuntimeError,
-        ArithmeticError,
-    ) as error:
+    except Exception as error:  # a page may send anything
         raise PageError(f"not a demand: {type(error).__name__}") from None
     if not (assist is None or isinstance(assist, bool)):
         raise PageError("not a demand: assist")
@@ -103,10 +97,10 @@ def _within(value: Any, lowest: float) -> float:
 
 
 class DriveServer:
-    """Serves the page; the page opened last is the source of the demand.
+    """Serves the page; the page that was opened last is the source of demands.
 
     Attributes:
-        url: address of the page, including the token.
+        url: address of the page, including its token.
     """
 
     def __init__(
@@ -123,16 +117,16 @@ class DriveServer:
         """Bind the port.
 
         Args:
-            source: selects the source of the demand.
-            largest: body twist of a full stick [m/s, m/s, rad/s].
-            greeting: sent to a page when it opens.
-            receive: called with the messages of a page other than pedal and stick.
-            token: token of the address; if empty, a random token is made.
-            clock: returns a monotonic time [s].
-            address: IP address of this machine, and TCP port; 0 for any free one.
+            source: selector of the demand source.
+            largest: body twist at full stick [m/s, m/s, rad/s].
+            greeting: first message sent to a page when it opens.
+            receive: called with those messages of a page that change more than pedal and stick.
+            token: token in the address; empty for a random token.
+            clock: function that returns a monotonic time [s].
+            address: IP address of this machine, and TCP port; 0 for any free port.
 
         Raises:
-            OSError: the port is taken.
+            OSError: the port is in use.
         """
         self._source = source
         self._largest = largest
@@ -150,7 +144,7 @@ class DriveServer:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
-        """Serve while the block is entered."""
+        """Serve the page until the block is left."""
         async with serve(
             self._drive,
             sock=self._listener,
@@ -181,7 +175,7 @@ class DriveServer:
         except PageError as error:
             await page.close(CloseCode.INVALID_DATA, str(error))
         except ConnectionClosed:
-            pass  # no closing handshake, as when the browser is killed
+            pass  # no closing handshake, for example if the browser was killed
         finally:
             if page is self._driver:
                 self._driver = None
@@ -190,8 +184,8 @@ class DriveServer:
     def _take(self, text: str | bytes) -> None:
         demand = parse_demand(text)
         stick = demand.stick
-        # Two keys together give a stick of length 1.41; a diagonal must be no faster than straight
-        # on.
+        # Two keys pressed together give a stick of length 1.41. Diagonal motion must not be faster
+        # than straight motion.
         reach = max(1.0, math.hypot(stick[0], stick[1]))
         twist = (
             stick[0] / reach * self._largest[0],

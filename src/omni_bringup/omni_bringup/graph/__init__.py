@@ -1,1 +1,1 @@
-"""The processes of a run: nodes, their domain, start and stop."""
+"""Processes of a run: nodes, their ROS domain, start and shutdown."""

@@ -10,33 +10,33 @@ from pathlib import Path
 from omni_platform.configuration import InputError
 from omni_ros.environment import chosen_domain
 
-# Domains 0-101 work with the default port range of every operating system; 0 is the default.
+# Domains 0-101 are valid with the default port range of every operating system; 0 is the default.
 _DOMAINS = range(1, 102)
 _BOUND_PORTS = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
 
 
 class NoFreeDomainError(InputError):
-    """The chosen ROS domain, or every domain of this machine, is used by another run."""
+    """The chosen ROS domain, or every domain of this machine, is in use by another run."""
 
 
 @contextlib.contextmanager
 def reserved_domain() -> Iterator[int]:
     """Reserve a ROS domain that no other run on this machine uses.
 
-    A domain that the user did not choose contains no other ROS program of this machine. A chosen
-    one may contain programs that only subscribe; the recorder refuses other publishers.
+    If the user has not chosen a domain, the reserved one contains no other ROS program of this
+    machine. A chosen domain may contain programs that only subscribe; the recorder rejects other
+    publishers.
 
     Yields:
         Number of the domain; the value of ``ROS_DOMAIN_ID`` if the user has set it.
 
     Raises:
         ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
-        NoFreeDomainError: the chosen domain is taken, or all domains are.
+        NoFreeDomainError: the chosen domain is in use, or all domains are.
     """
     chosen = chosen_domain(os.environ)
     if chosen is None:
-        # Each process begins its search at another domain, so that two runs rarely try the same
-        # one.
+        # Each process starts its search at another domain, so two runs rarely try the same one.
         first = os.getpid() % len(_DOMAINS)
         candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
     else:
@@ -64,15 +64,15 @@ def _used_domains() -> frozenset[int]:
     """Return the domains in which a ROS program of this machine receives messages."""
     ports: set[int] = set()
     for path in _BOUND_PORTS:
-        with contextlib.suppress(OSError):  # without IPv6 there is no such file
+        with contextlib.suppress(OSError):  # this file does not exist without IPv6
             lines = path.read_text().splitlines()[1:]
             ports |= {int(line.split()[1].rpartition(":")[2], 16) for line in lines}
     return frozenset(number for number in _DOMAINS if _is_inhabited(ports, number))
 
 
 def _is_inhabited(ports: set[int], number: int) -> bool:
-    # A participant binds the first of the 250 UDP ports of a domain, and one pair from the eleventh
-    # on for itself (RTPS 2.2, 9.6.1.1).
+    # A participant binds the first of the 250 UDP ports of a domain, and one pair of ports from the
+    # eleventh on for itself (RTPS 2.2, 9.6.1.1).
     first = 7400 + 250 * number
     pairs = range(first + 10, first + 250, 2)
     # A program without ROS may use a single port of the range.
@@ -80,11 +80,11 @@ def _is_inhabited(ports: set[int], number: int) -> bool:
 
 
 def _take(mark: socket.socket, number: int) -> bool:
-    """Mark a domain as taken until the socket closes; return False if it is already taken.
+    """Mark a domain as used until the socket closes; return False if it is already in use.
 
-    The mark is a name in Linux' abstract socket namespace. Unlike a lock file, it has no owner who
-    could lock other users out. It is visible in exactly the network namespace that shares the
-    domains. The end of the process removes it.
+    The mark is a name in Linux's abstract socket namespace. Unlike a lock file, it has no owner who
+    could lock out other users. It is visible in exactly the network namespace that shares the
+    domains, and it disappears when the process ends.
     """
     try:
         mark.bind(f"\0omni-ros-domain-{number}")

@@ -1,4 +1,4 @@
-"""Parameter files of the nodes of a real vehicle, from one file about the vehicle."""
+"""Parameter files for the nodes of a real vehicle, from a single vehicle file."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from omni_platform.configuration import (
 from omni_platform.description import urdf
 from omni_ros.flat_parameters import flatten
 
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, made faster
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
 
 DESCRIPTION = "robot.urdf"
 FRAMES = "robot_state_publisher"
 RECORDER = "recorder"
 _RECORDED = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
-WARNING = "feedback_warning"  # a parameter of the assistant
-LOG_ONLY = "log_only"  # a file on top of the assistant's own
+WARNING = "feedback_warning"  # parameter of the assistant
+LOG_ONLY = "log_only"  # parameter file that is read after that of the assistant
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
 _TWIST = "odometry/twist"
-_REFUSED = 2  # exit code for a wrong configuration, which a restart cannot mend
+_REFUSED = 2  # exit code for an invalid configuration, which a restart cannot correct
 
-# Launch arguments: default, None where one is required, and description.
+# Launch arguments: default (None if the argument is required) and description.
 ARGUMENTS = {
     "parameters": (None, "Folder of the parameter files"),
     "namespace": ("", "Namespace of the vehicle, such as robot1"),
@@ -55,8 +55,8 @@ class Hardware:
 
     Attributes:
         brake_assist: configuration of the assistant.
-        odometry: configuration of the odometry of line cameras and flow sensors; None if the twist
-            comes from another source.
+        odometry: configuration of the odometry with line cameras and flow sensors; None if the
+            twist comes from another source.
     """
 
     brake_assist: BrakeAssistConfiguration
@@ -75,8 +75,8 @@ class HardwareNode:
 
     Attributes:
         package: package of the node.
-        executable: executable of the package, and the node's name.
-        files: parameter files; a later file overrides an earlier one.
+        executable: executable in the package, and name of the node.
+        files: parameter files; later files override earlier ones.
         remappings: pairs of topics.
         ros_arguments: further arguments after ``--ros-args``.
     """
@@ -90,14 +90,14 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[HardwareNode]:
-    """Return the nodes selected by launch arguments.
+    """Return the nodes that the launch arguments select.
 
     Args:
-        given: the arguments by name.
+        given: launch arguments by name.
         words: arguments ``NAME:=VALUE`` of the command line.
 
     Raises:
-        ConfigurationError: an argument is unknown or has a wrong value, or the folder lacks a
+        ConfigurationError: an argument is unknown or invalid, or the folder does not contain a
             required file.
     """
     for word in words:
@@ -114,7 +114,7 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
             f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} makes "
             "it",
         )
-    # Given as a mapping, launch would write this parameter to a temporary file and not remove it.
+    # launch would write a mapping to a temporary file and never remove it, so -p is used.
     prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
     own = given["twist"] == _TWIST
     nodes = []
@@ -136,19 +136,19 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether a node with this exit code is restarted."""
+    """Return whether a node that ended with this exit code is restarted."""
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 
 def read_hardware(path: Path) -> Hardware:
-    """Return the description of a vehicle in a file.
+    """Read the description of a vehicle from a file.
 
     Args:
         path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` or
             ``flow_sensors`` and optionally ``odometry`` and ``brake_assist``.
 
     Raises:
-        ConfigurationError: the file cannot be read, or a key or value does not fit.
+        ConfigurationError: the file cannot be read, or a key or value is invalid.
     """
     tree = read_mapping(path, "CONFIGURATION")
     if "vehicle" in tree:
@@ -177,17 +177,17 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
 
 
 def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> list[Path]:
-    """Write the parameter files of the nodes and a URDF of the vehicle; return their paths.
+    """Write the nodes' parameter files and a URDF of the vehicle; return their paths.
 
-    The files are valid for a node of any name and namespace.
+    The files are valid for nodes of any name and namespace.
 
     Args:
         hardware: configuration of the nodes.
-        folder: folder of the files; made if it is missing.
-        warning: sentence about the source of the twist that the assistant reports.
+        folder: folder of the files, created if it is missing.
+        warning: sentence about the source of the twist, which the assistant reports.
 
     Raises:
-        OSError: the folder cannot be written to.
+        OSError: the folder is not writable.
     """
     folder.mkdir(parents=True, exist_ok=True)
     reported = {WARNING: warning} if warning else {}
@@ -217,7 +217,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
         configuration: configuration of the node.
         **others: further parameters.
     """
-    # An empty list has no type in a parameter file. Without an entry the declared default holds.
+    # An empty list has no type in a parameter file; without an entry, the declared default is used.
     flat = {key: value for key, value in flatten(configuration).items() if value != []}
     return parameters_text(flat | others)
 

@@ -1,7 +1,6 @@
-"""Start and end of the nodes of the files in ``launch/``, as `omni run` and `omni drive` do."""
+"""Start and end of the nodes in launch files, as in `omni run` and `omni drive`."""
 
 import dataclasses
-import io
 import json
 import shlex
 import tempfile
@@ -14,7 +13,6 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph import process_group, run_folder, run_variant
-from omni_figures.comparison_table import ComparisonTable
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import results_document
 from omni_platform.configuration import ConfigurationError
@@ -36,12 +34,12 @@ class LaunchPlan:
     """The processes of a launch file.
 
     Attributes:
-        nodes: processes in the order of their start; a subscriber starts before its publishers.
-        scratch: folder of the nodes' parameter files and reports; to be removed at the end.
+        nodes: processes in the order of their start; subscribers start before their publishers.
+        scratch: folder of the nodes' parameter files and reports, to be removed at the end.
         experiment: name of the experiment.
         variant: name of the variant.
         configuration: configuration of the whole loop.
-        folder: folder of the recording, if there is one.
+        folder: folder of the recording; None for no recording.
         is_run: whether the simulation ends by itself and has results.
     """
 
@@ -62,11 +60,11 @@ class LaunchPlan:
 
         Raises:
             ProcessError: the run ended early.
-            RunError: data are lost.
+            RunError: data were lost.
         """
         if self.folder is None:
             raise ConfigurationError("out", "is needed: the folder of the recording")
-        if self.folder.is_dir():  # also for an interrupted run
+        if self.folder.is_dir():  # also after an interruption
             run_folder.write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
         run_variant.check_report(report)
@@ -86,14 +84,14 @@ class LaunchPlan:
 
 
 def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
-    """Return the processes to start in a mode.
+    """Return the processes that a mode starts.
 
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.
         given: the launch arguments by name.
 
     Raises:
-        ConfigurationError: an argument or a value of the configuration does not fit.
+        ConfigurationError: an argument or a value of the configuration is invalid.
     """
     library = ExperimentLibrary(Path(given["config"]) if given["config"] else installed_config())
     experiment = given["experiment"]
@@ -101,14 +99,14 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     configuration = library.load(experiment, variant, shlex.split(given["overrides"]))
     folder = Path(given["out"]).resolve() if given["out"] else None
     if folder is not None:
-        run_folder.check_unused(folder, "out")
+        run_folder.unused(folder, "out")
     elif mode != DRIVE:
         raise ConfigurationError("out", "is needed: the folder of the recording")
     scratch = Path(tempfile.mkdtemp(prefix="omni-"))
     if mode == DRIVE or folder is None:
         nodes = drive_nodes(configuration, scratch, {}, folder)
     else:
-        nodes = graph.run_nodes(configuration, folder, scratch, lockstep=mode == LOCKSTEP)
+        nodes = graph.Nodes(configuration, scratch, mode == LOCKSTEP).of_run(folder)
     if given["namespace"]:
         words = ("-r", f"__ns:=/{given['namespace'].strip('/')}")
         nodes = [dataclasses.replace(node, arguments=(*node.arguments, *words)) for node in nodes]
@@ -117,7 +115,7 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
 
 
 def installed_config() -> Path:
-    """Return the folder of the configuration that is installed with this package.
+    """Return the configuration folder that is installed with this package.
 
     Raises:
         ConfigurationError: this package is not installed.
@@ -128,12 +126,3 @@ def installed_config() -> Path:
         raise ConfigurationError(
             "config", "is needed where omni_bringup is not installed"
         ) from None
-
-
-def results_table(result: run_variant.VariantResult) -> str:
-    """Return the table of a run as text."""
-    from rich.console import Console
-
-    console = Console(file=io.StringIO(), width=100)
-    console.print(ComparisonTable({result.variant: result.metrics}))
-    return str(console.file.getvalue())  # type: ignore[attr-defined]

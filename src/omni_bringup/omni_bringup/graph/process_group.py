@@ -21,19 +21,19 @@ _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
 
 
 class ProcessError(WorkError):
-    """A process could not be found, or ended when it should not."""
+    """A process could not be found, or ended too early."""
 
 
 @dataclasses.dataclass(frozen=True)
 class NodeProcess:
-    """One node to start, as ``ros2 run PACKAGE EXECUTABLE`` would.
+    """Description of a node to start, as by ``ros2 run PACKAGE EXECUTABLE``.
 
     Attributes:
-        name: the node's name, for messages.
+        name: name of the node, for messages.
         package: package in the ament index.
-        executable: name below ``lib/PACKAGE``.
+        executable: file name in ``lib/PACKAGE``.
         arguments: command-line arguments.
-        own_code: whether the node runs the user's code; the output is then shown on the screen.
+        own_code: whether the node runs the user's code, whose output is then shown on the screen.
     """
 
     name: str
@@ -63,7 +63,7 @@ def find_executable(package: str, executable: str) -> Path:
 
 
 class RunningProcess:
-    """A started node: its exit code, its reports, and its error output."""
+    """A started node, with its exit code, reports and error output."""
 
     def __init__(
         self, node: NodeProcess, environment: Mapping[str, str], stop_timeout: float
@@ -77,15 +77,17 @@ class RunningProcess:
         descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         shown = {"PYTHONUNBUFFERED": "1"} if node.own_code else {}
-        # Each node has its own process group: Ctrl-C reaches only this process, which ends the
+        # Each node has its own process group. Ctrl-C then reaches only this process, which ends the
         # nodes in order. The nodes stay in the session: if this process dies, the kernel sends
+        # SIGHUP and SIGCONT to a halted node, which then ends.
         # SIGHUP and SIGCONT to a halted node, which then ends.
         self.process = subprocess.Popen(
             command,
             env={**environment, **shown, REPORT_VARIABLE: str(descriptor)},
             pass_fds=(descriptor,),
             stdin=subprocess.DEVNULL,
-            # The user's output goes to standard error, as standard output holds only the document.
+            # Output of the user's code goes to standard error, since standard output contains the
+            # document.
             stdout=sys.stderr.fileno() if node.own_code else self._output,
             stderr=None if node.own_code else self._errors,
             preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
@@ -95,7 +97,7 @@ class RunningProcess:
 
     @property
     def returncode(self) -> int | None:
-        """Exit code, negative for a signal; None while it runs."""
+        """Exit code, negative for a signal; None while the process runs."""
         return self.process.poll()
 
     @property
@@ -138,19 +140,19 @@ class RunningProcess:
         with contextlib.suppress(ProcessLookupError):
             self.process.send_signal(number)
 
-    def ask_to_stop(self) -> None:
-        """Request the end of the process; a second request also ends waiting for readers."""
+    def request_stop(self) -> None:
+        """Request the end of the process; after a second request it no longer waits for readers."""
         self._note_halts()  # SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
 
     def stop(self) -> int:
-        """Request the end of the process and return its exit code, as `wait_or_kill`."""
-        self.ask_to_stop()
+        """Request the end of the process and return its exit code, as in `wait_or_kill`."""
+        self.request_stop()
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Return the exit code of a process after a stop request; kill it after a timeout."""
+        """Return the exit code after a request to stop; kill the process after a timeout."""
         deadline = time.monotonic() + self._stop_timeout
         while not self.was_halted and time.monotonic() < deadline:
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -169,9 +171,14 @@ def _read_from(file: IO[bytes], offset: int) -> bytes:
 
 
 class ProcessGroup:
-    """Starts processes in order and ends them in the reverse order.
+    """Starts processes in order, and ends them in reverse order when the block is left.
 
-    The recorder must be started first, so that it ends last.
+    The recorder must be started first, because it must end last.
+
+    Args:
+        environment: environment variables.
+        stop_timeout: time after a request to stop at which the process is killed [s]; longer than a
+            node may wait for the acknowledgment of its last data.
     """
 
     def __init__(self, environment: Mapping[str, str], stop_timeout: float = 12.0) -> None:
@@ -179,8 +186,16 @@ class ProcessGroup:
         self._environment = {**environment, PARENT_PID_VARIABLE: str(os.getpid())}
         self.running: list[RunningProcess] = []
 
+    def __enter__(self) -> "ProcessGroup":
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        # A second Ctrl-C must not leave a node running; the first one takes effect afterward.
+        with _interrupt_deferred(repeated=kind is not None):
+            self.stop()
+
     def start(self, node: NodeProcess) -> RunningProcess:
-        """Start one more process.
+        """Start a further process.
 
         Raises:
             ProcessError: the executable of the node is not found.
@@ -191,21 +206,22 @@ class ProcessGroup:
         return process
 
     def stop(self) -> None:
-        """End every process, the last started first.
+        """End all processes, in reverse order of their start.
 
-        If a process has failed, the others may wait for acknowledgments that never come. All but
-        the first are then asked to end at once. If the first (the recorder) has ended, they are
-        asked a second time after a short common timeout, so that they stop waiting.
+        After a failure of one process, others may wait for acknowledgments that never arrive. All
+        processes except the first are then requested to end at once. If the first (the recorder)
+        has already ended, they receive a second request after a short common timeout, so that they
+        stop waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
             for process in senders:
-                process.ask_to_stop()
+                process.request_stop()
             if self.running[0].returncode is not None:
                 deadline = time.monotonic() + 0.5
                 for process in senders:
                     wait_for(process, deadline - time.monotonic())
-                    process.ask_to_stop()
+                    process.request_stop()
             for process in senders:
                 process.wait_or_kill()
         for process in reversed(self.running):
@@ -215,7 +231,7 @@ class ProcessGroup:
         """Raise `ProcessError` with the error output of a process that has ended.
 
         Args:
-            besides: process that may have ended, because the caller waits for its end.
+            besides: process that is not checked, because the caller waits for its end.
         """
         for process in self.running:
             if process is not besides and process.returncode is not None:
@@ -229,7 +245,7 @@ class ProcessGroup:
 
 
 def check_counts(reports: Sequence[Mapping[str, Any]], sent: Mapping[str, int]) -> None:
-    """Check that the recorder has stored every message.
+    """Check that the recorder has stored all messages.
 
     Args:
         reports: reports of the recorder.
@@ -246,7 +262,7 @@ def check_counts(reports: Sequence[Mapping[str, Any]], sent: Mapping[str, int]) 
 
 
 def describe_end(process: RunningProcess) -> str:
-    """Return in one sentence how a process ended."""
+    """Return a sentence that describes how a process ended."""
     code = process.returncode
     how = f"exit code {code}" if code is None or code >= 0 else f"signal {-code}"
     error_output = process.error_output().splitlines()
@@ -256,30 +272,8 @@ def describe_end(process: RunningProcess) -> str:
 
 
 @contextlib.contextmanager
-def process_group(
-    environment: Mapping[str, str], stop_timeout: float = 12.0
-) -> Iterator[ProcessGroup]:
-    """Provide a group of processes, all of which are ended when the block is left.
-
-    Args:
-        environment: environment variables.
-        stop_timeout: time after which a process that was asked to stop is killed [s]; longer than
-            a node may wait for its last data to be acknowledged.
-    """
-    group = ProcessGroup(environment, stop_timeout)
-    ending = True
-    try:
-        yield group
-        ending = False
-    finally:
-        # A second Ctrl-C must not leave a node running; the first one takes effect afterwards.
-        with _interrupt_deferred(repeated=ending):
-            group.stop()
-
-
-@contextlib.contextmanager
 def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
-    """Defer signals until the block is left; repeated ones are dropped."""
+    """Defer signals until the block is left; repeated signals are ignored."""
     arrived: list[int] = []
     numbers = (signal.SIGINT, signal.SIGTERM)
     previous = {n: signal.signal(n, lambda number, _: arrived.append(number)) for n in numbers}
@@ -293,7 +287,7 @@ def _interrupt_deferred(*, repeated: bool = False) -> Iterator[None]:
 
 
 def wait_for(process: RunningProcess, timeout: float = 0.05) -> int | None:
-    """Wait up to `timeout` [s] for a process to end and return its exit code, None if it runs."""
+    """Return the exit code of a process; None if it still runs after `timeout` [s]."""
     deadline = time.monotonic() + timeout
     while process.returncode is None and time.monotonic() < deadline:
         time.sleep(min(timeout, 0.02))

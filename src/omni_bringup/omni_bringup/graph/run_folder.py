@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 from mcap.writer import MCAP0_MAGIC
 
+from omni_bringup.command_report import write_text
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.configuration import ConfigurationError, to_mapping
 
@@ -33,12 +34,12 @@ _DISTRIBUTIONS = (
 )
 
 
-def check_unused(folder: Path, option: str = "--out") -> None:
-    """Check that the folder for results is new or empty.
+def unused(folder: Path, option: str = "--out") -> Path:
+    """Return a results folder after checking that it is new or empty.
 
     Args:
-        folder: folder to be made.
-        option: option by which it was given.
+        folder: folder to be created.
+        option: option by which the folder was given, for messages.
 
     Raises:
         ConfigurationError: the path is a file, or the folder is not empty.
@@ -47,6 +48,7 @@ def check_unused(folder: Path, option: str = "--out") -> None:
         raise ConfigurationError(
             option, f"{folder} exists and is not an empty folder; choose another"
         )
+    return folder
 
 
 def time_in_name() -> str:
@@ -55,20 +57,21 @@ def time_in_name() -> str:
 
 
 def write_configuration(configuration: ExperimentConfiguration, folder: Path) -> None:
-    """Save the effective configuration (with the seed) and the versions that ran it."""
-    _write(folder / CONFIGURATION, yaml.safe_dump(to_mapping(configuration), sort_keys=False))
-    _write(folder / VERSIONS, yaml.safe_dump(versions(), sort_keys=False))
+    """Save the effective configuration (including the seed) and the software versions."""
+    write_text(folder / CONFIGURATION, yaml.safe_dump(to_mapping(configuration), sort_keys=False))
+    write_text(folder / VERSIONS, yaml.safe_dump(versions(), sort_keys=False))
 
 
 def write_summary(document: Mapping[str, Any], folder: Path) -> None:
     """Save the results of a run as the JSON document that `--json` prints."""
-    _write(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
+    write_text(folder / SUMMARY, json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def unfinished_recordings(folder: Path) -> list[Path]:
     """Return the recordings in a folder of runs whose recorder was killed.
 
-    Such a file lacks the index at its end. It can be read up to its last complete chunk.
+    The file of such a recording has no index at its end. It can be read up to its last complete
+    chunk.
     """
     return [path for path in sorted(folder.glob("*/*.mcap")) if not _has_end(path)]
 
@@ -81,16 +84,12 @@ def _has_end(path: Path) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, the packages and the ROS middleware of this run."""
+    """Return the versions of Python, the packages and the ROS middleware."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for name in _DISTRIBUTIONS:
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
-            continue  # a sourced ROS installation brings rclpy without a Python distribution
+            continue  # a sourced ROS installation has no Python distribution of rclpy
     found["ros_distro"] = os.environ.get("ROS_DISTRO", "jazzy")
     return found
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Runs of an experiment's variants over the real graph: start, follow, stop, measure.
+"""Runs of an experiment's variants over the ROS graph: start, progress, end, results.
 
-A run is a generator that yields while it waits for its processes, so that several runs can proceed
-at the same time.
+A run is a generator that yields while it waits for its processes, so several runs can proceed at
+the same time.
 """
 
 import contextlib
@@ -9,7 +9,7 @@ import dataclasses
 import math
 import tempfile
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,13 @@ from omni_ros.environment import node_environment
 from omni_tools.limit.share import limit_share
 
 _HALTED = "{} was halted by a signal during the run, which makes the run invalid"
-_PLAIN_RECORDING = graph.RecordingOptions()
+_PLAIN_RECORDING: Mapping[str, Any] = {}
 
 Progress = Callable[[Mapping[str, float]], None]
 
 
 class RunError(WorkError):
-    """A run that did not finish; the recording up to then is kept."""
+    """A run failed; its recording up to the failure is kept."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +41,8 @@ class VariantResult:
 
     Attributes:
         variant: name of the variant.
-        folder: the rosbag2 folder.
-        history: arrays for analysis, read back from the bag.
+        folder: rosbag2 folder of the recording.
+        history: time histories, read back from the recording.
         metrics: metrics by quantity.
     """
 
@@ -52,7 +52,7 @@ class VariantResult:
     metrics: Mapping[str, Metric]
 
     def still_moving(self) -> str:
-        """Return a warning if the vehicle still rolls with the pedal down, else an empty text."""
+        """Return a warning if the vehicle still rolls with the pedal down, or an empty text."""
         if not still_rolls(self.history):
             return ""
         return (
@@ -62,20 +62,20 @@ class VariantResult:
 
 
 Run = Generator[None, None, VariantResult]
-"""Generator of a run; each step handles the new reports and the ends of its processes."""
+"""Generator of a run; each step handles new reports and processes that have ended."""
 
 
 def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
-    """Advance runs until they end, and yield the result of each.
+    """Advance runs until they end, and yield their results.
 
-    If one fails, or the iterator is closed, all processes of the others are ended.
+    If a run fails or the iterator is closed, all processes of the other runs are ended.
 
     Args:
-        runs: generators of `run_variant` that have not started.
-        at_once: number of runs at the same time.
+        runs: generators from `run_variant` that have not started.
+        at_once: number of simultaneous runs.
 
     Raises:
-        RunError: a run failed; the error is that of the first one.
+        RunError: a run failed; of several failures, the first one is raised.
     """
     waiting, running = list(runs), list[Run]()
     with contextlib.ExitStack() as stack:
@@ -98,32 +98,47 @@ def run_variant(
     *,
     lockstep: bool = True,
     on_progress: Progress = lambda _: None,
-    recording: graph.RecordingOptions = _PLAIN_RECORDING,
+    recording: Mapping[str, Any] = _PLAIN_RECORDING,
     external: Collection[str] = (),
 ) -> Run:
-    """Run one variant over real processes in a separate ROS domain and record it.
+    """Run one variant as a graph of node processes in its own ROS domain, and record it.
 
     Args:
-        configuration: the whole loop.
-        variant: name of the case, for the results.
-        folder: rosbag2 folder to make.
-        lockstep: bit-for-bit repeatable steps; False paces them to the wall clock.
-        on_progress: called with time [s], speed [m/s] and share [0..1] during the run.
-        recording: options of the recording.
-        external: nodes that are not started, because a user's node replaces them.
+        configuration: configuration of the whole loop.
+        variant: name of the variant, for the results.
+        folder: rosbag2 folder to be created.
+        lockstep: whether the nodes wait for each other in each step, so that a run is
+            reproducible bit by bit; otherwise the steps follow the wall clock.
+        on_progress: called with time [s], speed [m/s] and completed share (0 to 1) during the run.
+        recording: parameters of the recorder.
+        external: names of nodes that are not started, because a user's node replaces them.
 
     Returns:
-        The run, for `finish_runs`.
+        The run, to be passed to `finish_runs`.
 
     Raises:
         RunError: a node ended, stopped sending or lost data; the message names it.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
-        nodes = graph.run_nodes(
-            configuration, folder, Path(scratch), lockstep=lockstep, recording=recording
-        )
-        nodes = [node for node in nodes if node.name not in external]
-        report = yield from _run_graph(nodes, configuration, folder, domain, on_progress)
+        nodes = graph.Nodes(configuration, Path(scratch), lockstep).of_run(folder, recording)
+        try:
+            with processes.ProcessGroup(node_environment(domain)) as group:
+                started = [group.start(node) for node in nodes if node.name not in external]
+                recorder, simulator = started[0], started[-1]
+                while not folder.is_dir():
+                    group.raise_if_ended()
+                    yield
+                write_beside_bag(configuration, folder, recorder)
+                report = yield from _follow(group, simulator, on_progress)
+                check_report(report)
+            _check_life(group)  # the nodes end before the recorder
+            processes.check_counts(recorder.new_reports(), report["sent"])
+        except processes.ProcessError as error:
+            # A node that waits for a halted node stops sending too, so the halted node is reported
+            # as the cause.
+            halted = (one.node.name for one in group.running if one.was_halted)
+            cause = next((name for name in halted if name != simulator.node.name), None)
+            raise RunError(_HALTED.format(cause) if cause else str(error)) from None
     return measured(report, variant, folder, configuration)
 
 
@@ -134,59 +149,26 @@ def measured(
 
     Args:
         report: last report of the simulator.
-        variant: name of the case.
+        variant: name of the variant.
         folder: rosbag2 folder of the run.
         configuration: configuration of the whole loop.
     """
     # `wall` is the wall time from the first to the last step of the loop, without start-up.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
-    metrics = run_metrics(history) | {
-        f"{limit}_time": _time_beyond(limit, report) for limit in ("overload", "tipping")
-    }
+    metrics = dict(run_metrics(history))
+    for limit in ("overload", "tipping"):
+        time_beyond, warning = report["limits"].get(limit, (0.0, ""))
+        metrics[f"{limit}_time"] = Metric(time_beyond, "s", note=warning)
     distance = metrics["stopping_distance"].value
     metrics["limit_share"] = limit_share(history, configuration, distance)
     return VariantResult(variant, folder, history, metrics)
 
 
-def _time_beyond(limit: str, report: Mapping[str, Any]) -> Metric:
-    """Return the time for which a limit of the simulation was exceeded [s], with a warning."""
-    time, sentence = report["limits"].get(limit, (0.0, ""))
-    return Metric(time, "s", note=sentence)
-
-
-def _run_graph(
-    nodes: Sequence[processes.NodeProcess],
-    configuration: ExperimentConfiguration,
-    folder: Path,
-    domain: int,
-    on_progress: Progress,
-) -> Generator[None, None, dict[str, Any]]:
-    """Start the nodes, follow the simulator to its end, stop the nodes; return the last report."""
-    try:
-        with processes.process_group(node_environment(domain)) as group:
-            recorder, *_, simulator = [group.start(node) for node in nodes]
-            while not folder.is_dir():
-                group.raise_if_ended()
-                yield
-            write_beside_bag(configuration, folder, recorder)
-            report = yield from _follow(group, simulator, on_progress)
-            check_report(report)
-        _check_life(group)  # the nodes end before the recorder
-        processes.check_counts(recorder.new_reports(), report["sent"])
-    except processes.ProcessError as error:
-        # Nodes that wait for a halted node fall silent too, so the halted node is named as the
-        # cause.
-        halted = (one.node.name for one in group.running if one.was_halted)
-        cause = next((name for name in halted if name != simulator.node.name), None)
-        raise RunError(_HALTED.format(cause) if cause else str(error)) from None
-    return report
-
-
 def write_beside_bag(
     configuration: ExperimentConfiguration, folder: Path, recorder: processes.RunningProcess
 ) -> None:
-    """Wait for the recorder to make the folder, then save the effective configuration in it."""
+    """Wait until the recorder has created the folder, then save the configuration in it."""
     while not folder.is_dir():
         if processes.wait_for(recorder) is not None:
             raise processes.ProcessError(processes.describe_end(recorder))
@@ -200,8 +182,8 @@ def _follow(
     group: processes.ProcessGroup,
     simulator: processes.RunningProcess,
     on_progress: Progress,
-    patience: float = 300.0,
-    halted_patience: float = 5.0,
+    report_timeout: float = 300.0,
+    halted_timeout: float = 5.0,
 ) -> Generator[None, None, dict[str, Any]]:
     """Wait for the end of the simulator and return its last report.
 
@@ -209,11 +191,11 @@ def _follow(
         group: all processes.
         simulator: process of the simulator, one of the group.
         on_progress: called with each report of the simulator.
-        patience: longest time without a report [s]; kernels may have to be compiled.
-        halted_patience: longest time for which a signal may halt the simulator [s].
+        report_timeout: longest time without a report [s]; kernels may have to be compiled first.
+        halted_timeout: longest time for which the simulator may be halted by a signal [s].
 
     Raises:
-        ProcessError: a node has ended before, or the simulator makes no progress.
+        ProcessError: a node ended earlier, or the simulator makes no progress.
     """
     report: dict[str, Any] = {}
     received = running = time.monotonic()
@@ -226,11 +208,11 @@ def _follow(
             on_progress(report)
             received = now
         running = running if simulator.is_halted else now
-        halted = simulator.was_halted  # no longer readable after the process has ended
-        if now - running > halted_patience:
+        halted = simulator.was_halted  # not readable after the process has ended
+        if now - running > halted_timeout:
             raise processes.ProcessError("the simulator was halted by a signal")
-        if now - received > patience:
-            raise processes.ProcessError(f"the simulator has made no step for {patience:g} s")
+        if now - received > report_timeout:
+            raise processes.ProcessError(f"the simulator has made no step for {report_timeout:g} s")
     group.raise_if_ended(besides=simulator)
     report = (simulator.new_reports() or [report])[-1]
     if simulator.returncode != 0 or "finished" not in report:
@@ -241,19 +223,19 @@ def _follow(
 
 
 def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> None:
-    """Check by the simulator's last report that a run finished and no node stopped sending.
+    """Check the simulator's last report: whether the run finished and all nodes kept sending.
 
     Args:
         report: last report of the simulator.
-        longest_silence: longest accepted time without a message of a node, in real time [s]; a busy
-            machine causes shorter ones.
+        longest_silence: longest accepted time without a message from a node [s]; pauses on a busy
+            machine are shorter.
 
     Raises:
-        ProcessError: a node stopped sending, or the run did not finish; the message says which.
+        ProcessError: a node stopped sending, or the run did not finish; the message states which.
     """
     if report["finished"] == "running":
         raise processes.ProcessError(
-            f"the simulator was asked to stop at {report['time']:.2f} s, before the end of the run"
+            f"the simulator was stopped at {report['time']:.2f} s, before the end of the run"
         )
     silence, node = max(((time, node) for node, time in report["silence"].items()), default=(0, ""))
     if silence > longest_silence:  # the longest silence began first and caused the others
@@ -263,7 +245,7 @@ def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> Non
 
 
 def _check_life(group: processes.ProcessGroup) -> None:
-    """Check that every node ran until the end and then ended without error.
+    """Check that all nodes ran until the end and then ended without an error.
 
     Raises:
         ProcessError: a node has failed; the message names it.

@@ -1,1 +1,1 @@
-"""Check whether a user's node keeps the contract of its topics."""
+"""Check whether a user's node meets the contract of its topics."""

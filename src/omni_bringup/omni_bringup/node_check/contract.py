@@ -1,4 +1,4 @@
-"""Requirements on the messages of a node; each function yields a sentence for each breach."""
+"""Requirements on the messages of a node; each function yields a sentence per violation."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,16 +14,16 @@ from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 @dataclass(frozen=True)
 class Contract:
-    """Limits that a node must keep.
+    """Limits that a node must meet.
 
     Attributes:
-        largest_age: largest age of the messages by node [s]. The assistant rejects an older twist;
-            a vehicle without newer enables brakes all wheels.
+        largest_age: largest age of the messages [s], by node. The assistant rejects an older twist,
+            and a vehicle without newer enables applies all brakes.
         least_answered: smallest share of the inputs that the node answers [1].
-        least_rate: lowest rate of wheel speeds and pedal [1/s].
-        warm_up: time that a node may take to load its kernels [s].
+        least_rate: lowest rate of wheel speeds and pedal messages [1/s].
+        warm_up: time in which a node may load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
-        recovery: time within which a node measures again after a fault [s].
+        recovery: time after a fault within which a node must measure again [s].
         largest_variance: variance below which a velocity counts as measured [m^2/s^2].
     """
 
@@ -40,7 +40,7 @@ CONTRACT = Contract({"odometry": 0.1, "brake_assist": 0.05})
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return answered share, 99th percentile of the age and number of answers."""
+    """Return the share of answered inputs, the 99th percentile of the age, and the answer count."""
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
@@ -55,7 +55,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield breaches in the number and reliability of publishers, and in rate, age and stamps."""
+    """Yield violations in number and reliability of publishers, rate, age and stamps."""
     if len(exchange.publishers) != 1:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
@@ -75,7 +75,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
     stamps = [one.stamp_ns for one in exchange.answers]
     for before, after in itertools.pairwise(stamps):
         if after < before:
-            yield f"stamps go back, from {before / SECOND_NS:.3f} to {after / SECOND_NS:.3f} s"
+            yield f"stamps decrease, from {before / SECOND_NS:.3f} to {after / SECOND_NS:.3f} s"
             break
     newest = max(max(sent) for sent in exchange.sent.values() if sent)
     if stamps and max(stamps) > newest:
@@ -83,7 +83,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
 
 
 def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
-    """Yield breaches in the enables that a brake assistant publishes for given wheels."""
+    """Yield violations in the enables that a brake assistant publishes for these wheels."""
     for one in exchange.answers:
         if sorted(one.message.name) != sorted(wheels):
             yield f"brake/enable names {', '.join(one.message.name)}; must be {', '.join(wheels)}"
@@ -107,7 +107,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
 
 
 def twist_breaches(exchange: Exchange) -> Iterator[str]:
-    """Yield breaches in the twists of an odometry."""
+    """Yield violations in the twists of an odometry."""
     for one in exchange.answers:
         problem = _twist_problem(one.message)
         if problem:
@@ -126,7 +126,7 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
 def simulator_breaches(
     seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield breaches in the messages of a simulator, as `enables_node.Enables` received them."""
+    """Yield violations in the messages of a simulator, as received by `enables_node.Enables`."""
     for key in ("wheel_states", "pedal", "twist"):
         messages = [message for _, message in seen[key]]
         if len(messages) < 2:
@@ -143,7 +143,7 @@ def simulator_breaches(
             yield f"wheel_states names {', '.join(message.name)}; must be {', '.join(wheels)}"
             break
         if not np.all(np.isfinite(message.velocity)) or len(message.velocity) != len(wheels):
-            yield "wheel_states: velocity must hold one finite number per wheel"
+            yield "wheel_states: velocity must contain one finite number per wheel"
             break
     for _, message in seen["pedal"]:
         if not message.position or not 0.0 <= message.position[0] <= 1.0:
@@ -170,7 +170,7 @@ def _is_measured(one: Answer) -> bool:
 
 
 def _twist_problem(message: Any) -> str:
-    """Return the breach in a twist, an empty text if there is none."""
+    """Return the violation in a twist; an empty text if there is none."""
     twist, covariance = planar_twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"

@@ -1,4 +1,4 @@
-"""Receive the commissioning drive of a vehicle until its stop is complete."""
+"""Reception of a vehicle's commissioning drive until its stops are complete."""
 
 import time
 from collections.abc import Sequence
@@ -13,20 +13,20 @@ from omni_tools.commissioning.signals import TOPICS, Signals, motions_of, signal
 
 
 def receive_drive(
-    partner: Partner, wheels: Sequence[str], timeout: float, rest: float = 1.0, least: int = 100
+    partner: Partner, wheels: Sequence[str], timeout: float, rest: float = 2.0, least: int = 100
 ) -> Signals:
-    """Return the signals of a drive as soon as the vehicle has stopped.
+    """Return the signals of a drive as soon as the vehicle is at rest after a stop.
 
     Args:
-        partner: this process's node, in the namespace of the vehicle.
+        partner: node of this process, in the namespace of the vehicle.
         wheels: names of the wheels in the order of the columns.
         timeout: time within which the drive must be complete [s].
-        rest: time at rest at the end of the stop [s].
+        rest: time at rest that ends the last stop [s].
         least: smallest number of messages on each required topic.
 
     Raises:
-        WorkError: wheel speeds or demand are not published.
-        ConfigurationError: the wheels or the motions are not the expected ones.
+        WorkError: wheel speeds or pedal are not published.
+        ConfigurationError: wheels or motions differ from the expected ones.
     """
     # A best-effort subscription also receives reliable publishers.
     seen = subscribe(partner, {topic.name: topic for topic in TOPICS}, BEST_EFFORT)

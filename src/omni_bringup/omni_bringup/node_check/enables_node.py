@@ -1,4 +1,4 @@
-"""Send valid and invalid enables to a simulator, and check the torques of its brakes."""
+"""Test of a simulator with valid and invalid enables, by the resulting brake torques."""
 
 import math
 import time
@@ -15,13 +15,13 @@ from omni_platform.quantities import SECOND_NS
 from omni_ros import messages, qos
 
 _PHASE_NS = SECOND_NS // 5
-_SETTLING_NS = SECOND_NS // 10  # time for the brakes to follow the enables
+_SETTLING_NS = SECOND_NS // 10  # time in which the brakes follow the enables
 _FIRST_WHEEL = (1.0, 0.0, math.nan)
-"""Enable of the first wheel in each phase after the pedal goes down."""
+"""Enable of the first wheel in each phase after the pedal is pressed."""
 
 
 class Enables:
-    """Enables sent to a simulator: all brakes, one released, one not a number, all brakes."""
+    """Sequence of enables sent to a simulator: all brakes, one released, one NaN, all brakes."""
 
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
         self._wheels = wheels
@@ -30,7 +30,7 @@ class Enables:
         node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
     def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
-        """Return the messages of the simulator within a time [s], each with its steady time [s]."""
+        """Return the simulator's messages within `duration` [s], each with its arrival time [s]."""
         watched = {
             "wheel_states": topics.WHEEL_STATES,
             "pedal": topics.PEDAL,
@@ -46,9 +46,9 @@ class Enables:
         return seen
 
     def breaches(self, seen: dict[str, list[tuple[float, Any]]]) -> Iterator[str]:
-        """Yield breaches in the brake torques on `wheel_states`."""
+        """Yield violations in the brake torques on `wheel_states`."""
         if self._braking_ns is None:
-            yield "brake/pedal stayed 0: press it meanwhile, so that the enables can be checked"
+            yield "brake/pedal stayed 0: press the pedal during the check of the enables"
             return
         torques: dict[int, list[float]] = {}
         for _, message in seen["wheel_states"]:
@@ -57,7 +57,7 @@ class Enables:
                 first = message.effort[list(message.name).index(self._wheels[0])]
                 torques.setdefault(since // _PHASE_NS, []).append(abs(first))
         if 0 not in torques:
-            yield "wheel_states: effort must hold the torque of each brake [N m]"
+            yield "wheel_states: effort must contain the torque of each brake [N m]"
             return
         braked = np.median(torques[0])
         if braked <= 0.0:

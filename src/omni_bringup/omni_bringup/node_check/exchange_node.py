@@ -1,14 +1,15 @@
-"""Send a recording with faults to a node, and record its answers.
+"""Transmission of a recording with faults to a node, and reception of its answers.
 
 The recording is published in real time, once for each phase: unchanged, with a gap in one input,
-with unusable values in this input, and cut off in the middle. Stamps continue from phase to phase.
+with unusable values in this input, and cut off in the middle. The stamps continue from phase to
+phase.
 """
 
 import os
 import struct
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,12 +30,12 @@ from omni_ros.qos import RELIABLE
 
 PHASES = ("recorded", "gap", "unusable", "silence")
 GAP = 0.3
-"""Time without an input, or with unusable values [s]."""
+"""Duration of the gap, or of the unusable values [s]."""
 
-_STAMP = struct.Struct("<iI")  # after the four bytes of the CDR header
-_PAUSE_NS = 2 * SECOND_NS  # between two phases, longer than any time-out of a node
-_LISTEN = 0.5  # [s] after the last input
-_START = 60.0  # [s] within which a node must be there
+_STAMP = struct.Struct("<iI")  # follows the four bytes of the CDR header
+_PAUSE_NS = 2 * SECOND_NS  # between two phases; longer than any timeout of a node
+_LISTEN = 0.5  # s; time of reception after the last input
+_START = 60.0  # s; time within which the node must appear
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,10 @@ class Answer:
     """A message of the node.
 
     Attributes:
-        phase: phase of `PHASES`, in which it was received.
+        phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: real time since the newest input with that stamp or an earlier one [s].
-        silence: real time since the last input of any kind [s].
+        age: time since the newest input whose stamp is not later than that of the message [s].
+        silence: time since the last input of any kind [s].
         message: the message.
     """
 
@@ -56,25 +57,49 @@ class Answer:
     message: Any
 
 
-@dataclass
 class Exchange:
     """Messages sent to a node, and its answers.
 
     Attributes:
-        sent: stamps of the inputs that are answered, by phase [ns].
-        faults: first and last stamp of the gap, or of the unusable values, by phase [ns].
+        sent: stamps of the inputs that require an answer, by phase [ns].
+        faults: first and last stamp of the gap or of the unusable values, by phase [ns].
         answers: answers in the order in which they were received.
-        publishers: whether each publisher of the answers' topic is reliable.
+        publishers: for each publisher of the answers' topic, whether it is reliable.
+        kind: message class of the answers.
     """
 
-    sent: dict[str, list[int]] = field(default_factory=dict)
-    faults: dict[str, tuple[int, int]] = field(default_factory=dict)
-    answers: list[Answer] = field(default_factory=list)
-    publishers: list[bool] = field(default_factory=list)
+    def __init__(self, output: Topic, publishers: list[bool]) -> None:
+        self.sent: dict[str, list[int]] = {}
+        self.faults: dict[str, tuple[int, int]] = {}
+        self.answers: list[Answer] = []
+        self.publishers = publishers
+        self.kind = message_class(output.type)
+        self._phase = PHASES[0]
+        self._arrivals: dict[int, float] = {}  # send time on a monotonic clock [s] by stamp
+        self._last = 0.0  # send time of the last input on this clock [s]
+
+    def keep(self, data: bytes) -> None:
+        """Store an answer."""
+        now, stamp = time.monotonic(), leading_stamp(data) or 0
+        known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
+        age = now - self._arrivals[known] if known is not None else 0.0
+        message = deserialize_message(data, self.kind)
+        self.answers.append(Answer(self._phase, stamp, age, now - self._last, message))
+
+    def note(self, stamp: int) -> None:
+        """Store when an input was sent."""
+        self._last = self._arrivals[stamp] = time.monotonic()
+
+    def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
+        """Start a phase; return the list for the stamps of the inputs that require an answer."""
+        self._phase = phase
+        self._arrivals.clear()
+        self.faults[phase] = fault
+        return self.sent.setdefault(phase, [])
 
 
 class Partner:
-    """Node of the checker in the ROS domain of the checked nodes."""
+    """Node of this program in the ROS domain of the tested node."""
 
     def __init__(self, domain: int, namespace: str = "") -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -85,7 +110,7 @@ class Partner:
         self._executor.add_node(self.node)
 
     def spin(self, until: float) -> None:
-        """Take messages until a time of the steady clock [s]."""
+        """Receive messages until a time of the monotonic clock [s]."""
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
 
@@ -102,7 +127,7 @@ class Partner:
             if time.monotonic() > deadline:
                 raise WorkError(f"nothing publishes {topic} in this ROS domain; start the node")
             self.spin(time.monotonic() + 0.1)
-        self.spin(time.monotonic() + 1.0)  # until the node has found this one too
+        self.spin(time.monotonic() + 1.0)  # until the node has discovered this one too
         found = self.node.get_publishers_info_by_topic(topic)
         reliable = QoSReliabilityPolicy.RELIABLE
         return [entry.qos_profile.reliability == reliable for entry in found]
@@ -111,36 +136,6 @@ class Partner:
         """Leave the domain."""
         self.node.destroy_node()
         self._context.try_shutdown()
-
-
-class _Exchanging:
-    """An exchange under way: keeps the answers with the times of the inputs."""
-
-    def __init__(self, output: Topic) -> None:
-        self.exchange = Exchange()
-        self.phase = PHASES[0]
-        self.kind = message_class(output.type)
-        self._arrivals: dict[int, float] = {}  # steady time of sending [s] by stamp
-        self._last = 0.0  # steady time of the last input [s]
-
-    def keep(self, data: bytes) -> None:
-        now, stamp = time.monotonic(), leading_stamp(data) or 0
-        known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
-        age = now - self._arrivals[known] if known is not None else 0.0
-        message = deserialize_message(data, self.kind)
-        answer = Answer(self.phase, stamp, age, now - self._last, message)
-        self.exchange.answers.append(answer)
-
-    def note(self, stamp: int) -> None:
-        """Store when an input was sent."""
-        self._last = self._arrivals[stamp] = time.monotonic()
-
-    def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
-        """Begin a phase; return the list for the stamps of the inputs that are answered."""
-        self.phase = phase
-        self._arrivals.clear()
-        self.exchange.faults[phase] = fault
-        return self.exchange.sent.setdefault(phase, [])
 
 
 def feed(
@@ -152,37 +147,37 @@ def feed(
     output: Topic,
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Publish a recording in all phases, and keep the answers.
+    """Publish a recording in all phases, and store the answers.
 
     Args:
-        partner: this process's node.
+        partner: node of this process.
         recording: rosbag2 folder.
         inputs: input topics of the node.
-        faulty: input that gets the gap and the unusable values.
+        faulty: input in which the gap and the unusable values are inserted.
         paced: input whose messages the node answers.
-        output: topic of the answers.
-        alive: whether the node's process still runs.
+        output: topic of the node's answers.
+        alive: function that returns whether the node's process still runs.
 
     Raises:
         WorkError: the node does not publish `output`, or has ended.
     """
-    exchanging, node = _Exchanging(output), partner.node
+    node = partner.node
     publishers = {
         topic.path: node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
         for topic in inputs
     }
     clock = node.create_publisher(Clock, "/clock", RELIABLE)
-    exchanging.exchange.publishers = reliable = partner.await_node(output.path, alive)
-    qos = RELIABLE if all(reliable) else qos_profile_sensor_data
-    node.create_subscription(exchanging.kind, output.path, exchanging.keep, qos, raw=True)
-    partner.spin(time.monotonic() + _LISTEN)  # until the node has found the subscription
+    exchange = Exchange(output, partner.await_node(output.path, alive))
+    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
+    node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
+    partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
     recorded = bag_messages(open_vehicle(recording))
     messages = list(in_time_order(m for m in recorded if m.channel.topic in publishers))
     begin, end = messages[0].log_ns, messages[-1].log_ns
     middle, gap = (begin + end) // 2, round(GAP * SECOND_NS)
     for number, phase in enumerate(PHASES):
         shift = number * (end - begin + _PAUSE_NS)
-        sent = exchanging.begin(phase, (shift + middle, shift + middle + gap))
+        sent = exchange.begin(phase, (shift + middle, shift + middle + gap))
         start = time.monotonic()
         for message in messages:
             path = message.channel.topic
@@ -197,22 +192,22 @@ def feed(
             partner.spin(start + (message.log_ns - begin) / SECOND_NS)
             clock.publish(Clock(clock=to_time(message.log_ns + shift)))
             publishers[path].publish(data[:4] + _STAMP.pack(*divmod(stamp, SECOND_NS)) + data[12:])
-            exchanging.note(stamp)
+            exchange.note(stamp)
             if path == paced.path:
                 sent.append(stamp)
         partner.spin(time.monotonic() + _LISTEN)
     if not alive():
         raise WorkError("the node ended while it was checked; see its output")
-    return exchanging.exchange
+    return exchange
 
 
 def subscribe(
     partner: Partner, topics: Mapping[str, Topic], qos: QoSProfile
 ) -> dict[str, list[tuple[float, Any]]]:
-    """Return lists that grow by each message with its steady time [s], while the partner spins.
+    """Return lists to which each message is appended with its arrival time [s].
 
     Args:
-        partner: this process's node.
+        partner: node of this process.
         topics: topics by any key.
         qos: quality of service of the subscriptions.
     """

@@ -1,4 +1,4 @@
-"""A replay over real processes: player, the nodes themselves, recorder."""
+"""Replay as a graph of node processes: player, replayed nodes, recorder."""
 
 import tempfile
 from collections.abc import Mapping
@@ -17,36 +17,27 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
     """Run the nodes of a plan on the recorded inputs and record their outputs.
 
     Args:
-        bag: the recording.
-        plan: nodes and topics.
-        folder: rosbag2 folder to make for the results and the clock.
-        rate: speed as a multiple of the recorded one, 0 for as fast as the nodes follow.
+        bag: recording to replay.
+        plan: nodes and topics of the replay.
+        folder: rosbag2 folder to be created for the results and the clock.
+        rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
 
     Raises:
         ProcessError: a node ended, stopped sending or lost data; the message names it.
-        NoFreeDomainError: all ROS domains are taken.
+        NoFreeDomainError: all ROS domains are in use.
     """
     with reserved_domain() as domain, tempfile.TemporaryDirectory(prefix="omni-") as scratch:
-        place = Path(scratch)
+        nodes = graph.Nodes(plan.configuration, Path(scratch), lockstep=True)
         topics = {CLOCK.path: CLOCK.type, **plan.outputs}
-        with processes.process_group(node_environment(domain)) as group:
-            recorder = group.start(graph.recorder(plan.configuration, folder, place, chosen=topics))
-            _start_nodes(group, plan, place)
-            player = group.start(graph.player(bag, plan.inputs, plan.outputs, rate, place))
+        with processes.ProcessGroup(node_environment(domain)) as group:
+            recorder = group.start(nodes.recorder(folder, chosen=topics))
+            for name, node in ((ODOMETRY, nodes.odometry), (BRAKE_ASSIST, nodes.brake_assist)):
+                if name in plan.nodes:
+                    group.start(node(node_listeners(plan, name)))
+            player = group.start(nodes.player(bag, plan.inputs, plan.outputs, rate))
             report = _follow(group, player)
         group.raise_if_failed()
         processes.check_counts(recorder.new_reports(), report["results"])
-
-
-def _start_nodes(group: processes.ProcessGroup, plan: ReplayPlan, scratch: Path) -> None:
-    if ODOMETRY in plan.nodes:
-        listeners = node_listeners(plan, ODOMETRY)
-        group.start(graph.odometry(plan.configuration, scratch, lockstep=True, listeners=listeners))
-    if BRAKE_ASSIST in plan.nodes:
-        listeners = node_listeners(plan, BRAKE_ASSIST)
-        group.start(
-            graph.brake_assist(plan.configuration, scratch, lockstep=True, listeners=listeners)
-        )
 
 
 def _follow(group: processes.ProcessGroup, player: processes.RunningProcess) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""Functions that write camera lines into recordings and read them."""
+"""Writing of camera lines to recordings, and reading."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -10,7 +10,7 @@ from omni_platform.signals import LineBatch, Lines
 from omni_recording import decode, metadata, write
 from omni_recording.definitions import find_message_definition
 from omni_recording.error import BagError
-from omni_recording.folder import Bag
+from omni_recording.folder import Bag, bag_summary
 from omni_ros.messages import line_image
 
 DEPTH = 200
@@ -24,13 +24,13 @@ def write_lines(
     batch_time: float,
     start_ns: int,
 ) -> dict[str, int]:
-    """Write lines as a recording; return the number of messages by camera.
+    """Write lines as a recording; return the number of messages of each camera.
 
     Args:
-        folder: rosbag2 folder to make.
+        folder: rosbag2 folder to be created.
         lines: lines of each camera, oldest first, shape (m, n).
-        sensors: sensors by name; only their line rates are used.
-        batch_time: duration of the lines of a message [s].
+        sensors: cameras by name; only their line rates are used.
+        batch_time: duration of the lines in a message [s].
         start_ns: stamp of the first line [ns].
 
     Raises:
@@ -53,16 +53,22 @@ def write_lines(
     return {name: sum(own == name for _, own, _ in messages) for name in lines}
 
 
+def recorded_cameras(bag: Bag, sensors: Iterable[str]) -> list[str]:
+    """Return the names of the cameras whose lines are in a recording."""
+    counts = bag_summary(bag).counts
+    return [name for name in sensors if counts.get(topics.lines(name).path)]
+
+
 def read_batches(
     bag: Bag, sensors: Iterable[str], start: float = 0.0, duration: float = float("inf")
 ) -> dict[str, list[LineBatch]]:
-    """Return the batches of cameras in a recording, oldest first.
+    """Return the batches of the cameras in a recording, oldest first.
 
     Args:
         bag: the recording.
         sensors: names of the cameras.
-        start: start of the part that is read, since the first line of any camera [s].
-        duration: duration of the part that is read [s].
+        start: start of the part to read, after the first line of any camera [s].
+        duration: duration of the part to read [s].
 
     Raises:
         BagError: a message cannot be read, or a camera has no messages.
@@ -82,5 +88,5 @@ def read_batches(
         topic for topic, name in names.items() if not any(len(b.lines) for b in batches[name])
     ]
     if silent:
-        raise BagError(bag.path, f"holds no lines then on {', '.join(silent)}")
+        raise BagError(bag.path, f"contains no lines then on {', '.join(silent)}")
     return batches

@@ -1,4 +1,4 @@
-"""A replay in one process: the cores of the nodes on the recorded inputs, without topics."""
+"""Replay in one process: the nodes' cores process recorded inputs, without topics."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -28,12 +28,12 @@ Result = tuple[str, int, Any]  # topic, stamp [ns], message
 
 
 def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
-    """Run the cores of the nodes of a plan and record their outputs.
+    """Run the cores of a plan's nodes and record their outputs.
 
     Args:
-        bag: the recording.
-        plan: nodes and topics.
-        folder: rosbag2 folder to make for the results.
+        bag: recording to replay.
+        plan: nodes and topics of the replay.
+        folder: rosbag2 folder to be created for the results.
 
     Raises:
         BagError: the recording or a message in it cannot be read.
@@ -61,7 +61,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
 
 
 class _Cores:
-    """The cores of the nodes, and the function that takes the messages of each topic."""
+    """Cores of the nodes, with the function that processes each topic's messages."""
 
     def __init__(self, plan: plans.ReplayPlan) -> None:
         configuration = plan.configuration
@@ -163,7 +163,7 @@ class _Brakes:
 
 
 def _with_arrays(message: Any) -> Any:
-    """Return a JointState with numpy's arrays, which the serializer of rosbags needs."""
+    """Return a JointState with NumPy arrays, which the serializer of rosbags requires."""
     fields = ("position", "velocity", "effort")
     arrays = {name: np.array(getattr(message, name), dtype=np.float64) for name in fields}
     return SimpleNamespace(header=message.header, name=list(message.name), **arrays)

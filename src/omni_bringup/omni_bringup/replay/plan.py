@@ -1,4 +1,4 @@
-"""The inputs that a replay takes from a recording and the outputs that it computes."""
+"""Inputs that a replay reads from a recording, and outputs that it computes."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -21,8 +21,8 @@ class ReplayPlan:
 
     Attributes:
         configuration: configuration of the nodes.
-        nodes: names of the nodes that run, from `NODES`.
-        inputs: message type of each topic taken from the recording.
+        nodes: names of the nodes to run, from `NODES`.
+        inputs: message type of each topic that is read from the recording.
         outputs: message type of each topic that the nodes publish.
     """
 
@@ -33,7 +33,7 @@ class ReplayPlan:
 
 
 def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) -> ReplayPlan:
-    """Return the topics that a replay of these nodes reads and writes.
+    """Return the topics that a replay of these nodes reads and publishes.
 
     Raises:
         ConfigurationError: a node is unknown or named twice.
@@ -54,7 +54,7 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
         if configuration.brake_assist.fault_detection and configuration.imu.enabled:
             inputs.append(topics.IMU)
         outputs += [topics.ENABLE, topics.SLIDING]
-    # The output of one node is the input of the other; it is not taken from the recording.
+    # The output of one node may be the input of another; it is then not read from the recording.
     return ReplayPlan(
         configuration,
         tuple(nodes),
@@ -64,20 +64,20 @@ def replay_plan(configuration: ExperimentConfiguration, nodes: Sequence[str]) ->
 
 
 def feedback_topic(configuration: ExperimentConfiguration) -> Topic:
-    """Return the topic from which the brake assistant takes the twist."""
+    """Return the topic on which the brake assistant receives the twist."""
     return topics.TWIST if configuration.uses_lines else topics.VELOCITY_SENSOR
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
-    """Check that a recording has the inputs of a replay, and return its counts by topic.
+    """Check that a recording contains the inputs of a replay; return its counts by topic.
 
     Raises:
-        BagError: a topic is missing, empty or of another type; names all that are missing.
+        BagError: topics are missing, empty or of another type; the message lists all missing ones.
     """
     summary = bag_summary(bag)
     missing = [topic for topic in plan.inputs if not summary.counts.get(topic)]
     if missing:
-        raise BagError(bag.path, f"holds no message on {', '.join(missing)}")
+        raise BagError(bag.path, f"contains no message on {', '.join(missing)}")
     for channel in summary.channels:
         needed = plan.inputs.get(channel.topic, channel.type_name)
         if channel.type_name != needed:
@@ -95,16 +95,16 @@ def recorded_configuration(
     option: str = "BAG",
     remedy: str = "give a recording of ./omni run, drive or lines import",
 ) -> ExperimentConfiguration:
-    """Return the configuration stored with a recording.
+    """Return the configuration that is stored with a recording.
 
     Args:
         bag: the recording.
         overrides: ``dotted.key=value`` texts.
-        option: option that the message names if there is no stored configuration.
+        option: option that the error message names.
         remedy: advice at the end of the message.
 
     Raises:
-        ConfigurationError: no configuration is stored, or a key or value does not fit.
+        ConfigurationError: no configuration is stored, or a key or value is invalid.
     """
     path = (bag.path if bag.path.is_dir() else bag.path.parent) / CONFIGURATION
     if not path.is_file():
@@ -114,7 +114,7 @@ def recorded_configuration(
 
 
 def node_listeners(plan: ReplayPlan, node: str) -> int:
-    """Return the number of subscribers of a node's outputs: recorder, player and other nodes."""
+    """Return the number of subscribers to a node's outputs: recorder, player and other nodes."""
     subscribes_odometry = BRAKE_ASSIST in plan.nodes and (
         feedback_topic(plan.configuration) == topics.TWIST
     )

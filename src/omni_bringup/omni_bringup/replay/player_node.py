@@ -1,9 +1,10 @@
-"""Publishes recorded messages unchanged to nodes that process them again.
+"""Node that publishes recorded messages unchanged to nodes that process them again.
 
-A round is one message of each topic. It is sent when the round before has its result: then topics
-cannot overtake each other, no queue overflows, and the results do not depend on the speed. If no
-result comes, for example while a sensor is missing, one more round is sent. At the end
-the node reports ``{"published": {topic: count}, "results": ...}``, see `omni_ros.report`.
+A round consists of one message of each topic. It is sent when the result of the previous round has
+arrived. Topics therefore cannot overtake each other, no queue overflows, and the results do not
+depend on the speed. If no result arrives, for example because a sensor is missing, the next round
+is sent after a timeout. At the end the node reports ``{"published": {topic: count}, "results":
+...}``, see `omni_ros.report`.
 """
 
 import time
@@ -27,7 +28,7 @@ class PlayerConfiguration(Configuration):
     """Parameters of the player."""
 
     bag: str = parameter()
-    """Path of the recording to publish, a folder or .mcap file"""
+    """Path of the recording to publish: a folder or an .mcap file"""
     inputs: tuple[str, ...] = parameter()
     """Topics to publish"""
     input_types: tuple[str, ...] = parameter()
@@ -36,19 +37,19 @@ class PlayerConfiguration(Configuration):
     """Topics on which the nodes publish results"""
     output_types: tuple[str, ...] = parameter()
     """Type of each output topic"""
-    rate: float = parameter(0.0, minimum=0.0)
-    """Speed as a multiple of the recorded one; 0 for as fast as the nodes follow"""
-    answer_timeout: float = parameter(10.0, unit="s", above=0.0)
-    """Longest wait for results"""
-    patience: float = parameter(0.5, unit="s", above=0.0)
-    """Time to wait for the result of a round before another round is sent"""
-    most_ahead: int = parameter(100, minimum=1)
-    """Most rounds without a result, half of the queue size of the nodes"""
-    most_ahead_first: int = parameter(20, minimum=1)
-    """Most rounds without a result before the first result"""
+    rate: float = parameter(0.0, minimum=0.0, maximum=1000.0)
+    """Speed as a multiple of the recorded one; 0 for as fast as the nodes can follow"""
+    answer_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
+    """Longest time to wait for results"""
+    round_timeout: float = parameter(0.5, unit="s", above=0.0, maximum=3600.0)
+    """Time to wait for the result of a round before the next round is sent"""
+    most_ahead: int = parameter(100, minimum=1, maximum=100_000)
+    """Largest number of rounds without a result, half of the nodes' queue size"""
+    most_ahead_first: int = parameter(20, minimum=1, maximum=100_000)
+    """Largest number of rounds without a result before the first result"""
 
     def check_consistency(self) -> None:
-        """Raise an error if topics and types differ in number."""
+        """Check that the numbers of topics and types agree."""
         for key, names, kinds in (
             ("input_types", self.inputs, self.input_types),
             ("output_types", self.outputs, self.output_types),
@@ -84,17 +85,17 @@ class PlayerNode(Node):
             )
 
     def publish_round(self, messages: list[mcap.RecordedMessage]) -> None:
-        """Publish one message of each topic after the clock."""
+        """Publish the clock, then one message of each topic."""
         self.clock.publish(Clock(clock=to_time(messages[0].log_ns)))
         for message in messages:
             self.inputs[message.channel.topic].publish(message.data)
             self.published[message.channel.topic] += 1
-        # The stamp of a result is that of its newest input, or an earlier one.
+        # The stamp of a result is that of its newest input, or earlier.
         self._waiting.append(min(leading_stamp(message.data) or 0 for message in messages))
 
     @property
     def unanswered(self) -> int:
-        """Number of rounds for which at least one output has no result yet."""
+        """Number of rounds for which at least one output has not yet arrived."""
         answered = min(self._newest.values())
         while self._waiting and self._waiting[0] <= answered:
             self._waiting.popleft()
@@ -106,19 +107,19 @@ class PlayerNode(Node):
 
 
 def play(node: PlayerNode, spinner: process.Spinner) -> None:
-    """Publish the whole recording, wait for the last results and report.
+    """Publish the complete recording, wait for the last results, and report.
 
     Raises:
         NodeError: the recording cannot be read, or a node does not answer.
     """
-    # Each topic has one subscriber: the replayed node, or the recorder for the clock.
+    # Each topic has one subscriber: the replayed node, or for the clock the recorder.
     listened = [node.clock, *node.inputs.values()]
     node.startup.await_subscribers(listened, spinner, 1)
     try:
         _publish_all(node, spinner)
     except BagError as error:
         raise process.NodeError(str(error)) from None
-    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * node.configuration.patience)
+    spinner.spin_until(lambda: node.unanswered == 0, 2.0 * node.configuration.round_timeout)
     _await_silence(node, spinner)
     if not spinner.stop and not any(node.results.values()):
         raise process.NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
@@ -135,7 +136,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
         if spinner.stop:
             return
         if rate > 0.0:
-            # The time is counted from the first round, so that delays do not add up.
+            # Times are relative to the first round, so that delays do not accumulate.
             recorded = messages[0].log_ns / SECOND_NS / rate
             start = time.monotonic() - recorded if start is None else start
             _spin_until_time(spinner, start + recorded)
@@ -152,10 +153,10 @@ def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int
     limits, started = node.configuration, any(node.results.values())
     timeout = limits.answer_timeout
     most = limits.most_ahead if started else limits.most_ahead_first
-    # Before its first result, a node may only be slow to start: wait longer.
+    # A node without any result yet may only be slow to start, so wait longer.
     patient = ahead == most or (ahead == 1 and not started)
     followed = spinner.spin_until(
-        lambda: node.unanswered < ahead, timeout if patient else limits.patience
+        lambda: node.unanswered < ahead, timeout if patient else limits.round_timeout
     )
     if followed or spinner.stop:
         return ahead
@@ -173,7 +174,7 @@ def _spin_until_time(spinner: process.Spinner, deadline: float) -> None:
 
 
 def _await_silence(node: PlayerNode, spinner: process.Spinner, quiet: float = 0.3) -> None:
-    """Receive the remaining results, until none has come for a while [s]."""
+    """Receive the remaining results until none arrives for `quiet` [s]."""
     before = -1
     while not spinner.stop and sum(node.results.values()) != before:
         before = sum(node.results.values())

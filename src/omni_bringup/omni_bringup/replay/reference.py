@@ -1,4 +1,4 @@
-"""The reference motion of a recorded drive: the true motion, or that of the wheel speeds."""
+"""Reference motion of a recorded drive: the true motion, or that of the wheel speeds."""
 
 import math
 
@@ -14,20 +14,21 @@ TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
 _TOPICS = {TRUTH: topics.GROUND_TRUTH, WHEELS: topics.WHEEL_STATES}
-_SPREAD = 3  # samples before and after, for the acceleration
+_SPREAD = 3  # number of samples before and after, for the acceleration
 
 
 def read_reference(
     bag: folder.Bag, configuration: experiment.ExperimentConfiguration, kind: str
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Return times [s], twists (v_x, v_y, yaw rate) and the name of their reference.
+    """Return times [s], twists (v_x, v_y, yaw rate), and a description of the reference.
 
-    Wheel speeds are used only while they are nearly constant, as driven and braked wheels slip.
+    Wheel speeds are used only while they are nearly constant, because accelerated wheels slip.
 
     Args:
         bag: the recording.
         configuration: configuration of the vehicle.
-        kind: one of `REFERENCES`; `AUTO` takes the true motion if it is recorded, else the wheels.
+        kind: one of `REFERENCES`; `AUTO` is the true motion if it was recorded, otherwise the
+            wheels.
 
     Raises:
         BagError: the recording does not contain the reference.
@@ -50,7 +51,9 @@ def read_reference(
             values.append([float(speed[name]) for name in wheels])
         stamps.append(1e-9 * float(stamp_ns))
     if len(stamps) < 2 * _SPREAD + 1:
-        raise error.BagError(bag.path, f"holds no motion to compare with on {_TOPICS[kind].path}")
+        raise error.BagError(
+            bag.path, f"contains no motion to compare with on {_TOPICS[kind].path}"
+        )
     time, known = np.array(stamps), np.array(values)
     if kind == TRUTH:
         time, known = _means(time, known)
@@ -61,13 +64,13 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists between successive poses; short shocks do not affect means."""
+    """Return the mean twists between successive poses, on which short shocks have little effect."""
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)
     turn = (np.diff(pose[:, 2]) + math.pi) % (2.0 * math.pi) - math.pi
     yaw = pose[:-1, 2] + 0.5 * turn
-    chord = np.sinc(0.5 * turn / math.pi)  # chord length over arc length
+    chord = np.sinc(0.5 * turn / math.pi)  # ratio of chord length to arc length
     cos, sin = np.cos(yaw) / chord, np.sin(yaw) / chord
     way = np.column_stack(
         (cos * place[:, 0] + sin * place[:, 1], cos * place[:, 1] - sin * place[:, 0], turn)

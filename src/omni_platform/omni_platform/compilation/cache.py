@@ -28,8 +28,9 @@ import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
+from numba.core.runtime import rtsys
 
-from omni_platform.compilation.calls import CompiledKernel, compilation, linked_kernels, publish
+from omni_platform.compilation.calls import CompiledKernel, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
@@ -70,6 +71,11 @@ class KernelCache(FunctionCache):
             file, place = _lock_file(self._cache_path), int(self._digest[:15], 16)
             fcntl.lockf(file, operation, 1, place)
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return a stored kernel, without the registries of types that compilation needs."""
+        rtsys.initialize(target_context)
+        return self._load_overload(sig, target_context)
+
     def _load_overload(self, sig: Any, target_context: Any) -> Any:
         result = self._load_stored(sig, target_context)
         if result is None:
@@ -88,9 +94,6 @@ class KernelCache(FunctionCache):
         if result is not None:
             publish(self._dispatcher, result, self._digest)
         return result
-
-    def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return *super()._index_key(sig, codegen), compilation.bare
 
     def _save_overload(self, sig: Any, data: Any) -> None:
         publish(self._dispatcher, data, self._digest)

@@ -2,30 +2,25 @@
 
 numba includes the code of a kernel in every kernel that calls it, and LLVM optimizes it again with
 each level of the call tree. The callers of a `linked` kernel contain only a call of its address.
-
-numba gives every kernel a second entry for Python, which converts all arguments. Here a kernel that
-only other kernels have called has no such entry. It is compiled again, with the entry, when Python
-calls it.
 """
 
+import functools
 import hashlib
 import importlib
-import threading
 from typing import Any
 
 import llvmlite.binding
 from llvmlite import ir
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler import CompileResult
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.cpu import CPUContext
 from numba.core.dispatcher import Dispatcher
-from numba.core.sigutils import normalize_signature
 
 _Kernel = tuple[str, str, Any]  # module, name, types of the arguments
 
 linked_kernels: set[Dispatcher] = set()
 """Kernels of which callers contain only a call."""
+
+_EMPTY_MODULE = llvmlite.binding.parse_assembly("").as_bitcode()
 
 _published: dict[str, _Kernel] = {}
 """The linked kernels that this process has compiled or loaded, by symbol."""
@@ -58,7 +53,7 @@ def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
     address = result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
     llvmlite.binding.add_symbol(symbol, address)
     _published[symbol] = function.__module__, function.__qualname__, types
-    result.library._shared_module = _call_of(result, symbol)
+    result.library._get_module_for_linking = functools.cache(lambda: _call_of(result, symbol))
 
 
 def _call_of(result: CompileResult, symbol: str) -> Any:
@@ -96,61 +91,12 @@ class CompiledKernel(CompileResultCacheImpl):
         callees, reduced = payload
         for module, name, types in callees:
             getattr(importlib.import_module(module), name).compile(types)
-        return super().rebuild(target_context, reduced)
-
-
-class _Compilation(threading.local):
-    """The compilation under way in a thread."""
-
-    for_kernel = False  # whether another kernel, which is being compiled, needs this kernel
-    bare = False  # whether the kernel gets no entry for Python
-
-
-compilation = _Compilation()
-
-
-def _is_bare(result: CompileResult) -> bool:
-    engine = result.library.codegen._engine
-    return not engine.is_symbol_defined(result.fndesc.llvm_cpython_wrapper_name)
-
-
-def omit_entries_for_python() -> None:
-    """Let numba compile a kernel without an entry for Python when another kernel calls it."""
-    get_call_template, compile_types = Dispatcher.get_call_template, Dispatcher.compile
-    add_overload, create_entry = Dispatcher.add_overload, CPUContext.create_cpython_wrapper
-
-    def get_template(self: Dispatcher, *arguments: Any) -> Any:
-        compilation.for_kernel = True
-        try:
-            return get_call_template(self, *arguments)
-        finally:
-            compilation.for_kernel = False
-
-    def compile_kernel(self: Dispatcher, signature: Any) -> Any:
-        with global_compiler_lock:
-            before = compilation.bare
-            compilation.bare = compilation.for_kernel and self not in linked_kernels
-            compilation.for_kernel = False
-            types = tuple(normalize_signature(signature)[0])
-            known = self.overloads.get(types)
-            if known is not None and _is_bare(known) and not compilation.bare:
-                del self.overloads[types]
-            try:
-                return compile_types(self, signature)
-            finally:
-                compilation.bare = before
-
-    def add(self: Dispatcher, result: CompileResult) -> None:
-        if _is_bare(result):
-            self.overloads[tuple(result.signature.args)] = result
-        else:
-            add_overload(self, result)
-
-    def create(self: CPUContext, *arguments: Any, **options: Any) -> None:
-        if not compilation.bare:
-            create_entry(self, *arguments, **options)
-
-    setattr(Dispatcher, "get_call_template", get_template)  # noqa: B010 - methods of numba's
-    setattr(Dispatcher, "compile", compile_kernel)  # noqa: B010
-    setattr(Dispatcher, "add_overload", add)  # noqa: B010
-    setattr(CPUContext, "create_cpython_wrapper", create)  # noqa: B010
+        (symbol, kind, (code, bitcode)), names, *rest = reduced
+        defined = (names.llvm_func_name, names.llvm_cpython_wrapper_name)
+        target_context.codegen()._engine._defined_symbols.update(defined)
+        library = symbol, kind, (code, _EMPTY_MODULE)
+        result = super().rebuild(target_context, (library, names, *rest))
+        # Only the compilation of a caller needs the bitcode, which takes long to parse.
+        parse = functools.cache(lambda: llvmlite.binding.parse_bitcode(bitcode))
+        result.library._get_module_for_linking = parse
+        return result

@@ -1,1 +1,1 @@
-"""The actions of ``./omni bag``."""
+"""Actions of ``./omni bag``."""

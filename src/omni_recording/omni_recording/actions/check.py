@@ -1,4 +1,4 @@
-"""Check of a recording: every byte is read and every known message decoded."""
+"""Check of a recording, which reads every byte and decodes every message of a known type."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -9,12 +9,12 @@ from omni_recording import decode, folder, mcap
 
 @dataclasses.dataclass(frozen=True)
 class BagCheck:
-    """Findings of a check.
+    """Results of a check.
 
     Attributes:
-        counts: messages found, by topic.
-        problems: the defects found, one line each; empty for a valid recording.
-        remarks: parts that could not be checked, and unusual properties that are no damage.
+        counts: number of messages found, by topic.
+        problems: defects, one line each; empty for a valid recording.
+        remarks: parts that could not be checked, and unusual properties that are not defects.
     """
 
     counts: Mapping[str, int]
@@ -53,7 +53,7 @@ class _Findings:
     def read(self, file: Path) -> None:
         reader = mcap.McapMessages(file)
         counts: dict[str, int] = {}
-        sequences: dict[int, _Sequence] = {}  # by id(channel), which the reader keeps alive
+        sequences: dict[int, _Sequence] = {}  # by id(channel); the reader keeps the channels alive
         for message in reader:
             topic = message.channel.topic
             counts[topic] = counts.get(topic, 0) + 1
@@ -105,7 +105,7 @@ class _Findings:
 
     def _decode(self, message: mcap.RecordedMessage) -> None:
         if self._decoder.problem(message.channel):
-            return  # reported once for the channel
+            return  # reported once per channel
         try:
             self._decoder.decode(message)
         except decode.DecodeError as error:
@@ -132,13 +132,13 @@ class _Sequence:
 
     @property
     def missing(self) -> int:
-        """Count of missing numbers; 0 if the recorder gave none."""
+        """Number of missing sequence numbers; 0 if the recorder did not number the messages."""
         return self._gaps if self._numbered else 0
 
     def add(self, number: int) -> None:
         self._numbered = self._numbered or number != 0
         if self._previous is not None:
-            # Numbers have 32 bits. A step back begins a new count and is no gap.
+            # Numbers have 32 bits. A smaller number begins a new count and is not a gap.
             step = (number - self._previous) % 2**32
             if step < 2**31:
                 self._gaps += max(step - 1, 0)

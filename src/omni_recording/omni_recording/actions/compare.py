@@ -19,10 +19,10 @@ class TopicComparison:
         topic: name of the topic.
         first: number of messages in the first recording.
         second: number of messages in the second recording.
-        identical: number of pairs with the same bytes.
-        unpaired: number of messages whose stamp the other recording does not have.
-        different_texts: number of pairs that differ in a text, in the names of their columns, or in
-            which values are NaN.
+        identical: number of message pairs with the same bytes.
+        unpaired: number of messages whose stamp does not occur in the other recording.
+        different_texts: number of message pairs that differ in a text, in column names, or in which
+            values are NaN.
         largest_difference: largest absolute difference of two values, in the unit of `worst`.
         worst: column and stamp [ns] of the largest difference; empty if all values agree.
     """
@@ -37,7 +37,7 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether there are pairs and all values differ by at most the tolerance.
+        """Return whether there are pairs, and all values agree within the tolerance.
 
         Args:
             tolerance: largest accepted absolute difference, in the unit of the values.

@@ -22,7 +22,7 @@ _TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
 
 
 class ExportError(InputError):
-    """An export that cannot be made; the message gives the reason."""
+    """An export is not possible; the message states the reason."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,8 +30,8 @@ class BagExport:
     """Files of an export.
 
     Attributes:
-        files: files by topic.
-        rows: rows by topic.
+        files: path of each file, by topic.
+        rows: number of rows, by topic.
         skipped: reason why a topic has no file, by topic.
     """
 
@@ -43,20 +43,20 @@ class BagExport:
 def export_bag(
     path: Path | str, folder: Path, form: str = "csv", topics: Collection[str] = ()
 ) -> BagExport:
-    """Write a table for every topic whose messages are rows of plain values.
+    """Write a table for each topic whose messages can be converted to rows of plain values.
 
-    The recording is read twice. The first pass finds the columns, so that a damaged recording is
-    refused before anything is written. Only a few rows are in memory at a time.
+    The recording is read twice. The first pass determines the columns, so that a damaged recording
+    is rejected before anything is written. Only a few rows are in memory at a time.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
         folder: folder for the files; must be empty if it exists.
         form: one of `FORMATS`.
-        topics: topics to export; if empty, all small topics.
+        topics: topics to export; empty for all small topics.
 
     Raises:
-        BagError: the recording is damaged or foreign.
-        ExportError: the recording lacks a topic, or the files cannot be written.
+        BagError: the recording is damaged or of another kind.
+        ExportError: the recording does not contain a topic, or the files cannot be written.
     """
     bag = open_bag(path)
     make_table = _table_maker(form)
@@ -97,7 +97,7 @@ def export_bag(
 
 
 class _Layouts:
-    """Finds the columns of every topic."""
+    """Determines the columns of every topic."""
 
     def __init__(self, decoder: MessageDecoder, channels: Collection[RecordedChannel]) -> None:
         self._decoder = decoder
@@ -138,7 +138,7 @@ class _Layouts:
 
 
 class _CsvTable:
-    """CSV file with all digits of numbers; a cell is empty if a message has no value."""
+    """CSV file with all digits of numbers; a missing value gives an empty cell."""
 
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
         self._file = path.open("x", newline="", encoding="utf-8")
@@ -153,7 +153,7 @@ class _CsvTable:
 
 
 class _ParquetTable:
-    """Parquet file with typed columns; a cell is null if a message has no value."""
+    """Parquet file with typed columns; a missing value gives a null cell."""
 
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
         import pyarrow

@@ -1,7 +1,7 @@
 """Recovery of the complete messages of an unfinished or partly damaged recording.
 
-The recording itself is never changed: its complete messages are copied to a new folder, with the
-index and the metadata that readers need.
+The original recording is never changed: its complete messages are copied to a new folder, with the
+index and the metadata that readers require.
 """
 
 import dataclasses
@@ -22,11 +22,11 @@ class Recovery:
     """Result of a recovery.
 
     Attributes:
-        folder: the new recording.
-        counts: messages kept by topic.
-        first_ns: earliest log time kept [ns].
-        last_ns: latest log time kept [ns].
-        problems: the defects, file by file; empty if there are none.
+        folder: folder of the new recording.
+        counts: number of recovered messages, by topic.
+        first_ns: earliest recovered log time [ns].
+        last_ns: latest recovered log time [ns].
+        problems: defects, file by file; empty if there are none.
     """
 
     folder: Path
@@ -37,26 +37,26 @@ class Recovery:
 
 
 def recover(path: Path, folder: Path) -> Recovery | None:
-    """Write every complete message of a recording into a new one.
+    """Copy every complete message of a recording into a new one.
 
-    A chunk that cannot be unpacked is omitted. If the sequence of records breaks off, the rest of
-    the file is omitted. A file that cannot be opened, such as a broken link, is omitted too.
+    A chunk that cannot be unpacked is omitted. After an invalid record, the rest of the file is
+    omitted. A file that cannot be opened, such as a broken link, is omitted too.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.
         folder: folder of the new recording; must be empty if it exists.
 
     Returns:
-        The result; None if the recording is undamaged, in which case nothing is written.
+        The result; None if the recording is undamaged, and nothing was written.
 
     Raises:
-        BagError: the recording has no complete message.
+        BagError: the recording contains no complete message.
         RecordingError: the new recording cannot be written.
     """
     problems: list[str] = []
     channels: list[mcap.RecordedChannel] = []
     files = bag_files(path, problems)
-    # The topics must be known before the first message is written, so it is read twice.
+    # The topics must be known before the first message is written, so the recording is read twice.
     count, first_ns, last_ns = 0, 1 << 63, 0
     for message in _whole_messages(files, problems, channels):
         count += 1
@@ -125,7 +125,7 @@ def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
 
 
 def _qos(metadata: Mapping[str, str]) -> RecordedQos:
-    """Return the offered QoS, rosbag2's default if the recording does not contain it."""
+    """Return the offered QoS; rosbag2's default if the recording does not contain it."""
     text = metadata.get("offered_qos_profiles", "")
     try:
         profile = read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
@@ -146,7 +146,7 @@ def _word(value: Any) -> str:
 
 
 def _copy_notes(path: Path, folder: Path) -> None:
-    """Copy the files stored with the recording, such as the configuration of the run."""
+    """Copy the files that are stored with the recording, such as the run's configuration."""
     for file in sorted(path.iterdir()):
         try:
             regular = file.is_file() and file.stat().st_size <= LIMITS.note

@@ -1,6 +1,5 @@
-"""Batches of lines of the cameras along a trajectory, rendered in the background."""
+"""Batches of camera lines along a trajectory, rendered in the background."""
 
-import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 
@@ -11,31 +10,19 @@ from omni_sim.camera.camera import LineCameraArray
 from omni_sim.camera.clock import LineClock
 from omni_sim.camera.poses import interpolate_poses, interpolate_velocities
 
-
-@dataclasses.dataclass(frozen=True)
-class _Exposure:
-    """Motion of a camera during a batch of m lines.
-
-    Attributes:
-        stamp_ns: time stamp of the newest line [ns].
-        poses: poses of base_link in the middle of each exposure [m, m, rad], shape (m, 3).
-        velocities: rates of `poses` [m/s, m/s, rad/s], shape (m, 3); None without motion blur.
-    """
-
-    stamp_ns: int
-    poses: FloatArray
-    velocities: FloatArray | None
+_Exposure = tuple[int, FloatArray, FloatArray | None]
+"""Stamp of the newest line [ns], then poses and velocities as in `LineCamera.lines`."""
 
 
 class LineExposures:
-    """Renders the lines of all cameras, one control period after the other.
+    """Renders the lines of all cameras, one control period after another.
 
     Attributes:
         cameras: the cameras.
     """
 
     def __init__(self, cameras: LineCameraArray, step_ns: float, *, blurred: bool) -> None:
-        """Start the clocks of the cameras.
+        """Start the clocks of the cameras at time 0.
 
         Args:
             cameras: the cameras.
@@ -50,12 +37,12 @@ class LineExposures:
         self._batches = _Batches({}, self._render)
 
     def complete(self) -> None:
-        """Render the lines that were not read, because the noise depends on the line count."""
+        """Render the lines that no one has read, because the noise depends on the line count."""
         for name in self._batches:
             self._batches[name]
 
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
-        """Return the lines of every camera with times in (start, end]; call `complete` first.
+        """Return the lines of each camera with times in (start, end]; call `complete` first.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
@@ -70,21 +57,21 @@ class LineExposures:
             poses, velocities = interpolate_poses(*along), None
             if self._blurred:
                 velocities = interpolate_velocities(*along)
-            taken[rate] = _Exposure(clock.stamp_ns(last - 1), poses, velocities)
+            taken[rate] = clock.stamp_ns(last - 1), poses, velocities
         cameras = self.cameras.cameras.items()
         exposures = {name: taken[camera.sensor.line_rate] for name, camera in cameras}
         self._batches = _Batches(exposures, self._render)
         return self._batches
 
     def _render(self, name: str, exposure: _Exposure) -> LineBatch:
-        lines = self.cameras.render_next(name, exposure.poses, exposure.velocities)
-        return LineBatch(exposure.stamp_ns, lines)
+        stamp_ns, poses, velocities = exposure
+        return LineBatch(stamp_ns, self.cameras.render_next(name, poses, velocities))
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, rendered on access or, if earlier, in the background.
+    """Batches of the cameras, rendered on access or before that in the background.
 
-    A subscriber can match one batch while the next is rendered.
+    A subscriber can therefore match one batch while the next one is rendered.
     """
 
     def __init__(
@@ -92,7 +79,8 @@ class _Batches(Mapping[str, LineBatch]):
         exposures: Mapping[str, _Exposure],
         render: Callable[[str, _Exposure], LineBatch],
     ) -> None:
-        # The background begins with the last camera, because readers begin with the first.
+        # The background thread starts with the last camera, because readers start with the first
+        # one.
         self._rendering = {
             name: in_background(partial(render, name, exposures[name]))
             for name in reversed(tuple(exposures))

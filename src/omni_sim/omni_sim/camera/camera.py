@@ -1,9 +1,10 @@
-"""Line cameras that look at a ground texture from a moving vehicle (sections 4.3.2 and 4.4).
+"""Line cameras on a moving vehicle that view a ground texture (sections 4.3.2 and 4.4).
 
-Every line is rendered at the pose that the vehicle has at its exposure. A pixel is the mean of
-the texture over its own rotated footprint, pixel pitch x width of the field of view, plus white
-noise, quantized to 8 or 16 bits. By default the exposure is instantaneous and the optics are
-perfect; see `configuration` for the other effects.
+Each line is rendered at the pose that the vehicle has at the time of exposure. The value of a pixel
+is the mean of the texture over the pixel's rotated footprint, which is a pixel pitch long and as
+wide as the field of view. White noise is added, and the sum is quantized to 8 or 16 bits. By
+default the exposure is instantaneous and the optics are ideal; `configuration` describes the other
+effects.
 """
 
 import math
@@ -51,13 +52,13 @@ class LineCamera:
         configuration: CameraConfiguration,
         key: np.uint64,
     ) -> None:
-        """Place a camera over a ground.
+        """Place the camera above a ground.
 
         Args:
-            sensor: mounting and field of view.
-            texture: the ground.
-            configuration: exposure and optics of the camera.
-            key: key of its noise, see `exposure.noise_key`.
+            sensor: mounting position and field of view.
+            texture: texture of the ground.
+            configuration: exposure and optics.
+            key: key of the camera's noise, see `exposure.noise_key`.
         """
         self.sensor = sensor
         self._seen = optics.seen(sensor, configuration)
@@ -70,11 +71,11 @@ class LineCamera:
 
     @property
     def texels(self) -> int:
-        """Texels per period of the texture of the camera."""
+        """Number of texels per period of the texture that this camera uses."""
         return self._texture.texels
 
     def footprints(self, poses: FloatArray) -> FloatArray:
-        """Return center x, y [m] and axis direction [rad] of the footprint, shape (m, 3).
+        """Return center x, y [m] and axis direction [rad] of the footprints, shape (m, 3).
 
         Args:
             poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
@@ -84,7 +85,7 @@ class LineCamera:
         return footprints
 
     def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
-        """Return the mean gray level of every footprint, without noise or quantization.
+        """Return the mean gray level of each pixel's footprint, without noise or quantization.
 
         Args:
             poses: as in `lines`.
@@ -101,7 +102,7 @@ class LineCamera:
     def ground(
         self, poses: FloatArray, velocities: FloatArray | None = None
     ) -> NDArray[np.float32]:
-        """Return `grays` without shading, dirt and unequal gains of the pixels."""
+        """Return `grays` before shading, dirt and unequal pixel gains are applied."""
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
@@ -114,7 +115,7 @@ class LineCamera:
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
-        """Return means over the exposure, during which each line moves at its own velocity."""
+        """Return the means over the exposure, during which each line moves at its own velocity."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)
@@ -136,64 +137,32 @@ class LineCamera:
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
-            first_line: index of the first line since the start of the run; chooses the noise.
-            velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur;
-                None for no blur.
+            first_line: index of the first line since the start of the run, which determines the
+                noise.
+            velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
+                blur; None for no blur.
 
         Raises:
             ValueError: a pose is not finite.
         """
-        lines = self.blank(len(poses))
-        self.render(poses, first_line, lines, velocities)
-        return lines
+        return self.develop(self.ground(poses, velocities), first_line)
 
-    def blank(self, count: int) -> Lines:
-        """Return an uninitialized array for lines, shape (count, pixels)."""
-        shape = (count, self.sensor.pixels)
-        if self._configuration.bit_depth == 8:
-            return np.empty(shape, np.uint8)
-        return np.empty(shape, np.uint16)
-
-    def render(
-        self,
-        poses: FloatArray,
-        first_line: int,
-        lines: Lines,
-        velocities: FloatArray | None = None,
-    ) -> None:
-        """Fill `lines`, an array from `blank`; the other arguments are those of `lines()`."""
-        self.develop(self.ground(poses, velocities), first_line, lines)
-
-    def develop(self, ground: NDArray[np.float32], first_line: int, lines: Lines) -> None:
-        """Fill `lines` with exposures of the gray levels that `ground` returned.
-
-        Args:
-            ground: gray levels of perfect optics, shape (m, pixels).
-            first_line: as in `lines`.
-            lines: receives the exposed lines, see `blank`.
-        """
+    def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
+        """Expose lines with the gray levels from `ground`; `first_line` is as in `lines`."""
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:
             grays = optics.shade(grays, self._seen, exposure, first_line)
         if self._faults is not None:
             grays = grays * self._faults.sight + self._faults.offset / np.float32(exposure.gain)
-        expose(
-            grays,
-            exposure.gain,
-            exposure.offset,
-            exposure.noise_deviation,
-            self._key,
-            first_line,
-            lines,
-        )
+        return expose(grays, exposure, self._key, first_line)
 
 
 class LineCameraArray:
     """All line cameras of a vehicle, over one ground.
 
-    It counts the lines of each camera: the noise of a line depends on seed, sensor name and
-    line number, and on nothing else.
+    The array counts the lines of each camera. The noise of a line depends only on the seed, the
+    name of the camera and the line number.
 
     Attributes:
         cameras: the cameras by name.
@@ -206,17 +175,17 @@ class LineCameraArray:
         configuration: CameraConfiguration,
         seed: np.random.SeedSequence,
     ) -> None:
-        """Prepare the ground and place the cameras.
+        """Prepare the ground texture and place the cameras.
 
         Args:
-            sensors: mounting and field of view of the cameras, by name.
-            texture: the ground.
+            sensors: mounting position and field of view of each camera, by name.
+            texture: texture of the ground.
             configuration: exposure of all cameras.
             seed: seed of the noise.
 
         Raises:
-            ConfigurationError: a footprint is longer or wider than the period of the ground, or
-                narrower than 10 texels, or an exposure lasts longer than a line.
+            ConfigurationError: a footprint exceeds the period of the texture, a footprint is
+                narrower than 10 texels, or an exposure lasts longer than a line period.
         """
         optics.check_exposure(sensors, configuration)
         views = {name: optics.seen(sensor, configuration) for name, sensor in sensors.items()}
@@ -235,10 +204,10 @@ class LineCameraArray:
         """Return the next lines of each camera, shape (m, pixels), oldest first.
 
         Args:
-            poses: x, y, yaw of `base_link` in the world [m, m, rad] in the middle of each line's
+            poses: x, y, yaw of `base_link` in the world [m, m, rad] at the middle of each line's
                 exposure, by camera, shape (m, 3); m may differ between cameras and may be 0.
-            velocities: rates of these poses [m/s, m/s, rad/s], shape (m, 3), for motion blur; None
-                for no blur.
+            velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
+                blur; None for no blur.
 
         Raises:
             ValueError: a pose is not finite.
@@ -252,8 +221,6 @@ class LineCameraArray:
         self, name: str, poses: FloatArray, velocities: FloatArray | None = None
     ) -> Lines:
         """Return the next lines of one camera; see `render`."""
-        camera = self.cameras[name]
-        lines = camera.blank(len(poses))
-        camera.render(poses, self._next_line[name], lines, velocities)
+        lines = self.cameras[name].lines(poses, self._next_line[name], velocities)
         self._next_line[name] += len(poses)
         return lines

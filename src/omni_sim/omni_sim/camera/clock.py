@@ -1,7 +1,7 @@
 """Exact exposure times of the lines of a camera.
 
-Line j is exposed at j / rate. Times are compared with control stamps [ns] as
-integers, so that no line is lost or duplicated between two control periods.
+Line j is exposed at the time j / rate. Times are compared with control stamps [ns] as integers, so
+no line is lost or duplicated at the border of two control periods.
 """
 
 import math
@@ -14,17 +14,17 @@ from omni_platform.quantities import SECOND_NS
 
 
 class LineClock:
-    """The line times of one camera.
+    """Times of the lines of one camera.
 
     Attributes:
-        period_ns: time between two lines, exact [ns].
+        period_ns: exact line period [ns].
     """
 
     def __init__(self, line_rate: float) -> None:
-        """Set the rate.
+        """Create the clock of a camera.
 
         Args:
-            line_rate: lines per second; taken as the exact value of the float [1/s].
+            line_rate: line rate, used with the exact value of the float [1/s].
 
         Raises:
             ValueError: the rate is not finite or not above zero.
@@ -34,7 +34,7 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the first line with ``after < time <= until``, and the last one plus one.
+        """Return the first line with ``after < time <= until``, and one past the last line.
 
         Args:
             after_ns: open end of the interval [ns]; -1 includes line 0.

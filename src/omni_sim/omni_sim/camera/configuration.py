@@ -5,8 +5,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
 FULL_SCALE = 255.0
-"""The brightest of the 8-bit gray levels."""
-_MOST_WIDENING = 1.25  # largest factor on a view by the camera's heave: beyond, it is not sharp
+"""Largest 8-bit gray level."""
+_MOST_WIDENING = 1.25  # largest widening of a view by heave of the camera, limited because of focus
 
 
 class CameraConfiguration(Configuration):
@@ -15,67 +15,69 @@ class CameraConfiguration(Configuration):
     noise: float = parameter(1.0, minimum=0.0, maximum=100.0)
     """Standard deviation of white noise, in gray levels of an 8-bit scale"""
     signal_to_noise_db: float = parameter(0.0, unit="dB", minimum=0.0, maximum=200.0)
-    """Full scale over the standard deviation of white noise, instead of noise; 0 to use noise"""
+    """Ratio of full scale to the standard deviation of white noise, which replaces noise; 0 to
+    use noise"""
     bit_depth: int = parameter(8, unit="bit", minimum=8, maximum=16)
-    """Bits of a pixel, 8 or 16"""
-    gain: float = parameter(1.0, above=0.0)
-    """Factor from the ground's gray level to the camera's"""
-    offset: float = parameter(0.0)
-    """Brightness added to every pixel, in gray levels of an 8-bit scale"""
+    """Bits per pixel, 8 or 16"""
+    gain: float = parameter(1.0, above=0.0, maximum=FULL_SCALE)
+    """Ratio of the camera's gray level to that of the ground"""
+    offset: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
+    """Offset added to every pixel, in gray levels of an 8-bit scale"""
     exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Time over which a line is exposed, half before and half after its stamp; motion blurs the
-    line"""
+    """Exposure time, half of it before and half after the stamp of the line; motion during this
+    time blurs the line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
-    """Whether the magnification is the same at every height (telecentric) or depends on the
-    height"""
+    """Whether the lens is telecentric: the magnification is the same at every height, instead of
+    depending on the height"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
-    """Distance of an ordinary lens from the ground at which the field of view is as configured"""
+    """Distance of an ordinary lens from the ground at which the field of view has its configured
+    size"""
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
-    """Mounting height minus the working distance"""
+    """Difference between mounting height and working distance"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the brightness lost at both ends of a line, by the square of the distance from its
-    middle"""
+    """Share of the brightness that is lost at both ends of a line (shading); the loss grows with
+    the squared distance from the middle"""
     dirt_spots: int = parameter(0, minimum=0, maximum=1000)
-    """Specks of dirt on the optics, at random places"""
+    """Number of specks of dirt on the optics, at random positions"""
     dirt_size: float = parameter(0.002, unit="m", above=0.0, maximum=1.0)
-    """Mean diameter of the blurred shadows of the specks, measured on the ground"""
+    """Mean diameter of the blurred shadow of a speck, measured on the ground"""
     dirt_opacity: float = parameter(0.5, minimum=0.0, maximum=1.0)
-    """Share of the light lost in the middle of a shadow"""
+    """Share of the light that is lost in the middle of a speck's shadow"""
     photo_response: float = parameter(0.0, minimum=0.0, maximum=0.5)
-    """Standard deviation of the pixels' gains (PRNU)"""
+    """Standard deviation of the pixel gains (PRNU)"""
     dark_signal: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Standard deviation of the pixels' offsets (DSNU), in gray levels of an 8-bit scale"""
+    """Standard deviation of the pixel offsets (DSNU), in gray levels of an 8-bit scale"""
     dark_steps: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Difference of the offsets of neighboring eighths of a line, which are read out by different
-    amplifiers, in gray levels of an 8-bit scale"""
+    """Difference of the offsets between neighboring eighths of a line, which different
+    amplifiers read out, in gray levels of an 8-bit scale"""
     stuck_pixels: int = parameter(0, minimum=0, maximum=1000)
-    """Pixels that are always black or always white"""
+    """Number of pixels that are always black or always white"""
     hot_pixels: int = parameter(0, minimum=0, maximum=1000)
-    """Pixels with 20 to 120 gray levels of dark signal"""
+    """Number of pixels with a dark signal of 20 to 120 gray levels"""
     mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
-    """Share of the view, from the end of the line, hidden by mud on the optics"""
+    """Share of the view that mud on the optics hides, measured from the end of the line"""
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the light lost in a shadow that does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Frequency at which the shadow's edge oscillates along the line; 0 for an edge fixed in the
-    view"""
+    """Frequency at which the edge of the shadow oscillates along the line; 0 for an edge that is
+    fixed in the view"""
 
     @property
     def noise_deviation(self) -> float:
-        """Standard deviation of the noise [gray levels of an 8-bit scale]."""
+        """Standard deviation of the noise, in gray levels of an 8-bit scale."""
         if self.signal_to_noise_db > 0.0:
             return float(FULL_SCALE / 10.0 ** (self.signal_to_noise_db / 20.0))
         return self.noise
 
     @property
     def magnification(self) -> float:
-        """Visible length of ground over the configured one [1]: 1 + h / d of an ordinary lens."""
+        """Ratio of visible to configured length of ground [1]: 1 + h / d for an ordinary lens."""
         if self.lens == TELECENTRIC:
             return 1.0
         return 1.0 + self.height_error / self.working_distance
 
     def widening(self, rise: float) -> float:
-        """Return the factor on the field of view of a raised camera [m], within limits."""
+        """Return the factor by which a rise of the camera [m] widens the field of view, limited."""
         if self.lens == TELECENTRIC:
             return 1.0
         widened = 1.0 + rise / (self.working_distance + self.height_error)
@@ -87,7 +89,7 @@ class CameraConfiguration(Configuration):
         return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
 
     def check_consistency(self) -> None:
-        """Refuse a bit depth without image encoding, and a camera under the ground.
+        """Check that the bit depth has an image encoding and the camera is above the ground.
 
         Raises:
             ConfigurationError: the bit depth or the height error is invalid.

@@ -1,83 +1,62 @@
 """Sensor noise and quantization of rendered lines.
 
-The noise is a function of (key, line index, pixel) alone (counter-based generator). So a line gets
-the same noise however lines are grouped into batches or distributed to threads. A 64-bit SplitMix
-hash of the counter gives four 12-bit numbers. Two of them are looked up in a table of normal
-quantiles, and their sum is the noise of a pixel. It has 2^24 different values, the exact standard
-deviation and an excess kurtosis under 0.01, and ends at 5.1 standard deviations. This is many times
-faster than drawing normal variates.
+The noise is a function of key, line index and pixel only (counter-based generator). The noise of a
+line is therefore independent of the division of lines into batches and threads. A 64-bit SplitMix
+hash of the counter gives four 12-bit numbers. The noise of a pixel is the sum of two values that
+these numbers select from a table of normal quantiles. It has 2^24 different values, the exact
+standard deviation and an excess kurtosis below 0.01, and it is limited to 5.1 standard deviations.
+This method is many times faster than drawing normal variates.
 """
 
 import functools
 import math
 import statistics
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.kernels import njit
+from omni_platform.signals import Lines
+from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
 _TABLE_BITS = 12
-
-
-class _Response(NamedTuple):
-    """Gain and offset from gray levels of the ground to those of a pixel [levels of a pixel]."""
-
-    gain: np.float32
-    offset: np.float32
-    white: np.float32
-
-
-class _Noise(NamedTuple):
-    """Source of the noise: normal quantiles [levels of a pixel], and the sensor's key."""
-
-    quantiles: NDArray[np.float32]
-    key: np.uint64
 
 
 def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
     """Return the key of a sensor's noise, which does not depend on the other sensors.
 
     Args:
-        seed: common to all sensors of a run.
-        name: the sensor's name.
+        seed: seed of the run, common to all sensors.
+        name: name of the sensor.
     """
     child = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *name.encode()))
     return np.uint64(child.generate_state(1, np.uint64)[0])
 
 
 def expose(
-    grays: NDArray[np.float32],
-    gain: float,
-    offset: float,
-    noise: float,
-    key: np.uint64,
-    first_line: int,
-    lines: NDArray[np.uint8] | NDArray[np.uint16],
-) -> None:
-    """Fill `lines` with ``gain gray + offset + noise``, rounded and clipped.
+    grays: NDArray[np.float32], camera: CameraConfiguration, key: np.uint64, first_line: int
+) -> Lines:
+    """Return ``gain gray + offset + noise``, rounded and clipped, shape (m, pixels).
+
+    With 16 bits, the value 65535 corresponds to the gray level 255.
 
     Args:
-        grays: gray levels on the ground on the 8-bit scale, shape (m, pixels).
-        gain: contrast [1].
-        offset: brightness [gray levels].
-        noise: standard deviation [gray levels].
+        grays: gray levels of the ground on the 8-bit scale, shape (m, pixels).
+        camera: gain, offset, noise and bit depth.
         key: key of the sensor's noise, see `noise_key`.
         first_line: index of the first of these lines since the start of the run.
-        lines: uint8, or uint16 where 65535 stands for the gray level 255; shape (m, pixels).
     """
-    scale = 1.0 if lines.dtype == np.uint8 else 257.0
-    response = _Response(
-        np.float32(gain * scale), np.float32(offset * scale), np.float32(255.0 * scale)
-    )
-    drawn = _Noise(_quantiles(noise * scale), key)
-    _expose(grays, response, drawn, np.uint64(first_line), lines)
+    lines: Lines = np.empty(grays.shape, np.uint8 if camera.bit_depth == 8 else np.uint16)
+    scale = 1.0 if camera.bit_depth == 8 else 257.0
+    response = np.array([camera.gain, camera.offset, FULL_SCALE]) * scale
+    table = _quantiles(camera.noise_deviation * scale)
+    _expose(grays, response.astype(np.float32), table, key, np.uint64(first_line), lines)
+    return lines
 
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return equally probable values with half the variance of a normal distribution."""
+    """Return a table of equally probable values with half the variance of the noise."""
     count = 1 << _TABLE_BITS
     normal = statistics.NormalDist()
     upper = np.array([normal.inv_cdf((i + 0.5) / count) for i in range(count // 2, count)])
@@ -89,20 +68,21 @@ def _quantiles(deviation: float) -> NDArray[np.float32]:
 @njit(cache=True)
 def _expose(
     grays: NDArray[np.float32],
-    response: _Response,
-    noise: _Noise,
+    response: NDArray[np.float32],
+    table: NDArray[np.float32],
+    key: np.uint64,
     first_line: np.uint64,
-    lines: NDArray[np.uint8] | NDArray[np.uint16],
+    lines: Lines,
 ) -> None:
-    gain, offset, white = response
-    table, key = noise
+    """Write `lines`; `response` contains gain, offset and white level, shape (3,)."""
+    gain, offset, white = response[0], response[1], response[2]
     pixels = grays.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)
     pairs = (pixels + 1) // 2
     half = np.float32(0.5)
     black = np.float32(0.0)
-    # In separate loops, which the compiler vectorizes, except the one that reads the table. The
-    # second pixel of a pair adds its two numbers one after the other.
+    # These loops are separate because the compiler vectorizes all of them except the one that reads
+    # the table. The second pixel of a pair adds its two numbers one after the other.
     hashed = np.empty(pairs, np.uint64)
     noisy = np.empty(2 * pairs, np.float32)
     late = np.zeros(2 * pairs, np.float32)
@@ -111,7 +91,7 @@ def _expose(
         line = lines[row]
         counter = (first_line + np.uint64(row)) * np.uint64(pairs)
         for pair in range(pairs):
-            # SplitMix64: a Weyl sequence through a finalizer with full avalanche.
+            # SplitMix64: a Weyl sequence followed by a finalizer with full avalanche.
             bits = key + (counter + np.uint64(pair)) * np.uint64(0x9E3779B97F4A7C15)
             bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -11,14 +11,14 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.camera.configuration import FULL_SCALE, CameraConfiguration
 
-_SAMPLES_PER_PIXEL = 4  # samples of a blurred line per pixel of motion along the axis
-_SAMPLES_PER_WIDTH = 16  # samples of a blurred line per width of motion across the axis
+_SAMPLES_PER_PIXEL = 4  # samples per pixel of motion along the axis in a blurred line
+_SAMPLES_PER_WIDTH = 16  # samples per width of motion across the axis in a blurred line
 _MOST_SAMPLES = 128
-_TAPS = 8  # amplifiers that read out a line
+_TAPS = 8  # number of amplifiers that read out a line
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
-    """Return a sensor with its true field of view at its height.
+    """Return a sensor with the field of view that it has at its actual height.
 
     Raises:
         ConfigurationError: the field of view is larger than permitted.
@@ -30,10 +30,10 @@ def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
 
 
 def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfiguration) -> None:
-    """Refuse an exposure that is longer than a line period.
+    """Check that the exposure is not longer than a line period.
 
     Raises:
-        ConfigurationError: the exposure is too long; names the sensor.
+        ConfigurationError: the exposure is too long; the message names the sensor.
     """
     for name, sensor in sensors.items():
         if configuration.exposure_time * sensor.line_rate > 1.0:
@@ -49,8 +49,8 @@ def transmission(
 ) -> NDArray[np.float32] | None:
     """Return the share of the light that reaches each pixel, shape (pixels,); None if all does.
 
-    Shading darkens a pixel with the square of its distance from the middle. Specks of dirt are far
-    out of focus and cast shadows ``(1 - r^2)^2`` of 0.5 to 1.5 times the mean diameter.
+    Shading darkens a pixel by the squared distance from the middle. Specks of dirt are out of focus
+    and cast shadows with the profile ``(1 - r^2)^2`` and 0.5 to 1.5 times the mean diameter.
 
     Args:
         sensor: the camera.
@@ -75,11 +75,11 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """Signal of the pixels besides the light of the ground, in gray levels of an 8-bit scale.
+    """Signals of the pixels that do not come from the ground, in gray levels of an 8-bit scale.
 
     Attributes:
-        offset: dark signal, and light of occluding mud, shape (pixels,).
-        sight: share of the ground's light, 0 under mud or for a defect, shape (pixels,).
+        offset: dark signal, and light from mud on the optics, shape (pixels,).
+        sight: share of the ground's light [1], 0 behind mud or at a defect, shape (pixels,).
     """
 
     offset: NDArray[np.float32]
@@ -101,7 +101,7 @@ def pixel_faults(
     offset: FloatArray = configuration.dark_signal * generator.standard_normal(pixels)
     offset += configuration.dark_steps * (np.arange(pixels) * _TAPS // pixels % 2)
     sight = np.ones(pixels)
-    # All are drawn before they are used, so that one kind of fault does not change another.
+    # All random values are drawn before use, so that one kind of fault does not change another.
     order, levels = generator.permutation(pixels), generator.uniform(20.0, 120.0, pixels)
     mud = _mud(generator, sensor)
     hidden = np.arange(pixels) >= round((1.0 - configuration.mud) * pixels)
@@ -122,12 +122,12 @@ def shade(
     first_line: int,
     penumbra: float = 0.002,
 ) -> NDArray[np.float32]:
-    """Return lines darkened by a shadow whose soft edge is fixed or oscillates in the view.
+    """Return lines that are darkened by a shadow whose soft edge is fixed or oscillates.
 
     Args:
         grays: gray levels of the ground, shape (m, pixels).
         sensor: the camera.
-        configuration: optics with the shadow.
+        configuration: optics of the camera, including the shadow.
         first_line: index of the first line since the start of the run.
         penumbra: width of the soft edge [m].
     """
@@ -141,7 +141,7 @@ def shade(
 
 
 def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
-    """Return gray levels of mud with crumbs of a millimeter and less."""
+    """Return the gray levels of mud with crumbs of up to a millimeter."""
     nodes = np.arange(0.0, sensor.length + 1e-3, 6e-4)
     place = (np.arange(sensor.pixels) + 0.5) * sensor.pixel_pitch
     grays = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)
@@ -155,17 +155,17 @@ def _pattern(key: np.uint64, number: int) -> np.random.Generator:
 def blur_samples(
     sensor: LineSensor, exposure_time: float, headings: FloatArray, velocities: FloatArray
 ) -> NDArray[np.int64]:
-    """Return the number of rendered instants of each line's exposure, shape (m,).
+    """Return the number of instants at which each line's exposure is rendered, shape (m,).
 
-    Between two instants the sensor moves at most a quarter of a pixel along and a sixteenth of its
-    width across. The number is rounded up to a power of two, and at most 128.
+    Between two instants, the sensor moves by at most a quarter of a pixel along its axis and a
+    sixteenth of its width across it. The number is rounded up to a power of two and limited to 128.
 
     Args:
         sensor: the camera, with its true field of view.
         exposure_time: duration of an exposure [s].
         headings: direction of the camera's axis in the world [rad], shape (m,).
-        velocities: velocities of its footprint's center x, y and yaw rate in the world [m/s, m/s,
-            rad/s], shape (m, 3).
+        velocities: velocity of the footprint's center along x, y and yaw rate, in the world
+            [m/s, m/s, rad/s], shape (m, 3).
     """
     cosine, sine = np.cos(headings), np.sin(headings)
     along = np.abs(cosine * velocities[:, 0] + sine * velocities[:, 1])
@@ -179,6 +179,6 @@ def blur_samples(
 
 
 def instants(samples: int, exposure_time: float) -> FloatArray:
-    """Return the middles of equal parts of an exposure around its stamp [s], shape (samples,)."""
+    """Return the centers of equal parts of an exposure from its stamp [s], shape (samples,)."""
     middles: FloatArray = (np.arange(samples) + 0.5) / samples - 0.5
     return middles * exposure_time

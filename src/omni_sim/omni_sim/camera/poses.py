@@ -1,11 +1,11 @@
-"""Poses between the physics steps, at the times of the lines."""
+"""Interpolation of poses between the physics steps to the times of the lines."""
 
 import numpy as np
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_SLACK = 1e-6  # share of a step, so that rounded times do not count as outside
+_SLACK = 1e-6  # share of a step by which rounded times may be outside
 
 
 def interpolate_poses(
@@ -13,17 +13,17 @@ def interpolate_poses(
 ) -> FloatArray:
     """Return poses between physics steps by cubic Hermite interpolation.
 
-    The path has the given position and velocity at every step, so it is smooth, and its error is of
-    fourth order in the step: an error of a micrometer at 0.5 ms would need a fourth derivative of
-    6e9 m/s^4.
+    The path has the given position and velocity at every step, so it is smooth. The error is of
+    fourth order in the step: at a step of 0.5 ms, an error of a micrometer would require a fourth
+    derivative of 6e9 m/s^4.
 
     Args:
-        trajectory: x, y, yaw and their rates in the world frame at uniform steps, shape
-            (n + 1, 6) [m, m, rad, m/s, m/s, rad/s]; yaw continuous, not wrapped. A single row is
-            valid only for its own time.
+        trajectory: x, y, yaw [m, m, rad] and their time derivatives in the world frame at uniform
+            steps, shape (n + 1, 6); yaw is continuous, not wrapped. A single row is valid only for
+            its own time.
         start_ns: time of the first row [ns].
         step_ns: time between rows [ns].
-        times_ns: wanted times [ns], shape (m,).
+        times_ns: times of the requested poses [ns], shape (m,).
 
     Returns:
         x, y, yaw, shape (m, 3) [m, m, rad].
@@ -45,7 +45,7 @@ def interpolate_poses(
 def _interpolate(
     trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray, poses: FloatArray
 ) -> bool:
-    """Set poses; return whether all times are within the trajectory."""
+    """Write the poses; return whether all times are within the trajectory."""
     steps = len(trajectory) - 1
     step = step_ns * 1e-9
     for i in range(len(times_ns)):
@@ -55,7 +55,7 @@ def _interpolate(
         index = max(min(int(place), steps - 1), 0)
         t = place - index
         before, after = trajectory[index], trajectory[min(index + 1, steps)]
-        # Hermite basis, with value and slope at both ends.
+        # Hermite basis functions of value and slope at both ends.
         rise = t * t * (3.0 - 2.0 * t)
         slope = step * t * (1.0 - t)
         for k in range(3):
@@ -67,16 +67,16 @@ def _interpolate(
 def interpolate_velocities(
     trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray
 ) -> FloatArray:
-    """Return rates between physics steps by linear interpolation.
+    """Return velocities between physics steps by linear interpolation.
 
     Args:
         trajectory: as in `interpolate_poses`.
         start_ns: time of the first row [ns].
         step_ns: time between rows [ns].
-        times_ns: wanted times [ns], shape (m,).
+        times_ns: times of the requested velocities [ns], shape (m,).
 
     Returns:
-        Rates of x, y, yaw in the world frame, shape (m, 3) [m/s, m/s, rad/s].
+        Time derivatives of x, y, yaw in the world frame [m/s, m/s, rad/s], shape (m, 3).
     """
     place = (np.asarray(times_ns, dtype=np.float64) - start_ns) / step_ns
     rows = np.arange(len(trajectory))

@@ -1,15 +1,16 @@
-"""Motion of the fields of view of sensors on a sprung chassis.
+"""Motion of the sensors' fields of view on a sprung chassis.
 
-A chassis with the gradients p forward and r to the left tilts about its center of gravity at the
-height h. A line of sight perpendicular to the chassis meets the ground
+A chassis whose height has the gradients p forward and r to the left tilts about its center of
+gravity at the height h. A line of sight perpendicular to the chassis then meets the ground at a
+point that is shifted by
 
     h (p, r)
 
-further ahead and to the left than at rest, independent of the mounting position. So all fields of
-view move over the ground at h (p', r'), which a ground sensor cannot distinguish from a motion of
-the vehicle. Between two control stamps, p and r follow cubics with the values and rates at both
-stamps. The heave only changes the magnification. The slant of the view and the cosine of the tilt
-are effects of second order and neglected.
+forward and to the left compared with rest, independent of the mounting position. All fields of view
+therefore move over the ground at h (p', r'), which a ground sensor cannot distinguish from a motion
+of the vehicle. Between two control stamps, p and r are cubics with the values and derivatives at
+both stamps. Heave changes only the magnification. The slant of the view and the cosine of the tilt
+are second-order effects and are neglected.
 """
 
 import numpy as np
@@ -20,13 +21,13 @@ from omni_platform.quantities import FloatArray
 def swaying(
     trajectory: FloatArray, before: FloatArray, after: FloatArray, height: float, period: float
 ) -> FloatArray:
-    """Return the trajectory of the views, given that of the vehicle.
+    """Return the trajectory of the fields of view, given that of the vehicle.
 
     Args:
-        trajectory: x, y [m], yaw [rad] and their rates in the world frame at even steps, shape
-            (n + 1, 6).
-        before: `Vehicle.ride` at the start: heave [m], gradients [1] and the rates of all three
-            [m/s, 1/s, 1/s], shape (6,).
+        trajectory: x, y [m], yaw [rad] and their time derivatives in the world frame at uniform
+            steps, shape (n + 1, 6).
+        before: `Vehicle.ride` at the start: heave [m], gradients [1], and the time derivatives of
+            all three [m/s, 1/s, 1/s], shape (6,).
         after: `Vehicle.ride` at the end, shape (6,).
         height: height of the center of gravity [m].
         period: time from start to end [s].

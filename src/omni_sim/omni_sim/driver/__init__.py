@@ -1,1 +1,1 @@
-"""Drivers of the vehicle: a script, or commands from outside."""
+"""Drivers of the vehicle: a script, or commands from another node."""

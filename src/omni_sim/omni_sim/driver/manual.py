@@ -1,7 +1,7 @@
-"""A driver that receives pedal and velocity from outside in every control period.
+"""Driver that receives pedal position and velocity from outside in every control period.
 
-Without commands the vehicle brakes fully (dead man's switch). The drive accelerates within limits
-from the velocity of the vehicle, so that it does not follow steps of a joystick.
+Without commands, the vehicle brakes fully (dead man's switch). The drive starts from the vehicle's
+present velocity and accelerates within limits, so it does not follow steps of a joystick.
 """
 
 import math
@@ -18,21 +18,21 @@ FULL_BRAKING = 1.0
 class ManualDriverConfiguration(Configuration):
     """Limits of an external driver."""
 
-    acceleration: float = parameter(2.5, unit="m/s^2", above=0.0)
-    """Largest change of the commanded velocity"""
-    yaw_acceleration: float = parameter(3.0, unit="rad/s^2", above=0.0)
-    """Largest change of the commanded yaw rate"""
+    acceleration: float = parameter(2.5, unit="m/s^2", above=0.0, maximum=100.0)
+    """Largest rate of change of the commanded velocity"""
+    yaw_acceleration: float = parameter(3.0, unit="rad/s^2", above=0.0, maximum=100.0)
+    """Largest rate of change of the commanded yaw rate"""
     driver_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=10.0)
-    """Time without a message of the driver (wall clock) after which the vehicle brakes fully"""
+    """Time without a message from the driver (wall clock) after which the vehicle brakes fully"""
 
 
 class DemandInbox:
-    """Stores the latest demand; without one, or after a timeout, the demand is full braking.
+    """Stores the latest demand; without a demand, or after a timeout, it returns full braking.
 
     Args:
         timeout: age after which a demand is ignored [s].
-        pedal_required: whether a pedal message is required; if not, a velocity is enough until the
-            first pedal message.
+        pedal_required: whether a pedal message is required. If not, a velocity command suffices
+            until the first pedal message arrives.
     """
 
     def __init__(self, timeout: float, pedal_required: bool = True) -> None:
@@ -42,7 +42,7 @@ class DemandInbox:
         self._twist, self._twist_time = np.zeros(3), -math.inf
 
     def take_pedal(self, pedal: float, now: float) -> None:
-        """Store a pedal position, 0..1; other values count as full braking.
+        """Store a pedal position from 0 to 1; any other value counts as full braking.
 
         Args:
             pedal: pedal position.
@@ -58,7 +58,7 @@ class DemandInbox:
         self._twist_time = now
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
-        """Return pedal, 0..1, and body twist [m/s, m/s, rad/s] at a time [s]."""
+        """Return pedal position, 0 to 1, and body twist [m/s, m/s, rad/s] at a time [s]."""
         fresh = now - self._twist_time <= self._timeout
         if not self._pedal_required:
             return (0.0, self._twist) if fresh else (FULL_BRAKING, np.zeros(3))
@@ -68,47 +68,46 @@ class DemandInbox:
 
 
 class ManualDriver:
-    """Driver that starts at rest at the pose of the maneuver and follows `steer`.
+    """Driver that starts at rest at the pose of the maneuver and follows the commands of `steer`.
 
     Args:
         configuration: limits of the driver.
-        maneuver: only its start pose is used.
+        maneuver: maneuver, of which only the start pose is used.
+
+    Attributes:
+        start_pose: x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,).
     """
 
     def __init__(
         self, configuration: ManualDriverConfiguration, maneuver: ManeuverConfiguration
     ) -> None:
         self._limits = configuration
-        self._start_pose = ScriptedDriver(maneuver).start_pose
+        self.start_pose = ScriptedDriver(maneuver).start_pose
         self._pedal = FULL_BRAKING
         self._command = np.zeros(3)
 
     @property
-    def start_pose(self) -> FloatArray:
-        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
-        return self._start_pose.copy()
-
-    @property
     def start_twist(self) -> FloatArray:
-        """Twist of base_link at the start: rest, shape (3,)."""
+        """Twist of base_link at the start, zero, shape (3,)."""
         return np.zeros(3)
 
     def halt(self) -> None:
-        """Set the drive's velocity to zero after the vehicle has been placed somewhere."""
+        """Set the drive's velocity to zero, after the vehicle has been moved to another pose."""
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
         """Set pedal and target for the next control period.
 
         Args:
-            pedal: position of the brake pedal, 0..1.
+            pedal: position of the brake pedal, 0 to 1.
             target: body twist to accelerate to [m/s, m/s, rad/s], shape (3,).
-            twist: body twist of the vehicle [m/s, m/s, rad/s], shape (3,).
+            twist: present body twist of the vehicle [m/s, m/s, rad/s], shape (3,).
             period: control period [s].
         """
         self._pedal = pedal
         if pedal > 0.0:
-            # So the drive neither brakes before its clutch opens nor jerks when it closes again.
+            # The drive then neither brakes before its clutch opens nor jerks when the clutch
+            # closes.
             self._command = twist.copy()
             return
         change = target - self._command
@@ -121,7 +120,7 @@ class ManualDriver:
         self._command = self._command + change
 
     def pedal(self, _stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0..1."""
+        """Return the position of the brake pedal, 0 to 1."""
         return self._pedal
 
     def command_twist(self, _stamp_ns: int, _yaw: float) -> FloatArray:

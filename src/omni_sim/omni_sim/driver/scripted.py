@@ -1,4 +1,4 @@
-"""The scripted driver: constant velocity and a stop at a given time, or a table of demands."""
+"""Scripted driver: constant velocity and a stop at a given time, or a table of demands."""
 
 import math
 from typing import Protocol
@@ -11,28 +11,28 @@ from omni_sim.vehicle.dynamics import in_turned_frame
 
 
 class DemandConfiguration(Configuration):
-    """Table of a driver's demands over time, interpolated linearly.
+    """Table of the driver's demands over time, interpolated linearly.
 
-    After the last row the drive's velocity is zero and the pedal keeps its position. While the
-    pedal opens the clutch, the velocities are ignored.
+    After the last row, the drive's velocity is zero and the pedal keeps its position. The
+    velocities are ignored while the pedal opens the clutch.
     """
 
-    time: tuple[float, ...] = parameter((), unit="s")
-    """Times of the rows, increasing"""
-    forward: tuple[float, ...] = parameter((), unit="m/s")
+    time: tuple[float, ...] = parameter((), unit="s", minimum=0.0, maximum=3600.0)
+    """Times of the rows, in increasing order"""
+    forward: tuple[float, ...] = parameter((), unit="m/s", minimum=-50.0, maximum=50.0)
     """Velocity forward"""
-    left: tuple[float, ...] = parameter((), unit="m/s")
+    left: tuple[float, ...] = parameter((), unit="m/s", minimum=-50.0, maximum=50.0)
     """Velocity to the left"""
-    turn: tuple[float, ...] = parameter((), unit="rad/s")
+    turn: tuple[float, ...] = parameter((), unit="rad/s", minimum=-12.6, maximum=12.6)
     """Yaw rate"""
-    pedal: tuple[float, ...] = parameter(())
-    """Position of the pedal, 0..1"""
+    pedal: tuple[float, ...] = parameter((), minimum=0.0, maximum=1.0)
+    """Position of the pedal, 0 to 1"""
 
     def check_consistency(self) -> None:
-        """Refuse an invalid table.
+        """Check that the table is valid.
 
         Raises:
-            ConfigurationError: a column is invalid; names it.
+            ConfigurationError: a column is invalid; the message names it.
         """
         for name in ("forward", "left", "turn", "pedal"):
             column = getattr(self, name)
@@ -42,19 +42,15 @@ class DemandConfiguration(Configuration):
                 )
         if np.any(np.diff(self.time) <= 0.0):
             raise ConfigurationError("time", "must increase from row to row")
-        if self.time and self.time[0] < 0.0:
-            raise ConfigurationError("time", "must not begin before 0")
-        if any(not 0.0 <= pedal <= 1.0 for pedal in self.pedal):
-            raise ConfigurationError("pedal", "must be in 0..1")
 
 
 class ManeuverConfiguration(Configuration):
     """Demands of the scripted driver during a run."""
 
-    x: float = parameter(0.0, unit="m")
-    """Start of base_link in the world frame"""
-    y: float = parameter(0.0, unit="m")
-    """Start of base_link in the world frame"""
+    x: float = parameter(0.0, unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Start position of base_link in the world frame, x"""
+    y: float = parameter(0.0, unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Start position of base_link in the world frame, y"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Heading of the body at the start, counter-clockwise from the x axis"""
     speed: float = parameter(10.0, unit="m/s", minimum=0.0, maximum=50.0)
@@ -64,17 +60,17 @@ class ManeuverConfiguration(Configuration):
     yaw_rate_deg: float = parameter(0.0, unit="deg/s", minimum=-720.0, maximum=720.0)
     """Yaw rate before braking, counter-clockwise"""
     hold_world_direction: bool = parameter(False)
-    """Keep the direction of motion in the world while the body turns (turn-while-translate);
-    otherwise it turns with the body"""
+    """Whether the direction of motion is constant in the world while the body turns
+    (turn-while-translate); otherwise it turns with the body"""
     brake_time: float = parameter(1.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time at which the brake pedal goes down"""
+    """Time at which the driver starts to press the brake pedal"""
     pedal: float = parameter(1.0, minimum=0.0, maximum=1.0)
     """Position of the pedal while braking"""
     pedal_ramp_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=60.0)
-    """Time that the pedal takes to go down"""
+    """Duration of pressing the pedal"""
     demands: DemandConfiguration = section(DemandConfiguration)
-    """Table in place of speed, direction, yaw rate, pedal and their times; in an experiment or
-    --set it may be the name of a CSV file or of a recording"""
+    """Table that replaces speed, direction, yaw rate, pedal and their times; in an experiment or
+    with --set, also the name of a CSV file or of a recording"""
 
     @property
     def earliest_end(self) -> float:
@@ -82,10 +78,10 @@ class ManeuverConfiguration(Configuration):
         return self.demands.time[-1] if self.demands.time else 0.0
 
     def check_consistency(self) -> None:
-        """Refuse a table of demands together with a direction fixed in the world.
+        """Check that a table of demands is not combined with a direction fixed in the world.
 
         Raises:
-            ConfigurationError: both are given; names the key.
+            ConfigurationError: both are given; the message names the key.
         """
         if self.demands.time and self.hold_world_direction:
             raise ConfigurationError(
@@ -105,7 +101,7 @@ class Driver(Protocol):
         """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
 
     def pedal(self, stamp_ns: int, /) -> float:
-        """Return the position of the brake pedal, 0..1, at a stamp [ns]."""
+        """Return the position of the brake pedal, 0 to 1, at a stamp [ns]."""
 
     def command_twist(self, stamp_ns: int, yaw: float, /) -> FloatArray:
         """Return the commanded body twist [m/s, m/s, rad/s] at a stamp [ns] and a yaw [rad]."""
@@ -116,6 +112,7 @@ class ScriptedDriver:
 
     Attributes:
         configuration: the maneuver.
+        start_pose: x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,).
     """
 
     def __init__(self, configuration: ManeuverConfiguration) -> None:
@@ -125,7 +122,12 @@ class ScriptedDriver:
         demands = configuration.demands
         self._times = np.array(demands.time)
         self._rows = np.array((demands.forward, demands.left, demands.turn, demands.pedal))
-        self._start_twist = self._set_off()
+        c, direction = configuration, math.radians(configuration.direction_deg)
+        self.start_pose: FloatArray = np.array([c.x, c.y, math.radians(c.heading_deg)])
+        along, left = c.speed * math.cos(direction), c.speed * math.sin(direction)
+        self._cruise: FloatArray = np.array([along, left, math.radians(c.yaw_rate_deg)])
+        if self._times.size:
+            self._cruise = self._row(0)[:3]
 
     def _row(self, stamp_ns: int) -> FloatArray:
         """Return velocities and pedal of the table at a stamp, shape (4,)."""
@@ -133,28 +135,9 @@ class ScriptedDriver:
         return np.array([np.interp(time, self._times, column) for column in self._rows])
 
     @property
-    def start_pose(self) -> FloatArray:
-        """x, y [m], yaw [rad] of base_link in the world frame at the start, shape (3,)."""
-        c = self.configuration
-        return np.array([c.x, c.y, math.radians(c.heading_deg)])
-
-    @property
     def start_twist(self) -> FloatArray:
         """Twist of base_link in the body frame at the start [m/s, m/s, rad/s], shape (3,)."""
-        return self._start_twist.copy()
-
-    def _set_off(self) -> FloatArray:
-        if self._times.size:
-            return self._row(0)[:3]
-        c = self.configuration
-        direction = math.radians(c.direction_deg)
-        return np.array(
-            [
-                c.speed * math.cos(direction),
-                c.speed * math.sin(direction),
-                math.radians(c.yaw_rate_deg),
-            ]
-        )
+        return self._cruise.copy()
 
     @property
     def settled_ns(self) -> int:
@@ -164,7 +147,7 @@ class ScriptedDriver:
         return self._brake_ns + self._ramp_ns
 
     def pedal(self, stamp_ns: int) -> float:
-        """Return the position of the brake pedal, 0..1.
+        """Return the position of the brake pedal, 0 to 1.
 
         Args:
             stamp_ns: time since the start of the run [ns].
@@ -178,16 +161,17 @@ class ScriptedDriver:
         return self.configuration.pedal * share
 
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link, zero once the pedal is fully down.
+        """Return the commanded twist of base_link; it is zero once the pedal is fully down.
 
-        Until then it is constant, so that the drive does not brake before its clutch opens.
+        Until then the command is constant, so that the drive does not brake before its clutch
+        opens.
 
         Args:
             stamp_ns: time since the start of the run [ns].
             yaw: yaw of the body in the world frame [rad].
 
         Returns:
-            In the body frame [m/s, m/s, rad/s], shape (3,).
+            Commanded twist in the body frame [m/s, m/s, rad/s], shape (3,).
         """
         if self._times.size and stamp_ns < self.settled_ns:
             return self._row(stamp_ns)[:3]

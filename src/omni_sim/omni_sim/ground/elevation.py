@@ -1,13 +1,13 @@
-"""Height of the ground over the world: a slope, waves and bumps, which add up.
+"""Height of the ground in the world: the sum of a slope, waves and bumps.
 
-Every part is an analytic function ``z(x, y)``, smooth enough for the local road plane of
-`vehicle.road_plane` (a bump has continuous curvature up to its rim):
+Each part is an analytic function ``z(x, y)``. It is smooth enough for the local road plane of
+`vehicle.road_plane`; a bump has a continuous curvature up to its rim:
 
     slope   z = g (x cos a + y sin a), uphill towards a
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
     bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
 
-Without any part the ground is flat and none of this is computed.
+Without any part the ground is flat, and no height is computed.
 """
 
 import math
@@ -21,18 +21,18 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
-"""Largest slope [1] for which the horizontal projection of the motion is valid."""
+"""Largest slope [1] at which the motion may be computed in the horizontal projection."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
-_STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, in h / R
+_STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, times R / h
 
 
 class Terrain(NamedTuple):
-    """Height of the ground, for kernels.
+    """Height of the ground for kernels.
 
     Attributes:
-        parts: parts from `ElevationConfiguration.table`, shape (K, 5), flat with K = 0.
-        sampling: distance of the four points that span a road plane, Eq. (5) [m].
+        parts: parts from `ElevationConfiguration.table`, shape (K, 5); flat if K = 0.
+        sampling: distance from the wheel of the four points that span a road plane, Eq. (5) [m].
     """
 
     parts: FloatArray
@@ -43,22 +43,22 @@ class WaveConfiguration(Configuration):
     """A straight, infinite wave of the ground."""
 
     amplitude: float = parameter(unit="m", minimum=0.0, maximum=10.0)
-    """Amplitude, half the height from trough to crest"""
+    """Amplitude: half of the height from trough to crest"""
     length: float = parameter(unit="m", minimum=0.2, maximum=1.0e4)
     """Distance from crest to crest"""
     direction_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Direction across the crests, counter-clockwise from the x axis"""
     phase_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Phase at the origin; 90 puts a crest there"""
+    """Phase at the origin; with 90 a crest is at the origin"""
 
 
 class BumpConfiguration(Configuration):
     """A round bump or hollow of the ground."""
 
-    x: float = parameter(unit="m")
-    """Center in the world"""
-    y: float = parameter(unit="m")
-    """Center in the world"""
+    x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Center in the world, x"""
+    y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Center in the world, y"""
     height: float = parameter(unit="m", minimum=-10.0, maximum=10.0)
     """Height at the center, negative for a hollow"""
     radius: float = parameter(unit="m", minimum=0.1, maximum=1.0e4)
@@ -69,7 +69,7 @@ class ElevationConfiguration(Configuration):
     """Height of the ground; the parts add up, and the default is flat."""
 
     grade: float = parameter(0.0, minimum=0.0, maximum=STEEPEST)
-    """Rise over run of an even slope, 0.05 for 5 %"""
+    """Grade of an even slope, 0.05 for 5 %"""
     uphill_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Direction in which the slope rises, counter-clockwise from the x axis"""
     waves: Mapping[str, WaveConfiguration] = section(dict)
@@ -77,13 +77,13 @@ class ElevationConfiguration(Configuration):
     bumps: Mapping[str, BumpConfiguration] = section(dict)
     """Bumps and hollows by name"""
     sampling_distance: float = parameter(0.05, unit="m", minimum=1.0e-3, maximum=1.0)
-    """Distance from the wheel of the four points that span its road plane (5)"""
+    """Distance from the wheel of the four points that span the wheel's road plane, Eq. (5)"""
 
     def check_consistency(self) -> None:
-        """Refuse ground that is steeper than the model permits.
+        """Check that the ground is not steeper than the model permits.
 
         Raises:
-            ConfigurationError: the ground is too steep; names the steepest part.
+            ConfigurationError: the ground is too steep; the message names the steepest part.
         """
         steepness = {"grade": self.grade}
         for name, wave in self.waves.items():
@@ -105,7 +105,7 @@ class ElevationConfiguration(Configuration):
         return Terrain(self.table(), self.sampling_distance)
 
     def table(self) -> FloatArray:
-        """Return the parts in the layout of the kernels.
+        """Return the parts of the elevation as a table for the kernels.
 
         Returns:
             Rows ``(kind, a, b, c, d)`` of slope (grade along x, along y [1], 0, 0), wave

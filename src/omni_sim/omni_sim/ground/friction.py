@@ -1,4 +1,4 @@
-"""Friction of the ground as a function of world position: a base factor and patches on it."""
+"""Friction of the ground as a function of the position in the world: a base value and patches."""
 
 import math
 from collections.abc import Mapping
@@ -11,38 +11,38 @@ from omni_platform.quantities import FloatArray
 
 
 class FrictionPatch(Configuration):
-    """A rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
+    """Rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
 
     shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
     """Shape of the patch; length and width are the axes of an ellipse"""
 
-    x: float = parameter(unit="m")
-    """Center of the patch"""
-    y: float = parameter(unit="m")
-    """Center of the patch"""
-    length: float = parameter(unit="m", above=0.0)
+    x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Center of the patch, x"""
+    y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
+    """Center of the patch, y"""
+    length: float = parameter(unit="m", above=0.0, maximum=2.0e4)
     """Extent along the heading"""
-    width: float = parameter(unit="m", above=0.0)
+    width: float = parameter(unit="m", above=0.0, maximum=2.0e4)
     """Extent across the heading"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Direction of the length, counter-clockwise from the x axis"""
+    """Direction of the length, counter-clockwise from the x axis of the world"""
     friction: float = parameter(minimum=0.0, maximum=2.0)
-    """Friction factor mu/mu_0 on the patch, relative to the tire's own data"""
+    """Friction factor mu/mu_0 on the patch, relative to the friction in the tire data"""
 
 
 class FrictionMap:
-    """Friction factor ``mu/mu_0`` over the ground; of overlapping patches the last one counts.
+    """Friction factor ``mu/mu_0`` of the ground; where patches overlap, the last one applies.
 
     Attributes:
         base: friction factor outside all patches [1].
         table: one row per patch: center x, y [m], cosine and sine of the heading, half length, half
-            width [m], friction factor [1], 1 for an ellipse; shape (P, 8).
+            width [m], friction factor [1], and 1 for an ellipse or 0 for a rectangle; shape (P, 8).
     """
 
     def __init__(
         self, base: float = 1.0, patches: Mapping[str, FrictionPatch] | None = None
     ) -> None:
-        """Lay out the ground.
+        """Create the map.
 
         Args:
             base: friction factor outside all patches [1], at least 0.

@@ -1,6 +1,6 @@
-"""Stores generated ground textures on disk, so that only the first run generates them.
+"""Disk cache of generated ground textures, so that only the first run generates them.
 
-A ground of 2400 dpi has a third of a gigabyte, so no copy is held in memory.
+A ground with 2400 dpi needs a third of a gigabyte, so no copy is kept in memory.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from omni_sim.texture.picture import read_picture
 
 
 class TextureCache:
-    """Textures in a folder, one file each, named by a digest of their parameters.
+    """Textures in a folder, one file each, named by a digest of the texture's parameters.
 
-    A file is an uncompressed archive of numpy, with a CRC-32. If it is missing, damaged or has the
-    wrong shape, the texture is generated again. Writing is atomic, so processes may share the
-    folder. If the folder cannot be written to, textures are generated every time.
+    A file is an uncompressed NumPy archive with a CRC-32. If it is missing, damaged or of the wrong
+    shape, the texture is generated again. Files are written atomically, so processes can share the
+    folder. If the folder is not writable, textures are generated every time.
 
     Attributes:
-        directory: the folder; it is made when the first texture is stored.
+        directory: folder of the cache, created when the first texture is stored.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -41,7 +41,7 @@ class TextureCache:
         base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
         try:
             folder = Path(base).expanduser()
-        except RuntimeError:  # the home folder of the user is unknown
+        except RuntimeError:  # the user's home folder is unknown
             folder = Path(os.environ.get("OMNI_CACHE_DIR") or tempfile.gettempdir())
         return cls(folder / "omni_sim" / "textures")
 

@@ -1,8 +1,8 @@
-"""The layers of the procedural grounds, patterns with structure of known size.
+"""Layers of the procedural grounds: patterns whose details have a known size.
 
-The grounds resemble those of Figures 59, 65 to 67 and 71, as the dissertation's flatbed scanner
-recorded them; others are more difficult. Sizes are in meters, so the number of texels only changes
-the resolution. All random values are drawn from the generator.
+The grounds resemble those of Figures 59, 65 to 67 and 71, which the dissertation recorded with a
+flatbed scanner. Some additional grounds are more difficult. Sizes are in meters, so the number of
+texels changes only the resolution. All random values are drawn from the generator.
 
 =============  =====================================================================================
 cork           pressed granules of 2 mm
@@ -40,7 +40,7 @@ from omni_sim.texture import patterns
 Layers = list[patterns.Pattern]
 Range = tuple[float, float]
 
-_ASPHALT_COVERAGE = 3.0  # total area of the chippings over that of the ground: 5 % binder is left
+_ASPHALT_COVERAGE = 3.0  # ratio of chipping area to ground area: 5 % binder remains visible
 
 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
@@ -217,19 +217,19 @@ MATERIALS: Mapping[str, Callable[[float, np.random.Generator], Layers]] = {
 
 
 def _per_period(size: float, spacing: float) -> int:
-    """Return the integer number of cells of about `spacing` [m] in a period."""
+    """Return the integer number of cells in a period whose spacing is nearest to `spacing` [m]."""
     return max(1, round(size / spacing))
 
 
 class _Shape(NamedTuple):
-    """Distribution of ellipses.
+    """Distribution of the shapes and gray levels of ellipses.
 
     Attributes:
-        radius: smallest and largest long half axis [m].
-        ratio: smallest and largest ratio of the axes [1].
+        radius: smallest and largest long semi-axis [m].
+        ratio: smallest and largest ratio of the semi-axes [1].
         gray: mean and standard deviation of the gray levels.
         limits: limits of the gray levels.
-        direction: standard deviation of the direction from x [rad], infinite for any direction.
+        direction: standard deviation of the direction about x [rad], infinite for a uniform one.
     """
 
     radius: Range
@@ -242,7 +242,7 @@ class _Shape(NamedTuple):
 def _leaves(
     size: float, generator: np.random.Generator, density: float, shape: _Shape, softness: float
 ) -> patterns.Leaves:
-    """Return ellipses with uniform radii, a number per area [1/m^2] and a soft edge [m]."""
+    """Return ellipses with uniform radii, a number per area [1/m^2], and a soft edge [m]."""
     place = generator.uniform(0.0, 1.0, (round(density * size**2), 2))
     radius = generator.uniform(*shape.radius, len(place))
     return _painted(size, generator, np.column_stack((place, radius / size)), shape, softness)
@@ -257,15 +257,15 @@ def _stones(
     flattest: float,
     limits: Range = (20.0, 225.0),
 ) -> patterns.Leaves:
-    """Return ellipses of scale-invariant sizes: radii by the power law r^-3.
+    """Return ellipses whose radii follow the scale-invariant power law r^-3.
 
     Args:
         size: period [m].
-        generator: generator of places, sizes and grays.
-        radii: smallest and largest long half axis [m].
-        coverage: total area of the ellipses over that of the ground [1].
+        generator: source of positions, sizes and gray levels.
+        radii: smallest and largest long semi-axis [m].
+        coverage: ratio of the total area of the ellipses to that of the ground [1].
         gray: mean and standard deviation of their gray levels.
-        flattest: smallest ratio of the axes [1].
+        flattest: smallest ratio of the semi-axes [1].
         limits: limits of the gray levels.
     """
     least, greatest = radii
@@ -283,7 +283,7 @@ def _painted(
     shape: _Shape,
     softness: float,
 ) -> patterns.Leaves:
-    """Return ellipses; `places` has their x, y and long half axes [periods], shape (n, 3)."""
+    """Return ellipses; `places` are their x, y and long semi-axes [periods], shape (n, 3)."""
     ratio = generator.uniform(*shape.ratio, len(places))
     if math.isinf(shape.direction):
         direction = generator.uniform(0.0, math.pi, len(places))
@@ -301,15 +301,15 @@ def _plates(
     border: Range,
     warp: Range = (0.0, 1.0),
 ) -> patterns.Cells:
-    """Return cells around points that are jittered on a grid.
+    """Return Voronoi cells around the jittered points of a grid.
 
     Args:
         size: period [m].
-        generator: generator of points, grays and warp.
+        generator: source of points, gray levels and warp.
         spacing: spacing of the grid [m].
-        gray: mean and standard deviation of the gray levels, and limits.
-        border: gray level of the borders, and distance over which they fade [m].
-        warp: largest displacement that bends the borders [cells], and spacing of its nodes [m].
+        gray: mean and standard deviation of the gray levels, and their limits.
+        border: gray level of the borders, and width over which they fade [m].
+        warp: largest displacement that bends the borders [cells], and node spacing of the warp [m].
     """
     cells, nodes = _per_period(size, spacing), _per_period(size, warp[1])
     shades = generator.normal(*gray[0], (cells, cells)).clip(*gray[1])
@@ -329,7 +329,7 @@ def _plates(
 def _octaves(
     size: float, generator: np.random.Generator, octaves: tuple[tuple[float, float], ...]
 ) -> list[patterns.Noise]:
-    """Return smooth noise of several spacings [m] and standard deviations [gray levels]."""
+    """Return layers of smooth noise, given spacings [m] and deviations [gray levels]."""
     return [_noise(size, generator, spacing, spacing, gray) for spacing, gray in octaves]
 
 
@@ -340,17 +340,17 @@ def _noise(
     spacing_x: float,
     deviation: float,
 ) -> patterns.Noise:
-    """Return random values whose interpolation has the given standard deviation.
+    """Return a random lattice whose interpolation has the given standard deviation.
 
     Args:
         size: period [m].
-        generator: generator of the values.
-        spacing_y: approximate distance of two nodes along y [m].
-        spacing_x: approximate distance of two nodes along x [m].
+        generator: source of the values.
+        spacing_y: approximate distance between nodes along y [m].
+        spacing_x: approximate distance between nodes along x [m].
         deviation: standard deviation of the interpolated values [gray levels].
     """
     cells = _per_period(size, spacing_y), _per_period(size, spacing_x)
     lattice: FloatArray = generator.uniform(-1.0, 1.0, cells)
-    # Uniform on +/- 1 has the variance 1/3; the interpolation keeps about 0.52 of it.
+    # Uniform values on +/- 1 have the variance 1/3; the interpolation keeps about 0.52 of it.
     lattice *= deviation * math.sqrt(3.0 / 0.52)
     return patterns.Noise(lattice.astype(np.float32))

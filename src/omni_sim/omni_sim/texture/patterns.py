@@ -1,13 +1,13 @@
-"""Compiled patterns that ground textures are made of; each is periodic over the picture.
+"""Compiled patterns that ground textures are composed of; each is periodic in the picture.
 
-Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw any
-band of rows of the picture alone, and the texels do not depend on the division into bands. So a
-picture of any resolution needs memory only for its gray levels, and bands may be drawn in parallel.
+Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw each
+band of rows separately, and the texels do not depend on the division into bands. A picture of any
+resolution therefore needs memory only for its gray levels, and bands can be drawn in parallel.
 """
 
 import dataclasses
 import math
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,11 @@ from omni_platform.kernels import njit
 from omni_platform.quantities import Float32Array
 
 
-class _Mosaic(NamedTuple):
-    """Cells in the layout of the kernel; see `Cells`."""
-
-    points: Float32Array
-    gray: Float32Array
-    border_gray: np.float32
-    border: np.float32
-
-
 class Pattern(Protocol):
     """One layer of a picture."""
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw over the layers below.
+        """Draw the pattern over the layers below.
 
         Args:
             band: some rows of the picture, changed in place, shape (rows, texels per period).
@@ -42,7 +33,7 @@ class Plain:
     """One gray level everywhere.
 
     Attributes:
-        gray: the level.
+        gray: gray level.
     """
 
     gray: float
@@ -59,8 +50,8 @@ class Cells:
     Attributes:
         points: one point in every cell of a grid, by its position in the cell, shape (c, c, 2).
         gray: gray level of each point's cell, shape (c, c).
-        border_gray: gray level half way between two points.
-        border: distance from there at which the border has faded [cells].
+        border_gray: gray level of a border, halfway between two points.
+        border: distance from the middle of a border at which the border has faded [cells].
         warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
         darken: whether to draw only where the pattern is darker than the layers below.
     """
@@ -81,14 +72,14 @@ class Cells:
             Noise(self.warp[1]).draw(shift[1], first_row)
         target = np.empty_like(band) if self.darken else band
         borders = np.float32(self.border_gray), np.float32(self.border)
-        _voronoi(target, first_row, _Mosaic(self.points, self.gray, *borders), warped, shift)
+        _voronoi(target, first_row, self.points, self.gray, borders, warped, shift)
         if self.darken:
             np.minimum(band, target, out=band)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Noise:
-    """Values of a lattice, interpolated by the cubic 3 t^2 - 2 t^3 and added to the layers below.
+    """Lattice of values, interpolated by the cubic 3 t^2 - 2 t^3 and added to the layers below.
 
     Attributes:
         lattice: values at the nodes [gray levels], shape (nodes along y, nodes along x).
@@ -107,11 +98,11 @@ class Noise:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Leaves:
-    """Ellipses painted one over the other.
+    """Ellipses painted on top of each other.
 
     Attributes:
-        leaves: rows of center x, y [periods], long half axis [periods], axis ratio, direction of
-            the long axis [rad], gray level; the first one is lowest.
+        leaves: rows of center x, y [periods], long semi-axis [periods], ratio of the semi-axes,
+            direction of the long axis [rad], gray level; the first ellipse is lowest.
         softness: width of the transition at the edge [periods].
     """
 
@@ -125,11 +116,11 @@ class Leaves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rings:
-    """Lines along x that bend, like the growth rings of a board; a profile over y gives their gray.
+    """Bent lines along x, like the growth rings of a board; a profile over y gives the gray.
 
     Attributes:
         profile: gray levels over one period in y, interpolated linearly.
-        bend: displacement in y of the profile, layers of `Noise` [periods].
+        bend: layers of `Noise` whose sum displaces the profile along y [periods].
     """
 
     profile: Float32Array
@@ -145,15 +136,15 @@ class Rings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Bond:
-    """Rows along x of rectangles with joints between them, such as bricks or boards.
+    """Rows of rectangles along x with joints between them, such as bricks or boards.
 
     Attributes:
-        gray: gray level of each rectangle, shape (rows, columns); a single column is a board
-            without an end.
+        gray: gray level of each rectangle, shape (rows, columns); with a single column, each row
+            is an endless board.
         joint_gray: gray level of the joints.
         joint: width of the joints [periods].
         softness: width of the transition at the edges of the joints [periods].
-        staggered: whether every other row is moved by half a rectangle.
+        staggered: whether every other row is shifted by half a rectangle.
     """
 
     gray: Float32Array
@@ -180,10 +171,10 @@ class Bond:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Added:
-    """A pattern that is added to the layers below instead of drawn over them.
+    """Wrapper of a pattern that is added to the layers below instead of replacing them.
 
     Attributes:
-        pattern: the pattern.
+        pattern: pattern to add.
     """
 
     pattern: Pattern
@@ -202,11 +193,11 @@ class Studs:
     Attributes:
         gray: gray level of the top of each stud, shape (c, c).
         groove_gray: gray level between the studs.
-        top: half edge of a stud's flat top [cells].
+        top: half the edge length of a stud's flat top [cells].
         bevel: width of a stud's sloping edge [cells].
         corner: radius of a stud's corners [cells].
-        glare: increase of gray of the edges towards the light, and decrease of the others [gray
-            levels].
+        glare: increase of the gray level of edges that face the light, and decrease of the other
+            edges.
     """
 
     gray: Float32Array
@@ -234,7 +225,7 @@ class Studs:
 
 
 def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
-    """Return the lattice node before each texel, and the weight of the node behind it."""
+    """Return the lattice node before each texel, and the weight of the node after it [1]."""
     place = (np.arange(texels) + 0.5) * (nodes / texels)
     node = place.astype(np.int64)
     t = place - node
@@ -243,9 +234,15 @@ def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
 
 @njit(cache=True, nogil=True)
 def _voronoi(
-    band: Float32Array, first_row: int, mosaic: _Mosaic, warped: bool, shift: Float32Array
+    band: Float32Array,
+    first_row: int,
+    points: Float32Array,
+    gray: Float32Array,
+    borders: tuple[np.float32, np.float32],
+    warped: bool,
+    shift: Float32Array,
 ) -> None:
-    points, gray, border_gray, border = mosaic
+    border_gray, border = borders
     texels = band.shape[1]
     cells = len(points)
     scale = np.float32(cells) / np.float32(texels)
@@ -307,7 +304,7 @@ def _add_noise(
 
 @njit(cache=True, nogil=True)
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
-    """Write the value of the profile at y plus the shift of each texel [periods]."""
+    """Write the profile at y plus the shift of each texel [periods]."""
     texels = band.shape[1]
     count = len(profile)
     for row in range(len(band)):

@@ -1,10 +1,10 @@
-"""Grounds from the user's own scan or photo.
+"""Grounds from a user's own scan or photo.
 
-A picture becomes a ground like the dissertation's scans (section 4.4): its pixels are texels of
-known size. The user states the dots per inch on the ground, because files do not contain them
-reliably. The largest square in the middle is used, in gray (ITU-R 601) with 8 bits. A strip along
-two edges, a sixteenth of the square, is blended with the continuation beyond the opposite edges, so
-that the ground is seamless when tiled.
+A picture is used like the dissertation's scans (section 4.4): its pixels are texels of known size.
+The user specifies the dots per inch on the ground, because files do not contain them reliably. The
+largest square in the middle is converted to 8-bit gray levels (ITU-R 601). A strip along two edges,
+a sixteenth of the square wide, is blended with the continuation beyond the opposite edges, so that
+the ground is seamless when tiled.
 """
 
 import struct
@@ -21,9 +21,9 @@ from omni_sim.texture.texture import BLOCK, FEWEST_TEXELS, INCH, MOST_TEXELS, Gr
 _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
 _MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
-_LEAST_SIZE = 0.02  # smallest edge of the square [m]
-_LEAST_CONTRAST = 0.3  # standard deviation [gray levels] that rounding gives to a plain picture
-# Exceptions of the decoders for damaged files.
+_LEAST_SIZE = 0.02  # smallest edge length of the square [m]
+_LEAST_CONTRAST = 0.3  # gray levels; rounding gives a plain picture this standard deviation
+# Exceptions that the decoders raise for damaged files.
 _DAMAGE = (
     OSError,
     SyntaxError,
@@ -37,10 +37,10 @@ _DAMAGE = (
 
 
 def read_picture(path: str, dpi: float) -> GroundTexture:
-    """Return the ground of a picture.
+    """Return the ground shown in a picture.
 
     Args:
-        path: a PNG, TIFF, JPEG, BMP, PPM or WebP file, gray or color, 8 or 16 bits, any size.
+        path: PNG, TIFF, JPEG, BMP, PPM or WebP file, gray or color, 8 or 16 bits, of any size.
         dpi: dots per inch on the ground.
 
     Raises:
@@ -57,7 +57,7 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
 
 
 def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
-    """Return the square from the middle of a picture, shape (n, n), and its texel [m]."""
+    """Return the square in the middle of a picture, shape (n, n), and its texel size [m]."""
     if not path.is_file():
         raise ConfigurationError(_KEY, f"there is no file {path}")
     limit = Image.MAX_IMAGE_PIXELS
@@ -80,7 +80,7 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
         return gray[top : top + edge, left : left + edge].copy(), dot
     texels = edge // coarser
     square = np.empty((texels, texels), np.uint8)
-    for row in range(texels):  # row by row, because one mean would need many times the memory
+    for row in range(texels):  # row by row, because a mean of all needs much more memory
         first = top + row * coarser
         rows = gray[first : first + coarser, left : left + texels * coarser]
         square[row] = np.rint(rows.reshape(coarser, texels, coarser).mean(axis=(0, 2)))
@@ -93,7 +93,7 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
         raise ConfigurationError(_KEY, f"{size}, more than {_MOST_PIXELS} px in all")
     edge = min(width, height)
     if edge < FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
-        remedy = "take a picture of a larger area"
+        remedy = "use a picture of a larger area"
         if edge >= FEWEST_TEXELS:
             remedy += (
                 f", or check its scale: up to {edge * INCH / _LEAST_SIZE:.0f} dpi it is enough"
@@ -106,13 +106,13 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
 
 
 def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
-    """Return gray levels of 8 bits."""
-    if picture.mode.startswith("I"):  # 16 bits, stored as 32 in some files
+    """Return the picture as 8-bit gray levels."""
+    if picture.mode.startswith("I"):  # 16 bits, which some files store as 32
         values = np.asarray(picture)
         if values.min() < 0 or values.max() > np.iinfo(np.uint16).max:
             raise ConfigurationError(_KEY, f"{path} has more than 16 bits")
         values = values.astype(np.uint16)
-        # v / 257, rounded, computed with 16 bits.
+        # Computes v / 257, rounded, with 16 bits.
         gray: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
         return gray
     if picture.mode == "F":

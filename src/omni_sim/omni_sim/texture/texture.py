@@ -1,6 +1,6 @@
-"""Grounds: periodic gray-level pictures of known physical size.
+"""Grounds: periodic gray-level pictures of known size.
 
-A ground is a procedural material (`materials`), which is seamless when tiled and has any
+A ground is either a procedural material (`materials`), which is seamless when tiled and has any
 resolution, or the user's own scan or photo (`picture`).
 """
 
@@ -18,21 +18,21 @@ KINDS = tuple(MATERIALS)
 PICTURE = "picture"
 
 GENERATION = 1
-"""Version of the procedures, part of a cached texture's name; increase it with every change."""
+"""Version of the materials, part of a cached texture's name; increase it with every change."""
 
 INCH = 0.0254
 """An inch [m]."""
 
 BLOCK = 32
-"""Divisor of the default number of texels per period, so that whole texels can be averaged."""
+"""Divisor of the default number of texels per period, so that texels can be merged in blocks."""
 
 MOST_TEXELS = 20480
-"""Most texels per period: 0.4 GB; 20 cm at 2400 dpi are 18912."""
+"""Largest number of texels per period: 0.4 GB; 20 cm at 2400 dpi have 18912."""
 
 FEWEST_TEXELS = 256
-"""Fewest texels per period."""
+"""Smallest number of texels per period."""
 
-_BAND = 128  # rows drawn at a time
+_BAND = 128  # number of rows drawn at a time
 _THREADS = 2
 
 
@@ -42,27 +42,27 @@ class TextureConfiguration(Configuration):
     kind: str = parameter("cork", choices=(*KINDS, PICTURE))
     """Kind of ground"""
     size: float = parameter(0.2, unit="m", minimum=0.05, maximum=1.0)
-    """Period of a material's texture in x and y; a picture has its own"""
+    """Period of a material's texture in x and y; a picture determines its own period"""
     texels: int = parameter(4096, unit="1", minimum=256, maximum=8192)
-    """Texels per period in x and y of a material"""
+    """Number of texels per period of a material, in x and y"""
     seed: int = parameter(1, minimum=0)
     """Seed of a material's pattern"""
     picture: str = parameter("")
-    """File of the kind picture, PNG, TIFF or JPEG"""
+    """File for the kind picture: PNG, TIFF or JPEG"""
     dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
-    """Dots per inch on the ground, required for a picture; for a material they replace texels
-    and round its period up to a multiple of 32 texels; 0 to use texels"""
+    """Dots per inch on the ground, required for a picture. For a material they replace texels,
+    and the period is rounded up to a multiple of 32 texels; 0 to use texels"""
 
     def check_consistency(self) -> None:
-        """Refuse a picture without scale, an unused picture, and too many texels.
+        """Check that a picture has a scale and is used, and that there are not too many texels.
 
         Raises:
-            ConfigurationError: a value is invalid; names the key.
+            ConfigurationError: a value is invalid; the message names the key.
         """
         if self.kind != PICTURE:
             if self.picture:
                 raise ConfigurationError(
-                    "picture", f"goes with the kind {PICTURE}, not {self.kind}"
+                    "picture", f"belongs to the kind {PICTURE}, not {self.kind}"
                 )
             if self.dpi > 0.0 and not FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
                 raise ConfigurationError(
@@ -83,7 +83,7 @@ class TextureConfiguration(Configuration):
         if self.dpi == 0.0:
             return self.texels, self.size
         texel = INCH / self.dpi
-        # An excess of a hundredth of a texel is rounding.
+        # An excess of less than a hundredth of a texel is a rounding error.
         texels = math.ceil((self.size / texel - 0.01) / BLOCK) * BLOCK
         return texels, texels * texel
 
@@ -93,8 +93,8 @@ class GroundTexture:
     """A periodic ground, seen from above.
 
     Attributes:
-        gray: 8-bit gray levels, shape (n, n): row index along y, column index along x; texel
-            (0, 0) has its corner at the origin of the world.
+        gray: 8-bit gray levels, shape (n, n), with row index along y and column index along x; the
+            corner of texel (0, 0) is at the origin of the world.
         size: period along x and y [m].
     """
 
@@ -110,12 +110,12 @@ class GroundTexture:
 
     @property
     def texel(self) -> float:
-        """Edge of a texel [m]."""
+        """Edge length of a texel [m]."""
         return self.size / len(self.gray)
 
 
 def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
-    """Return the material that a configuration describes.
+    """Generate the material that a configuration describes.
 
     Raises:
         ValueError: the configuration names a picture.

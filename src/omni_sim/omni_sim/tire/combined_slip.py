@@ -6,14 +6,13 @@ Eqs. (1), (2) are normalized by factors for the two directions and added as vect
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
 
-One curve in the direction ``q`` gives the force ``(F cos phi, F sin phi)``. Its numbers change
-smoothly with ``q`` from those of the curve ``x`` to those of ``y``, and no further parameters are
-needed. Along an axis it is exactly the curve of that axis. A friction factor scales both curves and
-thus the result.
+One curve in the direction ``q`` gives the force ``(F cos phi, F sin phi)``. The five numbers of
+this curve change smoothly with ``q`` from those of the curve ``x`` to those of ``y``, so no further
+parameters are needed. Along an axis, the result is exactly the curve of that axis. A friction
+factor scales both curves and therefore the result.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,24 +20,8 @@ from numpy.typing import ArrayLike
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray, Pair
 from omni_sim.tire.model import flat_together
-from omni_sim.tire.models.tmeasy import (
-    CurvePoint,
-    TMeasyConfiguration,
-    TMeasyParameters,
-    curve_at,
-    curve_through,
-    direction_coefficients,
-    force_at,
-)
-
-
-class _Contacts(NamedTuple):
-    """Wheels on the ground: slips (1), (2) [1], loads [N] and ``mu/mu_0`` [1], shape (n,)."""
-
-    slip_x: FloatArray
-    slip_y: FloatArray
-    load: FloatArray
-    friction: FloatArray
+from omni_sim.tire.models import tmeasy
+from omni_sim.tire.models.tmeasy import CurvePoint, TMeasyParameters
 
 
 @lean
@@ -64,11 +47,11 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
     Args:
         x: longitudinal curve.
         y: lateral curve.
-        norms: norms from `slip_norms` [1].
+        norms: normalizing factors from `slip_norms` [1].
         q: unit vector of the normalized slip [1].
     """
     c, s = abs(q[0]), abs(q[1])
-    curve: CurvePoint = curve_through(
+    curve: CurvePoint = tmeasy.curve_through(
         math.hypot(x.slope * norms[0] * c, y.slope * norms[1] * s),
         math.hypot(x.peak_slip / norms[0] * c, y.peak_slip / norms[1] * s),
         math.hypot(x.peak_force * c, y.peak_force * s),
@@ -97,7 +80,7 @@ def combined_force(x: CurvePoint, y: CurvePoint, slip_x: float, slip_y: float) -
     if slip == 0.0:
         return 0.0, 0.0
     q = along / slip, across / slip
-    force = force_at(combined_curve(x, y, norms, q), slip)[0]
+    force = tmeasy.force_at(combined_curve(x, y, norms, q), slip)[0]
     return force * q[0], force * q[1]
 
 
@@ -106,17 +89,22 @@ def _combined_forces(
     x: TMeasyParameters,
     y: TMeasyParameters,
     largest_load: float,
-    contacts: _Contacts,
+    contacts: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     force: FloatArray,
 ) -> None:
-    for i in range(contacts.load.size):
-        load, friction = min(max(contacts.load[i], 0.0), largest_load), contacts.friction[i]
-        at_x, at_y = curve_at(x, load, friction), curve_at(y, load, friction)
-        force[i] = combined_force(at_x, at_y, contacts.slip_x[i], contacts.slip_y[i])
+    """Compute the forces of wheels with slips (1), (2) [1], loads [N] and ``mu/mu_0`` [1]."""
+    slip_x, slip_y, load, friction = contacts
+    for i in range(load.size):
+        clamped = min(max(load[i], 0.0), largest_load)
+        at_x, at_y = (
+            tmeasy.curve_at(x, clamped, friction[i]),
+            tmeasy.curve_at(y, clamped, friction[i]),
+        )
+        force[i] = combined_force(at_x, at_y, slip_x[i], slip_y[i])
 
 
 def combined_forces(
-    tire: TMeasyConfiguration,
+    tire: tmeasy.TMeasyConfiguration,
     slip_x: ArrayLike,
     slip_y: ArrayLike,
     load: ArrayLike,
@@ -128,7 +116,7 @@ def combined_forces(
         tire: tire with the curves of both directions, as in Table 1.
         slip_x: longitudinal slip, Eq. (1) [1].
         slip_y: lateral slip, Eq. (2) [1].
-        load: wheel load [N], clamped to the model's range.
+        load: wheel load [N], limited to the model's range.
         friction: ``mu/mu_0`` [1].
 
     Returns:
@@ -137,6 +125,6 @@ def combined_forces(
     """
     shape, flat = flat_together(slip_x, slip_y, load, friction)
     force = np.empty((flat[0].size, 2))
-    x, y = (TMeasyParameters(direction_coefficients(tire, axis)) for axis in ("x", "y"))
-    _combined_forces(x, y, tire.nominal_load_2, _Contacts(*flat), force)
+    x, y = (TMeasyParameters(tmeasy.direction_coefficients(tire, axis)) for axis in ("x", "y"))
+    _combined_forces(x, y, tire.nominal_load_2, tuple(flat), force)
     return force.reshape((*shape, 2))

@@ -1,9 +1,9 @@
-"""The contact equation of `wheel.single` for tire curves that rise to a peak and fall beyond it.
+"""Solution of the contact equation of `wheel.single` for tire curves that fall beyond their peak.
 
-``R(s) = D V s + kappa F(s) = |A|`` has one solution if ``R`` always rises. If the curve falls
-faster than the first term grows, ``R`` has a maximum beyond the peak and a minimum at a larger
-slip. For ``|A|`` between these two values there are two stable solutions, and the patch keeps its
-state, adhering or sliding.
+``R(s) = D V s + kappa F(s) = |A|`` has one solution if ``R`` increases everywhere. If the curve
+falls faster than the first term grows, ``R`` has a maximum beyond the peak and a minimum at a
+larger slip. If ``|A|`` is between these two values, two stable solutions exist, and the contact
+patch keeps its state, adhering or sliding.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ _TURN_ITERATIONS = 40
 def _root(
     demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
 ) -> tuple[float, float]:
-    """Solve ``R(s) = demand`` by Newton's rule confined to a bracket; return ``s`` and ``F``."""
+    """Solve ``R(s) = demand`` by Newton's method within a bracket; return ``s`` and ``F``."""
     slip = start if low < start < high else 0.5 * (low + high)
     force, gradient = force_at(curve, slip)
     for _ in range(_MAXIMUM_ITERATIONS):
@@ -32,7 +32,7 @@ def _root(
         else:
             low = slip
         step = slip - residual / (viscous + gain * gradient)
-        # Also catches NaN.
+        # Also true for NaN.
         if not low < step < high:
             step = 0.5 * (low + high)
         if step == slip:
@@ -44,7 +44,7 @@ def _root(
 
 @lean
 def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
-    """Return the slip at the minimum of ``R`` from `falling` to `rising`."""
+    """Return the slip at the minimum of ``R`` between `falling` and `rising`."""
     for _ in range(_TURN_ITERATIONS):
         middle = 0.5 * (falling + rising)
         if viscous + gain * force_at(curve, middle)[1] < 0.0:
@@ -65,9 +65,10 @@ def solve_contact(
         damping: ``D`` [N s/m].
         gain: ``kappa`` [1].
         speed: ``V`` [m/s].
-        curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], where the
-            force falls fastest beyond its peak, and ``steepest_fall`` [N], ``-dF/ds`` there.
-        sliding: whether the patch slid in the step before.
+        curve: a curve with two fields more than `model.Curve`: ``steepest_slip`` [1], at which the
+            force falls fastest beyond its peak, and ``steepest_fall`` [N], the value of ``-dF/ds``
+            there.
+        sliding: whether the patch slid in the previous step.
     """
     if curve.peak_force <= 0.0:
         return 0.0, demand / damping, False
@@ -75,7 +76,7 @@ def solve_contact(
     at_peak = viscous * curve.peak_slip + gain * curve.peak_force
     dips = viscous < gain * curve.steepest_fall
     low = 0.0
-    # No force is negative, so R is above the demand here.
+    # The force is not negative, so R exceeds the demand here.
     high = demand / viscous
     if dips and sliding:
         low = curve.steepest_slip

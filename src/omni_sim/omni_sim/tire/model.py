@@ -1,14 +1,14 @@
 """The interface of tire models, which compute the force from slip, load and friction in kernels.
 
-A model is one file of `tire.models` that defines ``MODEL``, a `TireModel`. It has a NamedTuple for
-its constants and one for its curve at one load. Kernels call `curve_at`, `force_at` and
-`contact_friction` of this module, and numba chooses the model's functions by the types of these
-tuples during compilation. So a vehicle's kernel is compiled and cached once for each model, the
-choice needs no time in a step, and there is no list of models.
+A model is one file in `tire.models` that defines ``MODEL``, a `TireModel`. It has one NamedTuple
+for its constants and one for its curve at a given load. Kernels call `curve_at`, `force_at` and
+`contact_friction` of this module. During compilation, numba selects the model's functions by the
+types of these tuples. A vehicle's kernel is therefore compiled and cached once for each model, the
+selection costs no time in a step, and no list of models is needed.
 
-Every model's force is odd in the slip, rises from zero with a finite slope to one peak and stays or
-falls beyond it. A friction factor ``mu/mu_0`` scales forces and slips of the curve and keeps its
-slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
+The force of every model is odd in the slip, rises from zero with a finite slope to a single peak,
+and beyond it stays constant or falls. A friction factor ``mu/mu_0`` scales forces and slips of the
+curve and preserves the slope at zero: ``F(s; mu) = mu F(s / mu; 1)``.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ from omni_platform.quantities import FloatArray
 
 
 class Curve(Protocol):
-    """Numbers that the curve of every model has: slope and forces in [N], slip in [1]."""
+    """Numbers that every model's curve provides: slope and forces in [N], slip in [1]."""
 
     @property
     def slope(self) -> float:
@@ -46,13 +46,13 @@ class Curve(Protocol):
 
 
 class Landmarks(NamedTuple):
-    """Properties of measured curves at two loads, each of shape (2,), as a start of a fit.
+    """Properties of measured curves at two loads, each of shape (2,), from which a fit starts.
 
     Attributes:
         load: half of the largest load in the data, and the largest load [N].
         slope: slope at zero slip [N].
         peak_force: largest force [N].
-        peak_slip: slip of the largest force [1].
+        peak_slip: slip at the largest force [1].
     """
 
     load: FloatArray
@@ -63,21 +63,22 @@ class Landmarks(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class FitRecipe:
-    """How a model is fitted to measured forces by P unknowns within bounds.
+    """Description of how a model is fitted to measured forces, by P unknowns within bounds.
 
     Attributes:
         keys: dotted keys of the P values in the model's configuration.
         lower: smallest unknowns, shape (P,).
         upper: largest unknowns, shape (P,).
-        loads: number of distinct loads that determine the model.
+        loads: number of distinct loads that the fit requires.
         start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
         parameters: function that returns the constants of the kernels; arguments as for `scale`.
         mapping: function that returns the model's configuration as nested mappings; arguments as
             for `scale`.
         values: function that converts unknowns, shape (P, ...), to the values of `keys`; an unknown
-            may be a ratio of two values, which keeps them in order.
-        scale: function that returns the magnitudes of the values, shape (P,), with which standard
-            errors are compared; arguments: values and largest load [N] in the data.
+            may be the ratio of two values, which keeps the two in order.
+        scale: function that returns the typical magnitudes of the values, shape (P,), with which
+            standard errors are compared; its arguments are the values and the largest load [N] in
+            the data.
     """
 
     keys: tuple[str, ...]
@@ -96,7 +97,7 @@ class TireModel:
     """A tire model.
 
     Attributes:
-        description: one line for people.
+        description: one line for help texts.
         configuration: class of its parameters, each with a default.
         parameters_type: NamedTuple of its constants in kernels.
         curve_type: NamedTuple of its curve at one load; a `Curve`.
@@ -104,9 +105,9 @@ class TireModel:
         largest_load: function that returns the largest load [N] of the model for a configuration.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
         force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
-        contact: kernel as `contact_friction`; `contact.solve_contact` serves any model
-            whose curve also has ``steepest_slip`` and ``steepest_fall``.
-        fit: how the model is fitted to measurements.
+        contact: kernel with the arguments of `contact_friction`; `contact.solve_contact` is
+            suitable for every model whose curve also has ``steepest_slip`` and ``steepest_fall``.
+        fit: description of the fit to measurements.
     """
 
     description: str
@@ -121,11 +122,19 @@ class TireModel:
     largest_load: Callable[[Any], float] = operator.attrgetter("largest_load")
 
 
+def plain_mapping(*keys: str) -> Callable[[FloatArray, float], dict[str, Any]]:
+    """Return a `FitRecipe.mapping` for a model with ``largest_load`` and some scalar values."""
+    return lambda values, largest_load: {
+        "largest_load": float(largest_load),
+        **dict(zip(keys, values.tolist(), strict=True)),
+    }
+
+
 _MODEL_OF: dict[type, TireModel] = {}
 
 
 def register(model: TireModel) -> TireModel:
-    """Return a model after making it known to `curve_at` and the other functions of this module."""
+    """Register a model with the functions of this module, such as `curve_at`, and return it."""
     _MODEL_OF[model.parameters_type] = _MODEL_OF[model.curve_type] = model
     return model
 
@@ -149,7 +158,7 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
 
 
 def force_at(curve: Any, slip: float) -> tuple[float, float]:
-    """Return force [N] and its derivative by the slip [N] at ``slip >= 0``, also in kernels."""
+    """Return force [N] and its derivative over slip [N] at ``slip >= 0``; callable in kernels."""
     return _model_of(type(curve)).force_at(curve, slip)
 
 
@@ -166,7 +175,7 @@ def contact_friction(
         gain: ``kappa = 1 + D m`` [1].
         speed: ``V = r_D |omega| + v_num`` [m/s].
         curve: curve from `curve_at`.
-        sliding: whether the patch slid in the step before.
+        sliding: whether the patch slid in the previous step.
 
     Returns:
         ``F`` [N], ``w`` [m/s] and whether the patch slides now.
@@ -175,7 +184,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Return the common shape of some arguments, and each of them broadcast to it and flattened."""
+    """Broadcast arguments; return their common shape, and each of them flattened."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 

@@ -1,7 +1,7 @@
-"""The tire of a roller in both its directions, for every tire model.
+"""Tire of a roller along and across its axis, for every tire model.
 
-TMeasy has a curve for each direction, and `combined_slip` combines them. Any other model has one
-curve, which is used in all directions: the force is opposite to the slip.
+TMeasy has a curve for each of the two directions, which `combined_slip` combines. Every other model
+has one curve that is used in all directions: the force is opposite to the slip.
 """
 
 from typing import Any
@@ -16,10 +16,10 @@ from omni_sim.tire.tire import TireConfiguration
 
 
 def passive_parameters(tire: TireConfiguration) -> Any:
-    """Return the constants of a tire's model across the roller's axis.
+    """Return the constants of a tire's model for the direction across the roller's axis.
 
     Args:
-        tire: tire of every roller.
+        tire: tire of the rollers.
     """
     if tire.model != "tmeasy":
         return tire.kernel_parameters
@@ -35,7 +35,7 @@ def curve_in_direction(active: Any, passive: Any, q: Pair) -> tuple[Any, Pair]:
         q: unit vector of the normalized slip, active and passive component [1].
 
     Returns:
-        Curve of the same model; factors that normalize the slips of both directions [1].
+        Curve of the same model; factors that normalize the slips along both axes [1].
     """
     if isinstance(active, CurvePoint):
         norms = slip_norms(active, passive)

@@ -1,8 +1,8 @@
-"""The tire of a vehicle: a model of force over slip, chosen by name, on a spring and a damper (4).
+"""Tire of a vehicle: a force-slip model chosen by name, with a spring and a damper, Eq. (4).
 
 `TireConfiguration` contains the parameters common to all models, the name of the chosen model, and
-the parameters of every model under its name. Only those of the chosen model are used. `Tire`
-evaluates the steady characteristic for plots, fits and tests.
+a section with the parameters of each model under the model's name. Only the section of the chosen
+model is used. `Tire` evaluates the steady characteristic for plots, fits and tests.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import Curve, TireModel, curve_at, flat_together, force_at
 from omni_sim.tire.models import MODELS
 
-# A field for every model in the folder.
+# One field for each model in the folder.
 _KINDS = {"model": str, **{name: model.configuration for name, model in MODELS.items()}}
 _ModelFields: Any = type(
     "_ModelFields",
@@ -31,18 +31,18 @@ _ModelFields: Any = type(
 
 
 class TireConfiguration(_ModelFields):
-    """A tire, by default TMeasy with Table 1; parameters of other models are ignored."""
+    """Tire of a vehicle, by default TMeasy with Table 1; other models' sections are ignored."""
 
     model: str = parameter("tmeasy", choices=tuple(MODELS))
-    """Tire model; its parameters are those under its name"""
+    """Tire model; its parameters are in the section of the same name"""
     stiffness: float = parameter(2.0e5, unit="N/m", minimum=1.0e3, maximum=1.0e8)
     """Stiffness c_x of the tire against horizontal deflection"""
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
     """Damping d_x of the horizontal deflection"""
     vertical_stiffness: float = parameter(1.0e6, unit="N/m", minimum=1.0e4, maximum=1.0e9)
-    """Vertical stiffness c_z, which sets the dynamic rolling radius"""
+    """Vertical stiffness c_z, which determines the dynamic rolling radius"""
     slip_speed: float = parameter(1.0e-6, unit="m/s", minimum=1.0e-9, maximum=0.1)
-    """Speed v_num that keeps the slip of a locked wheel finite"""
+    """Speed v_num in the denominator of the slip, which keeps the slip of a locked wheel finite"""
 
     @property
     def tire_model(self) -> TireModel:
@@ -57,12 +57,12 @@ class TireConfiguration(_ModelFields):
 
     @property
     def kernel_parameters(self) -> Any:
-        """The constants of the chosen model for kernels, a NamedTuple of the model's own."""
+        """Constants of the chosen model for kernels, a NamedTuple of the model."""
         return self.tire_model.parameters(self.model_parameters)
 
     @property
     def largest_load(self) -> float:
-        """Load at which the chosen model ends [N]."""
+        """Largest load for which the chosen model is valid [N]."""
         return float(self.tire_model.largest_load(self.model_parameters))
 
 
@@ -75,15 +75,15 @@ def steady_forces(
     friction: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Write the steady forces [N] of any model, with the sign of the slip.
+    """Compute the steady forces [N] of any model, with the sign of the slip.
 
     Args:
         parameters: constants of a model.
-        largest_load: load to which loads are clamped [N].
+        largest_load: load to which higher loads are limited [N].
         slip: slips [1], shape (n,).
         load: wheel loads [N], shape (n,).
         friction: ``mu/mu_0`` [1], shape (n,).
-        force: receives the forces [N], shape (n,).
+        force: output, the forces [N], shape (n,).
     """
     for i in range(slip.size):
         curve = curve_at(parameters, min(max(load[i], 0.0), largest_load), friction[i])
@@ -92,10 +92,10 @@ def steady_forces(
 
 
 class Tire:
-    """The steady characteristic of a tire of any model.
+    """Steady characteristic of a tire, for any model.
 
     Attributes:
-        configuration: the tire.
+        configuration: parameters of the tire.
     """
 
     def __init__(self, configuration: TireConfiguration) -> None:
@@ -103,14 +103,14 @@ class Tire:
         self._parameters = configuration.kernel_parameters
 
     def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether loads [N] exceed the model and are clamped; any shape."""
+        """Return which loads [N] exceed the model's range and are therefore limited; any shape."""
         return np.asarray(np.asarray(load) > self.configuration.largest_load)
 
     def curve(self, load: float, friction: float = 1.0) -> Curve:
         """Return slope [N], peak and sliding force [N] and peak slip [1] at a load.
 
         Args:
-            load: wheel load [N], clamped to the model's range.
+            load: wheel load [N], limited to the model's range.
             friction: ``mu/mu_0`` [1].
         """
         clamped = min(max(float(load), 0.0), self.configuration.largest_load)
@@ -122,7 +122,7 @@ class Tire:
 
         Args:
             slip: slip of any sign [1].
-            load: wheel load [N], clamped to the model's range.
+            load: wheel load [N], limited to the model's range.
             friction: ``mu/mu_0`` [1].
 
         Returns:

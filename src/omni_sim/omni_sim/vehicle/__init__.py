@@ -1,1 +1,1 @@
-"""The body on its wheels: configuration, loads, Newton's equations, uneven ground."""
+"""Vehicle body on its wheels: configuration, loads, equations of motion, uneven ground."""

@@ -1,4 +1,4 @@
-"""Configuration of `omni_sim.vehicle.vehicle.Vehicle`."""
+"""Configuration of the simulated vehicle, see `omni_sim.vehicle.vehicle.Vehicle`."""
 
 from collections.abc import Mapping
 
@@ -23,32 +23,32 @@ from omni_sim.wheel.roller_geometry import RollerGeometry
 
 
 class DriveConfiguration(Configuration):
-    """The drive of each wheel: an exact speed source behind a clutch (Appendix A)."""
+    """Drive of each wheel: an ideal speed source behind a clutch (Appendix A)."""
 
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position at which the clutch opens"""
     stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
-    """Torque of the engaged clutch per difference of speed"""
+    """Torque of the engaged clutch per speed difference"""
     max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
     """Largest torque of the engaged clutch"""
 
 
 class WheelCondition(Configuration):
-    """Deviations of a wheel from the others: a worn or oily tire, a faulty brake."""
+    """Difference of one wheel from the others: a worn or oily tire, or a faulty brake."""
 
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
-    """Factor on the friction of the ground under this wheel"""
+    """Factor on the friction between this wheel and the ground"""
     brake: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Factor on the torque of this wheel's brake"""
     mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
-    """Mounting height of this wheel relative to the others; needs a suspension"""
+    """Mounting height of this wheel relative to the others; requires a suspension"""
     open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Smallest share of the pedal's pressure that the valve of this brake passes; 1 for a valve
-    that cannot release"""
+    that cannot release the brake"""
     stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of its torque that this brake exerts even with the pedal up"""
+    """Share of its full torque that this brake exerts even when the pedal is up"""
     onset: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time from which brake, open_valve and stuck_brake apply"""
+    """Time from which on the faults brake, open_valve and stuck_brake are present"""
 
 
 _SOUND = WheelCondition()
@@ -58,44 +58,43 @@ class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 
     wheels: Mapping[str, geometry.WheelMount] = parameter()
-    """Wheels by name; their order is the order of all wheel arrays"""
+    """Wheels by name; all wheel arrays have this order"""
     chassis_length: float = parameter(1.6, unit="m", minimum=1e-3, maximum=100.0)
-    """Length of the chassis; only figures and placements of sensors depend on it"""
+    """Length of the chassis; used only for figures and the placement of sensors"""
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
-    """Width of the chassis; only figures and placements of sensors depend on it"""
+    """Width of the chassis; used only for figures and the placement of sensors"""
     body: loads.MassConfiguration = parameter()
-    """Chassis with its wheels and drives"""
+    """Mass of the chassis including wheels and drives"""
     load: loads.MassConfiguration = section(lambda: loads.MassConfiguration(mass=0.0, height=0.0))
     """Movable load"""
     tire: TireConfiguration = section(TireConfiguration)
     """Tire of every wheel"""
     wheel_model: str = parameter("single", choices=("single", "rollers", "mujoco"))
-    """Model of every wheel: 'single' with one idealized roller (section 2.4.2), 'rollers' with
-    individual rollers (section 2.4.1), or 'mujoco' with individual rollers in MuJoCo, an
-    optional package"""
+    """Wheel model: 'single' with one idealized roller (section 2.4.2), 'rollers' with individual
+    rollers (section 2.4.1), or 'mujoco' with individual rollers in MuJoCo, an optional package"""
     contact: str = parameter("ideal", choices=("ideal", "roller"))
-    """Contact of the wheel model 'single': 'ideal' under the wheel's center, or 'roller', which
-    moves along the roller on the ground and jumps to the next (8)-(10)"""
+    """Contact point of the wheel model 'single': 'ideal' under the wheel's center, or 'roller',
+    which moves along the roller on the ground and jumps to the next roller, Eqs. (8)-(10)"""
     rollers: RollerConfiguration = section(RollerConfiguration)
-    """Rollers of every wheel; used if the wheel model or its contact has rollers"""
+    """Rollers of every wheel; used if the wheel model or the contact requires them"""
     brake: BrakeConfiguration = section(BrakeConfiguration)
     """Brake of every wheel"""
     drive: DriveConfiguration = section(DriveConfiguration)
     """Drive of every wheel"""
     conditions: Mapping[str, WheelCondition] = section(dict)
-    """Wheels, by name, whose tire or brake differs from the others"""
+    """Differences of individual wheels from the others, by wheel name"""
     suspension: SuspensionConfiguration = section(SuspensionConfiguration)
-    """Springs of the chassis"""
+    """Suspension of the chassis"""
     passive_losses: PassiveLossConfiguration = section(PassiveLossConfiguration)
-    """Losses of every wheel's rollers"""
-    wheel_inertia: float = parameter(1.0, unit="kg m^2", above=0.0, maximum=1.0e4)
+    """Passive losses of the rollers of every wheel"""
+    wheel_inertia: float = parameter(1.0, unit="kg m^2", minimum=1e-6, maximum=1.0e4)
     """Moment of inertia of a wheel about its axis"""
     load_transfer_time: float = parameter(0.02, unit="s", minimum=0.0, maximum=10.0)
-    """Time constant with which wheel loads follow the acceleration; represents pitch and roll on
-    the tires"""
+    """Time constant with which the wheel loads follow the acceleration; it represents pitch and
+    roll of a vehicle on its tires"""
 
     def by_wheel(self, field: str) -> quantities.FloatArray:
-        """Return a field of `WheelCondition` of each wheel, shape (N,)."""
+        """Return one field of `WheelCondition` for all wheels, shape (N,)."""
         conditions = (self.conditions.get(name, _SOUND) for name in self.wheels)
         return np.array([getattr(condition, field) for condition in conditions])
 
@@ -106,7 +105,7 @@ class VehicleConfiguration(Configuration):
 
     @property
     def contacts_move(self) -> bool:
-        """Whether the contact points follow the rollers."""
+        """Whether the contact points move along the rollers."""
         return self.wheel_model == "rollers" or self.contact == "roller"
 
     @property
@@ -120,7 +119,7 @@ class VehicleConfiguration(Configuration):
         return roller_geometries(self.wheels, self.rollers, squeeze)
 
     def check_consistency(self) -> None:
-        """Refuse platforms that cannot move in all directions or tip over at rest.
+        """Check that the platform can move in all directions and does not tip over at rest.
 
         Raises:
             ConfigurationError: the wheels' positions are invalid, rollers do not fit, or the
@@ -129,7 +128,7 @@ class VehicleConfiguration(Configuration):
         for name in self.conditions:
             check_choice("conditions", name, self.wheels)
         if self.contacts_move or self.wheel_model == "mujoco":
-            _ = self.roller_geometries  # refuses rollers that do not fit
+            _ = self.roller_geometries  # raises if the rollers do not fit
         if self.wheel_model == "rollers" and self.passive_losses.roller_mass > 0.0:
             raise ConfigurationError(
                 "passive_losses.roller_mass",
@@ -176,7 +175,7 @@ class VehicleConfiguration(Configuration):
                 )
 
     def _check_heights(self) -> None:
-        """Refuse mounting heights of wheels without suspension."""
+        """Check that a vehicle without suspension has no mounting heights."""
         for place, has in (
             ("conditions", self.by_wheel("mounted").any()),
             ("rollers.gap", self.rollers.gap),

@@ -1,18 +1,19 @@
-"""Planar motion of a vehicle on omni-wheels: one compiled kernel that advances many steps.
+"""Planar motion of a vehicle on omni-wheels: a compiled kernel that advances many steps.
 
-`move` advances the body in the plane; the rest of the module computes the forces. Eqs. (39), (40)
-are written for the center of gravity, ``m v_dot = sum f_i`` and
-``J Omega_dot = sum cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are
-evaluated at the middle of the step, but velocities are implicit: each wheel's force is solved at
-the velocity that its hub will have at the end of the step. That velocity is predicted from all
-forces of the step before and corrected by ``W (F - F_before)``, where ``W`` is the sum of the
-absolute mobilities that couple the wheel to all wheels. This makes one pass over the wheels stable
-for any tire stiffness, without iteration. The coupling between wheels lags by one step, an error of
-second order that energy tests show only with very stiff tires. On uneven ground the motion is in
-the path plane of `uneven_ground`, and gravity is an additional force.
+`move` advances the body in the plane, and the rest of the module computes the forces. Eqs. (39),
+(40) are formulated for the center of gravity, ``m v_dot = sum f_i`` and ``J Omega_dot = sum
+cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are evaluated at the middle of
+the step, but velocities are implicit: the force of each wheel is computed for the velocity that its
+hub will have at the end of the step. This velocity is predicted from all forces of the previous
+step and corrected by ``W (F - F_before)``, where ``W`` is the sum of the absolute mobilities that
+couple the wheel to all wheels. A single pass over the wheels is therefore stable for any tire
+stiffness, without iteration. The coupling between wheels lags by one step. This is a second-order
+error, which tests of the energy balance show only with very stiff tires. On uneven ground the
+motion is in the path plane of `uneven_ground`, and gravity is an additional force.
 
-Kernels with one caller are inlined: passing their many arguments would take more than a third of
-the time. Kernels with several callers are not inlined, which keeps compilation short.
+Kernels with one caller are inlined, because passing their many arguments would take more than a
+third of the computing time. Kernels with several callers are not inlined, which keeps the
+compilation short.
 """
 
 import math
@@ -27,12 +28,12 @@ from omni_sim.vehicle.roller_dynamics import displace_contacts, roller_energies,
 from omni_sim.vehicle.state import Energies, Step
 from omni_sim.vehicle.suspension import sprung_loads
 from omni_sim.vehicle.uneven_ground import frame_turn, level, stand
-from omni_sim.wheel.brake_pressure import ask, press
+from omni_sim.wheel.brake_pressure import press, set_demand
 from omni_sim.wheel.drivetrain import Drive, Hub, Spin, limited, ramped_speed, wheel_step
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.single import Patch, TireConstants
 
-# Smallest load per mass in the computation of load transfer, if the ground falls away [m/s^2].
+# Smallest normal force per mass in the load transfer, for ground that falls away [m/s^2].
 _LEAST_PRESSING = 0.1
 
 
@@ -74,12 +75,12 @@ def move(
 @linked
 @lean
 def advance(state: layout.State, control: layout.Control, log: layout.Log) -> None:
-    """Advance a vehicle in place.
+    """Advance the vehicle by the steps of a call, in place.
 
     Args:
         state: state of the vehicle.
         control: inputs, constant over the call.
-        log: contains the number of steps and receives the results.
+        log: number of steps, and output of the results.
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt = plant.dt
@@ -89,7 +90,7 @@ def advance(state: layout.State, control: layout.Control, log: layout.Log) -> No
     loads = state.loads
     start_yaw = body.yaw
     traced = log.trajectory.shape[0] > 0
-    ask(state.pressure, control.brake, control.enable)
+    set_demand(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     if traced:
@@ -141,7 +142,7 @@ def advance(state: layout.State, control: layout.Control, log: layout.Log) -> No
 
 @lean
 def _log_step(state: layout.State, log: layout.Log, k: int) -> None:
-    """Record the wheels and energies after step k."""
+    """Record the state of wheels and energies after step k."""
     for i in range(state.wheels.shape[0]):
         log.wheels[k, i] = state.wheels[i]
     energy = energies(state)
@@ -151,12 +152,12 @@ def _log_step(state: layout.State, log: layout.Log, k: int) -> None:
 
 @lean_inline
 def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair) -> bool:
-    """Distribute the weight over the wheels; return whether fewer than three carry it.
+    """Distribute the weight over the wheels; return whether fewer than three carry load.
 
     Args:
-        state: state of the vehicle; receives the loads.
+        state: state of the vehicle, including the loads, which are written.
         body: `state.BODY`.
-        pressing: load per mass on the ground [m/s^2].
+        pressing: normal force on the ground per mass [m/s^2].
         pull: force of the wheels in the body frame [N].
     """
     plant = state.plant
@@ -174,7 +175,7 @@ def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair
 
 @lean
 def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float]:
-    """Return the components of a velocity [m/s] in axes turned by an angle [rad]."""
+    """Return a velocity [m/s] in axes that are rotated by an angle [rad]."""
     cos, sin = math.cos(turned), math.sin(turned)
     return cos * v_x + sin * v_y, cos * v_y - sin * v_x
 
@@ -186,7 +187,7 @@ def base_motion(body: layout.Record, center: Pair, motion: FloatArray) -> None:
     Args:
         body: `state.BODY`.
         center: center of gravity in the body frame [m].
-        motion: receives x, y [m], yaw [rad, not wrapped] in the world frame, then the velocity in
+        motion: output, x, y [m], yaw [rad, not wrapped] in the world frame, then the velocity in
             the body frame [m/s, m/s, rad/s], shape (6,).
     """
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
@@ -239,7 +240,7 @@ def energies(state: layout.State) -> Energies:
 
 @lean
 def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair:
-    """Return the energy of the spin of all wheels and the energy of their deflection [J]."""
+    """Return the spin energy of all wheels and the energy of their tires' deflection [J]."""
     squared_speed, squared_deflection = 0.0, 0.0
     for i in range(state.wheels.shape[0]):
         squared_speed += state.wheels[i].speed ** 2
@@ -253,7 +254,7 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the vehicle's attitude on the ground after a time [s], see `uneven_ground.stand`."""
+    """Return the attitude of the vehicle on the ground after a time [s], see `stand`."""
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate
@@ -330,7 +331,7 @@ def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatAr
         speed = wheel.speed
         spin = speed + (speed - wheel.last_speed)
         wheel.last_speed = speed
-        # The directions turn with the body during the step.
+        # The passive directions rotate with the body during the step.
         turned = dt * rate * (loss.u_x * v_y - loss.u_y * v_x)
         coming = loss.u_x * step.ahead[0] + loss.u_y * step.ahead[1] + loss.moment * step.ahead[2]
         now = loss.u_x * v_x + loss.u_y * v_y + loss.moment * rate

@@ -1,9 +1,10 @@
-"""Wheel loads when a wheel lifts off: the special cases of `loads`.
+"""Wheel loads when a wheel lifts off the ground: the special cases of `loads`.
 
-Arguments of all functions: `position`, wheel contacts relative to the center of gravity [m], shape
-(N, 2); `hull`, indices of the wheels of the support polygon, counter-clockwise; `weight`, m g [N];
-`z_x` and `z_y`, zero-moment point relative to the center of gravity [m]; `a`, `b` and `c`, load
-plane ``a + b x + c y``; `loads`, which receives the loads [N], shape (N,).
+The arguments of all functions are: `position`, wheel contacts relative to the center of gravity
+[m], shape (N, 2); `hull`, indices of the wheels of the support polygon, counter-clockwise;
+`weight`, m g [N]; `z_x` and `z_y`, zero-moment point relative to the center of gravity [m]; `a`,
+`b` and `c`, coefficients of the load plane ``a + b x + c y``; `loads`, output, the wheel loads [N],
+shape (N,).
 """
 
 import numpy as np
@@ -43,7 +44,7 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return half the sum of the squared loads of a plane, minus the work of a unit weight at z."""
+    """Return half the sum of a plane's squared loads, minus the work of a unit weight at z."""
     energy = -(a + b * z_x + c * z_y)
     for i in range(position.shape[0]):
         load = a + b * position[i, 0] + c * position[i, 1]
@@ -54,7 +55,7 @@ def _spring_energy(
 
 @lean
 def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
-    """Return the wheels with a positive load in a plane of loads, as a mask (bit i for wheel i)."""
+    """Return the wheels with a positive load in a load plane, as a mask (bit i for wheel i)."""
     contact = 0
     for i in range(position.shape[0]):
         if a + b * position[i, 0] + c * position[i, 1] > 0.0:
@@ -72,11 +73,11 @@ def _newton_step(
     b: float,
     c: float,
 ) -> tuple[float, float, float, float, bool]:
-    """Return the change of the plane that balances the wheels in contact.
+    """Return the change of the load plane that balances the wheels in contact.
 
     Returns:
-        Changes of a, b, c; slope of the energy along them; whether the contact points span a
-        plane, so that the change is the exact balance.
+        Changes of a, b, c; derivative of the energy along this change; whether the contact points
+        span a plane, so that the change gives the exact balance.
     """
     s, s_x, s_y, s_xx, s_xy, s_yy, size = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(position.shape[0]):
@@ -96,7 +97,7 @@ def _newton_step(
     minor = s_xx * s_yy - s_xy * s_xy
     determinant = s * minor - s_x * (s_x * s_yy - s_xy * s_y) + s_y * (s_x * s_xy - s_xx * s_y)
     exact = determinant > 1e-9 * size * size * size
-    if not exact:  # two wheels, or wheels in a row: add a small stiffness in all directions
+    if not exact:  # two wheels or collinear wheels: add a small stiffness
         s += 1e-8 * size
         s_xx += 1e-8 * size
         s_yy += 1e-8 * size
@@ -116,11 +117,11 @@ def _newton_step(
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Find the wheels with load; return their number, 0 if the iteration does not converge.
+    """Find the loaded wheels and their loads; return their number, 0 without convergence.
 
-    The balance is the minimum of a convex energy of the plane: the energy of the springs minus the
-    work of the weight. Newton's rule with a line search finds it from any start. It is complete
-    when the plane presses down exactly the wheels for which it was computed.
+    The balance is the minimum of a convex function of the plane: the energy of the springs minus
+    the work of the weight. Newton's method with a line search finds it from any initial value. It
+    ends when the wheels with a positive load are those for which the plane was computed.
     """
     n = position.shape[0]
     a, b, c = 1.0 / n, 0.0, 0.0
@@ -153,7 +154,7 @@ def stand_on_some(
 def stand_on_triangle(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> None:
-    """Balance the weight on three wheels of the polygon around the zero-moment point."""
+    """Distribute the weight over three polygon wheels around the zero-moment point."""
     loads[:] = 0.0
     o = hull[0]
     best = -np.inf

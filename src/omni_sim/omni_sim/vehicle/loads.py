@@ -1,14 +1,14 @@
 """Masses of the vehicle and the vertical loads of its wheels.
 
-Body and load are separate rigid masses. The wheels stand on equal vertical springs under a rigid
-chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the load
-plane. It balances the weight and the moments, including those of inertia at the height of the
-center of gravity: the loads balance about the zero-moment point ``z = r_g - h a / g``. Loads are
-not negative: wheels with a negative load in the plane lift off, and the others carry the weight. If
-the zero-moment point leaves the support polygon, no such balance exists and the vehicle would tip
-over. Then the nearest edge of the polygon carries the vehicle, and `tipping` is reported, because
-the planar model is no longer valid. Neglected: the product of inertia of masses at different
-heights under yaw acceleration.
+Body and load are separate rigid masses. The wheels are modeled as equal vertical springs under a
+rigid chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the
+load plane. It balances the weight and the moments, including those of inertia at the height of the
+center of gravity; the loads are balanced about the zero-moment point ``z = r_g - h a / g``. Loads
+cannot be negative: wheels with a negative load in the plane lift off, and the others carry the
+weight. If the zero-moment point leaves the support polygon, no such balance exists, and a real
+vehicle would tip over. The nearest edge of the polygon then carries the vehicle, and `tipping` is
+reported, because the planar model is no longer valid. Neglected: the product of inertia of masses
+at different heights under yaw acceleration.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
 MAXIMUM_WHEELS = 32
-"""Wheels that the contact set of the load equilibrium can hold."""
+"""Largest number of wheels in the contact set of the load equilibrium."""
 
 
 class MassConfiguration(Configuration):
-    """A rigid mass on the platform, in the body frame."""
+    """A rigid mass on the platform, described in the body frame."""
 
     mass: float = parameter(unit="kg", minimum=0.0, maximum=1.0e5)
     """Mass"""
@@ -41,7 +41,7 @@ class MassConfiguration(Configuration):
     height: float = parameter(unit="m", minimum=0.0, maximum=20.0)
     """Center of gravity above the ground"""
     yaw_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
-    """Moment of inertia about the vertical through its own center of gravity"""
+    """Moment of inertia about the vertical axis through the mass's own center of gravity"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,15 +123,15 @@ def wheel_loads(
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
-        plane: plane from `load_plane`.
-        hull: hull from `support_polygon`.
+        plane: rows from `load_plane`.
+        hull: indices from `support_polygon`.
         weight: m g [N].
         z_x: zero-moment point relative to the center of gravity, ``-h a_x / g`` [m].
         z_y: y of the zero-moment point, ``-h a_y / g`` [m].
-        loads: receives the loads [N], shape (N,).
+        loads: output, the wheel loads [N], shape (N,).
 
     Returns:
-        Whether the vehicle would tip: fewer than three wheels carry it.
+        Whether the vehicle would tip over, because fewer than three wheels carry load.
     """
     n = position.shape[0]
     lifted = False

@@ -1,12 +1,12 @@
-"""A vehicle with individual rollers in MuJoCo, with its rigid bodies and contacts.
+"""Vehicle with individual rollers, simulated by MuJoCo with rigid bodies and contacts.
 
-Chassis, load, wheels and every roller are separate bodies. Each wheel is mounted on a vertical
+Chassis, load, wheels and all rollers are separate bodies. Each wheel is mounted on a vertical
 spring, because a rigid chassis on four wheels is statically indeterminate: a millimeter of height
-would determine which three wheels have load. Rollers are ellipsoids that touch the wheel's envelope
-at their middle and at the change to the next roller. Friction is Coulomb friction without a slip
-curve; its size is the sliding force of the vehicle's tire on the ground under the wheel, at the
-load of the wheel's spring when a call begins. The brake is dry friction in the wheel's joint, and
-the drive is a velocity servo there.
+would determine which three wheels carry load. Rollers are ellipsoids that touch the wheel's
+envelope at their middle and at the change to the next roller. Friction is Coulomb friction without
+a slip curve. Its value is the sliding force of the vehicle's tire on the ground under the wheel, at
+the load of the wheel's spring at the start of a call. The brake is dry friction in the wheel's
+joint, and the drive is a velocity servo in the same joint.
 
 Further assumptions: the body is a homogeneous box as long and wide as the chassis, with its center
 of gravity in the middle, and the load is a sphere.
@@ -36,7 +36,8 @@ from omni_sim.vehicle.dynamics import in_turned_frame
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
-from omni_sim.wheel.brake_pressure import ask, press
+from omni_sim.wheel.brake_pressure import press, set_demand
+from omni_sim.wheel.roller_configuration import RollerConfiguration
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
 
@@ -46,13 +47,13 @@ _LEAST_LOAD = 10.0  # smallest load for which friction is computed [N]
 
 
 def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: Any) -> Vehicle:
-    """Return a vehicle of the class that its wheel model needs; arguments as of `Vehicle`."""
+    """Create a vehicle of the class that the wheel model requires; arguments as in `Vehicle`."""
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
 
 
 def load_mujoco() -> Any:
-    """Import MuJoCo, without its windows.
+    """Import MuJoCo without its viewer.
 
     Raises:
         ConfigurationError: MuJoCo is not installed; the message explains how to install it.
@@ -67,8 +68,8 @@ def load_mujoco() -> Any:
 class MujocoVehicle(Vehicle):
     """A vehicle on individual rollers in MuJoCo, on flat ground.
 
-    Each call of `advance` writes its state: motion, wheel speeds and angles, loads on the springs,
-    torques of the brakes, and the forces of the contacts along the active directions.
+    Each call of `advance` writes the vehicle's state: motion, wheel speeds and angles, loads of the
+    springs, brake torques, and the contact forces along the active directions.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class MujocoVehicle(Vehicle):
         height_offset: ArrayLike = 0.0,
         **options: Any,
     ) -> None:
-        """Build the vehicle and place it, rolling on its springs at rest.
+        """Build the vehicle and place it with rolling wheels and its springs at rest.
 
         Args:
             configuration: configuration of the vehicle.
@@ -116,12 +117,12 @@ class MujocoVehicle(Vehicle):
         self._angles = np.array([int(joint.qposadr[0]) for joint in joints])
         springs = [self._model.joint(f"spring_{i}") for i in range(n)]
         self._springs = np.array([int(joint.qposadr[0]) for joint in springs])
-        count = configuration.rollers.count  # the plane is the first geometry
+        count = configuration.rollers.count  # the ground plane is the first geometry
         self._geometries = 1 + np.arange(n * count).reshape(n, count)
         return state
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle, with wheels and rollers rolling at its twist.
+        """Place the vehicle with wheels and rollers that roll according to its twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -160,7 +161,7 @@ class MujocoVehicle(Vehicle):
         if len(log.wheels) or control.force_x or control.force_y:
             raise VehicleInputError("wheel_model 'mujoco' has neither pushes nor logs of each step")
         plant, pressure, data = self.state.plant, self.state.pressure, self._data
-        ask(pressure, control.brake, control.enable)
+        set_demand(pressure, control.brake, control.enable)
         limits = self._set_friction()
         self._model.actuator_gainprm[:, 0] = control.drive_stiffness
         self._model.actuator_biasprm[:, 2] = -control.drive_stiffness
@@ -184,12 +185,12 @@ class MujocoVehicle(Vehicle):
             self._mujoco.mj_step(self._model, data)
         self._write_back(limits)
         loads, counters = self.state.wheels["load"], self.state.counters[0]
-        self._tipping = bool(np.count_nonzero(loads > 0.0) < 3)
-        counters["tipping_steps"] += log.steps * self._tipping
+        self.tipping = bool(np.count_nonzero(loads > 0.0) < 3)
+        counters["tipping_steps"] += log.steps * self.tipping
         counters["overloaded_steps"] += log.steps * np.count_nonzero(loads > plant.largest_load)
 
     def _set_friction(self) -> FloatArray:
-        """Set the friction of each wheel's rollers; return its largest force [N], shape (N,)."""
+        """Set the rollers' friction for each wheel; return the largest force [N], shape (N,)."""
         plant, (x, y, yaw) = self.state.plant, self.pose
         limits = np.empty(len(self._hinges))
         for i, (mount, load) in enumerate(
@@ -211,7 +212,7 @@ class MujocoVehicle(Vehicle):
         return np.array([*place[:2], yaw]), np.array([*velocity[:2], velocity[5]])
 
     def _write_back(self, limits: FloatArray) -> None:
-        """Copy MuJoCo's state to the planar state, for given friction limits of the wheels [N]."""
+        """Copy MuJoCo's state to the planar state, for these friction limits of the wheels [N]."""
         data, body, wheels = self._data, self.state.body[0], self.state.wheels
         (x, y, yaw), (v_x, v_y, rate) = self._base()
         g_x, g_y = in_turned_frame(*self.masses.center, -yaw)
@@ -255,7 +256,7 @@ def _model(
     suspension: float,
     physics_step: float,
 ) -> Iterator[str]:
-    """Write a vehicle in MuJoCo's format.
+    """Generate the description of a vehicle in MuJoCo's format.
 
     Args:
         vehicle: configuration of the vehicle.
@@ -264,9 +265,8 @@ def _model(
         suspension: stiffness of each wheel's spring [N/m].
         physics_step: length of a step [s].
     """
-    mass = float(loads.sum()) / GRAVITY
     n, rollers = len(vehicle.wheels), vehicle.rollers
-    damping = 2.0 * _DAMPING_RATIO * math.sqrt(suspension * mass / n)
+    damping = 2.0 * _DAMPING_RATIO * math.sqrt(suspension * float(loads.sum()) / GRAVITY / n)
     soft = f"{_SOFTNESS:g} 1"
     yield "<mujoco><compiler angle='radian' autolimits='true'/>"
     yield (
@@ -276,27 +276,8 @@ def _model(
     yield f"<default><geom friction='0 0 0' condim='3' solref='{soft}'/></default>"
     yield "<worldbody><geom type='plane' size='1 1 1' contype='0' conaffinity='1'/>"
     yield "<body name='base'><freejoint/>"
-    roller_mass = 2.0 * rollers.inertia / rollers.radius**2
-    wheel_mass = rollers.count * roller_mass
-    body, load = vehicle.body, vehicle.load
-    # In the planar vehicle the body includes the wheels' mass and moment about the vertical.
-    reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
-    chassis = body.mass - n * wheel_mass
-    yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
-    box = (vehicle.chassis_width, vehicle.chassis_length, 2.0 * body.height)
-    roll = chassis / 12.0 * (box[0] ** 2 + box[2] ** 2)
-    pitch = chassis / 12.0 * (box[1] ** 2 + box[2] ** 2)
-    yaw_inertia = min(yaw_inertia, 0.999 * (roll + pitch))  # limit for any rigid body
-    yield (
-        f"<inertial pos='{body.x} {body.y} {body.height}' mass='{chassis}' "
-        f"diaginertia='{roll} {pitch} {yaw_inertia}'/>"
-    )
-    if load.mass > 0.0:
-        ball = max(load.yaw_inertia, 1e-3)
-        yield (
-            f"<body pos='{load.x} {load.y} {load.height}'><inertial pos='0 0 0' "
-            f"mass='{load.mass}' diaginertia='{ball} {ball} {ball}'/></body>"
-        )
+    wheel_mass = rollers.count * _roller_mass(rollers)
+    yield from _chassis(vehicle, wheel_mass)
     geometry = PlatformKinematics(vehicle.wheels).geometry
     for i, mount in enumerate(vehicle.wheels.values()):
         distance = mount.radius - rollers.radius
@@ -314,38 +295,89 @@ def _model(
             f"solreffriction='{soft}'/>"
         )
         yield "<inertial pos='0 0 0' mass='0.01' diaginertia='1e-4 1e-4 1e-4'/>"
-        lowest = np.array([*geometry.active[i], 0.0])
         tilt = abs(float(geometry.active[i] @ geometry.rolling[i]))  # sin(delta)
-        for k in range(rollers.count):
-            angle = 2.0 * math.pi * k / rollers.count
-            place = _turned(np.array([0.0, 0.0, -distance]), axis, angle)
-            along = _turned(lowest, axis, angle)
-            # The ellipsoid that touches the envelope in the middle and at the change of rollers.
-            half = distance * math.tan(math.pi / rollers.count) / tilt
-            change = mount.radius - distance / math.cos(math.pi / rollers.count)
-            length = half / math.sqrt(1.0 - (change / rollers.radius) ** 2)
-            across = roller_mass * (rollers.radius**2 / 4.0 + half**2 / 3.0)
-            yield f"<body pos='{_numbers(place)}' zaxis='{_numbers(along)}'>"
-            yield f"<joint name='roller_{i}_{k}' type='hinge' axis='0 0 1'/>"
-            yield (
-                f"<inertial pos='0 0 0' mass='{roller_mass}' "
-                f"diaginertia='{across} {across} {rollers.inertia}'/>"
-            )
-            size = f"{rollers.radius} {rollers.radius} {length}"
-            yield f"<geom type='ellipsoid' size='{size}' contype='1' conaffinity='0'/></body>"
+        yield from _rollers(
+            rollers, i, mount.radius, tilt, axis, np.array([*geometry.active[i], 0.0])
+        )
         yield "</body>"
     yield f"</body></worldbody><actuator>{_drives(n, vehicle.drive.max_torque)}</actuator></mujoco>"
 
 
+def _roller_mass(rollers: RollerConfiguration) -> float:
+    """Return the mass [kg] of a cylinder with the radius and moment of inertia of a roller."""
+    return 2.0 * rollers.inertia / rollers.radius**2
+
+
+def _rollers(
+    rollers: RollerConfiguration,
+    wheel: int,
+    radius: float,
+    tilt: float,
+    axis: FloatArray,
+    lowest: FloatArray,
+) -> Iterator[str]:
+    """Generate the rollers of a wheel.
+
+    Args:
+        rollers: configuration of the rollers.
+        wheel: number of the wheel.
+        radius: radius of the wheel [m].
+        tilt: sine of the angle between the axes of roller and wheel [1].
+        axis: axis of the wheel, a unit vector, shape (3,).
+        lowest: axis of the lowest roller, a unit vector, shape (3,).
+    """
+    distance = radius - rollers.radius
+    # These ellipsoids touch the envelope at their middle and at the change of rollers.
+    half = distance * math.tan(math.pi / rollers.count) / tilt
+    change = radius - distance / math.cos(math.pi / rollers.count)
+    length = half / math.sqrt(1.0 - (change / rollers.radius) ** 2)
+    mass = _roller_mass(rollers)
+    across = mass * (rollers.radius**2 / 4.0 + half**2 / 3.0)
+    for k in range(rollers.count):
+        angle = 2.0 * math.pi * k / rollers.count
+        place = _turned(np.array([0.0, 0.0, -distance]), axis, angle)
+        yield f"<body pos='{_numbers(place)}' zaxis='{_numbers(_turned(lowest, axis, angle))}'>"
+        yield f"<joint name='roller_{wheel}_{k}' type='hinge' axis='0 0 1'/>"
+        yield (
+            f"<inertial pos='0 0 0' mass='{mass}' "
+            f"diaginertia='{across} {across} {rollers.inertia}'/>"
+        )
+        size = f"{rollers.radius} {rollers.radius} {length}"
+        yield f"<geom type='ellipsoid' size='{size}' contype='1' conaffinity='0'/></body>"
+
+
+def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
+    """Generate the chassis without wheels of a mass [kg] each, and the load."""
+    body, load = vehicle.body, vehicle.load
+    # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.
+    reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
+    mass = body.mass - len(vehicle.wheels) * wheel_mass
+    yaw_inertia = max(body.yaw_inertia - wheel_mass * reach, 0.1 * body.yaw_inertia)
+    height = 2.0 * body.height
+    roll = mass / 12.0 * (vehicle.chassis_width**2 + height**2)
+    pitch = mass / 12.0 * (vehicle.chassis_length**2 + height**2)
+    yaw_inertia = min(yaw_inertia, 0.999 * (roll + pitch))  # limit for any rigid body
+    yield (
+        f"<inertial pos='{body.x} {body.y} {body.height}' mass='{mass}' "
+        f"diaginertia='{roll} {pitch} {yaw_inertia}'/>"
+    )
+    if load.mass > 0.0:
+        ball = max(load.yaw_inertia, 1e-3)
+        yield (
+            f"<body pos='{load.x} {load.y} {load.height}'><inertial pos='0 0 0' "
+            f"mass='{load.mass}' diaginertia='{ball} {ball} {ball}'/></body>"
+        )
+
+
 def _drives(n: int, limit: float) -> str:
-    """Return the velocity servos of the wheels, disengaged, with their largest torque [N m]."""
+    """Return the disengaged velocity servos of the wheels, with their largest torque [N m]."""
     return "".join(
         f"<velocity joint='wheel_{i}' kv='0' forcerange='{-limit} {limit}'/>" for i in range(n)
     )
 
 
 def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """Turn a vector about a unit axis (Rodrigues)."""
+    """Rotate a vector about a unit axis (Rodrigues' formula)."""
     cos, sin = math.cos(angle), math.sin(angle)
     along = float(axis @ vector) * (1.0 - cos) * axis
     return np.asarray(cos * vector + sin * np.cross(axis, vector) + along, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Initial state of a vehicle on the ground, rolling without slip, with undeflected tires."""
+"""Initial state of a vehicle on the ground: rolling without slip, with undeflected tires."""
 
 import math
 
@@ -17,7 +17,7 @@ _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions de
 def place(
     state: State, masses: MassProperties, pose: FloatArray, twist: FloatArray, angle: FloatArray
 ) -> None:
-    """Place a vehicle, with wheels and rollers rolling at its twist.
+    """Place a vehicle with wheels and rollers that roll according to its twist.
 
     Args:
         state: changed in place.
@@ -61,14 +61,14 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the contacts' velocities along ``n_w`` for a twist of the center of gravity [m/s]."""
+    """Return the contact velocities along ``n_w`` for a twist of the center of gravity [m/s]."""
     contacts = state.contacts
     columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
     return np.asarray(columns @ twist, dtype=np.float64)
 
 
 def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
-    """Move the contacts to the wheel angles and return the speeds of rolling, Eq. (16)."""
+    """Move the contacts to the wheel angles; return the wheel speeds of rolling, Eq. (16)."""
     state.wheels["speed"] = 0.0
     roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
     hub = along_active(state, np.array([*velocity, yaw_rate]))
@@ -76,7 +76,7 @@ def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> Float
 
 
 def _place_rollers(state: State) -> None:
-    """Set every roller's spin to rolling on the ground, ``k`` of Eq. (13)."""
+    """Set the spin of each roller to that of rolling on the ground, ``k`` of Eq. (13)."""
     rollers, plant, body = state.rollers, state.plant, state.body[0]
     if rollers is None:
         return
@@ -101,7 +101,7 @@ def _place_rollers(state: State) -> None:
 
 
 def _lean_on_ground(state: State, x: float, y: float) -> None:
-    """Find the path plane at a position of base_link, on which the wheel positions depend."""
+    """Find the path plane for a position of base_link; the wheel positions depend on the plane."""
     body = state.body[0]
     g_x, g_y = body["x"] - x, body["y"] - y
     for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):

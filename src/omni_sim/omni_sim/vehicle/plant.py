@@ -1,4 +1,4 @@
-"""Converts a vehicle's configuration to the constants of the dynamics kernel."""
+"""Conversion of a vehicle's configuration to the constants of the dynamics kernel."""
 
 import math
 
@@ -23,7 +23,7 @@ def build_plant(
     friction: FrictionMap,
     physics_step: float,
 ) -> state.Plant:
-    """Return the constants of a vehicle in the layout of the kernel.
+    """Return the constants of a vehicle for the kernel.
 
     Args:
         configuration: configuration of the vehicle.
@@ -37,19 +37,11 @@ def build_plant(
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)
-    mobility = geometry.active @ geometry.active.T / masses.mass
-    mobility += np.outer(moment, moment) / masses.yaw_inertia
-    mobility_sum = np.sum(np.abs(mobility), axis=1)
     rollers, pitch = np.zeros(len(lever), AXIS), 0.0
     if configuration.contacts_move:
         geometries = configuration.roller_geometries
         rollers = np.array([geometry.constants for geometry in geometries], AXIS)
         pitch = 2.0 * geometries[0].half_pitch
-        jump = np.array([geometry.jump for geometry in geometries])
-        # An upper bound for all wheel angles; two rollers may carry a wheel.
-        reach = np.linalg.norm(lever, axis=1) + jump
-        mobility_sum = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
-        mobility_sum *= 2.0 if configuration.wheel_model == "rollers" else 1.0
     plant = state.Plant(
         dt=float(physics_step),
         mass=masses.mass,
@@ -59,7 +51,7 @@ def build_plant(
         filter_share=physics_step / (physics_step + configuration.load_transfer_time),
         contact=structured(state.CONTACT, lever, geometry.active, moment, rim),
         radius=geometry.radius,
-        mobility=np.broadcast_to(mobility_sum, len(lever)).copy(),
+        mobility=_mobility(configuration, masses, lever, geometry.active, moment),
         rolling=np.zeros((len(lever), 3)),
         position=lever,
         plane=load_plane(lever),
@@ -87,7 +79,7 @@ def build_plant(
 
 
 def _ramp(brake: BrakeConfiguration) -> float:
-    """Return the deceleration that a velocity drive commands per torque [m/s^2 per N m], else 0."""
+    """Return the deceleration that a velocity drive commands per torque [m/s^2 per N m], or 0."""
     return brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
 
 
@@ -97,7 +89,7 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return the plant, with the coupling of the passive losses to its forces, and these losses.
+    """Return the passive losses, and the plant with their coupling to its forces.
 
     Args:
         configuration: configuration of the vehicle.
@@ -154,7 +146,7 @@ def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
 def build_suspension(
     configuration: VehicleConfiguration, masses: MassProperties
 ) -> state.Suspension:
-    """Return the springs of a chassis in the layout of the kernel.
+    """Return the suspension of a chassis for the kernel.
 
     Args:
         configuration: configuration of the vehicle.
@@ -184,6 +176,32 @@ def static_loads(plant: state.Plant) -> FloatArray:
 
 
 def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
-    """Return columns of numbers, shape (N,) or (N, k), as a structured array of floats, (N,)."""
+    """Combine columns of numbers, shape (N,) or (N, k), into a structured array, shape (N,)."""
     rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     return rows.view(kind)[:, 0]
+
+
+def _mobility(
+    configuration: VehicleConfiguration,
+    masses: MassProperties,
+    lever: FloatArray,
+    active: FloatArray,
+    moment: FloatArray,
+) -> FloatArray:
+    """Return the sums over the rows of the mobility, or bounds of them, shape (N,).
+
+    Args:
+        configuration: configuration of the vehicle.
+        masses: body and load together.
+        lever: wheel centers from the center of gravity [m], shape (N, 2).
+        active: active directions, shape (N, 2).
+        moment: moments of unit forces along the active directions [m], shape (N,).
+    """
+    if configuration.contacts_move:
+        jump = np.array([geometry.jump for geometry in configuration.roller_geometries])
+        # This upper bound is valid for all wheel angles; two rollers may carry a wheel.
+        reach = np.linalg.norm(lever, axis=1) + jump
+        total = len(lever) / masses.mass + reach * reach.sum() / masses.yaw_inertia
+        return np.asarray(total * (2.0 if configuration.wheel_model == "rollers" else 1.0))
+    mobility = active @ active.T / masses.mass + np.outer(moment, moment) / masses.yaw_inertia
+    return np.asarray(np.sum(np.abs(mobility), axis=1))

@@ -4,8 +4,8 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x, y)`` is replaced
 under each wheel by the plane of four points before, behind, left and right of its projection.
 
-The radial direction is ``e_zR = e_x x e_yR`` as printed in Eq. (6). It points from the contact to
-the center of the wheel. All frames are parallel to the world, with z up.
+The radial direction is ``e_zR = e_x x e_yR``, as printed in Eq. (6). It points from the contact to
+the center of the wheel. All frames have their axes parallel to the world's, with z up.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from omni_sim.ground.elevation import Terrain, elevation_at
 def plane_of_points(
     front: float, back: float, left: float, right: float, distance: float
 ) -> tuple[float, float, float, float]:
-    """Return the plane of four points at ``distance`` around a projection, Eq. (5).
+    """Return the plane through four points at ``distance`` around a projection, Eq. (5).
 
     With ``r_21`` from back to front and ``r_43`` from right to left, both of horizontal length
     ``2 distance``, ``e_n = r_21 x r_43 / |r_21 x r_43|``.
@@ -77,7 +77,7 @@ class RoadPlane:
     """The plane that approximates the ground under a wheel.
 
     Attributes:
-        point: point of the plane above or below the wheel's projection [m], shape (3,).
+        point: point of the plane vertically above or below the wheel's center [m], shape (3,).
         normal: ``e_n``, upwards [1], shape (3,).
     """
 
@@ -91,11 +91,11 @@ class WheelContact:
 
     Attributes:
         point: geometric contact point P, Eq. (6), world frame [m], shape (3,).
-        longitudinal: ``e_x``, where road plane and wheel plane meet [1], shape (3,).
+        longitudinal: ``e_x``, along the intersection of road plane and wheel plane [1], shape (3,).
         lateral: ``e_y`` in the road plane, to the left of ``e_x`` [1], shape (3,).
         normal: ``e_n`` of the road plane [1], shape (3,).
         radial: ``e_zR`` from P to the wheel center [1], shape (3,).
-        camber: ``beta`` between wheel axis and road plane [rad].
+        camber: angle ``beta`` between wheel axis and road plane [rad].
         static_radius: ``r_S``, distance from the wheel center to P [m].
     """
 
@@ -117,8 +117,8 @@ def wheel_contact(center: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> Wheel
         plane: local road plane.
 
     Raises:
-        ValueError: the axis is along the normal, so that the wheel is on its side, or the
-            center is not above the plane.
+        ValueError: the wheel axis is parallel to the road normal, so the wheel is on its side, or
+            the wheel center is not above the plane.
     """
     middle = np.asarray(center, dtype=np.float64)
     e_yr = np.asarray(axis, dtype=np.float64)
@@ -145,6 +145,6 @@ def wheel_contact(center: ArrayLike, axis: ArrayLike, plane: RoadPlane) -> Wheel
 
 
 def camber_angle(axis: ArrayLike, normal: ArrayLike) -> float:
-    """Return ``beta = arcsin(e_yR . e_n)`` [rad] of a wheel axis over a road normal."""
+    """Return ``beta = arcsin(e_yR . e_n)`` [rad] for a wheel axis and a road normal."""
     product = float(np.dot(np.asarray(axis), np.asarray(normal)))
     return math.asin(min(max(product, -1.0), 1.0))

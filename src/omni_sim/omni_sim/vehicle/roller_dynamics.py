@@ -1,10 +1,10 @@
-"""Wheels with individual rollers in the dynamics kernel: rollers in contact and their forces.
+"""Wheels with individual rollers in the dynamics kernel: rollers on the ground and their forces.
 
-Wheels and contacts are those of `wheel.roller`. Forces act at the displaced contact points, Eqs.
-(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
-computed as if the contacts were under the wheel centers. While two rollers of a wheel are in
-contact, the wheel's spin is solved with the lower roller and the other roller's force of the last
-step.
+Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points,
+Eqs. (10), (11), so their levers about the center of gravity vary with the wheel angles. The loads
+are computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
+ground, the spin of the wheel is solved together with the lower roller, and the force of the other
+roller is that of the last step.
 """
 
 import math
@@ -20,19 +20,19 @@ from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_ste
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
-# An inertia so large that the speed of the wheel is constant [kg m^2].
+# Inertia so large that the speed of the wheel is practically constant [kg m^2].
 _PRESCRIBED = 1e30
-# Tipping may compress a tire down to the roller's axis; the lever is at least this [m].
+# Tipping may compress a tire down to the roller's axis; the lever keeps this minimum [m].
 _LEAST_LEVER = 1e-3
 
 
 class _Touch(NamedTuple):
-    """A roller on the ground.
+    """A roller that touches the ground.
 
     Attributes:
         wheel: index of the wheel.
         roller: index of the roller on the wheel.
-        gamma: angle from its lowest position [rad].
+        gamma: angle from the roller's lowest position [rad].
         load: load of the roller [N].
         wheel_load: load of the wheel [N].
         turning: wheel speed at the start of the step [rad/s].
@@ -48,10 +48,10 @@ class _Touch(NamedTuple):
 
 @lean
 def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) -> None:
-    """Move the contacts to the contact points of the rollers, Eqs. (9), (10).
+    """Move the contacts to the contact points under the rollers, Eqs. (9), (10).
 
     Args:
-        plant: constants, with a roller pitch.
+        plant: constants; the roller pitch must not be 0.
         wheels: `state.WHEEL`, shape (N,).
         contacts: `state.CONTACT`, written in place, shape (N,).
     """
@@ -71,11 +71,11 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
-    """Advance a wheel with one of its rollers; see `roller.roller_step`.
+    """Advance a wheel together with one of its rollers; see `roller.roller_step`.
 
     Args:
         plant: constants.
-        rollers: the roller's state is changed, and its force is added to that of the wheel.
+        rollers: rollers; the state of one is changed, and its force is added to that of the wheel.
         step: quantities common to all wheels.
         touch: the roller.
         spin: spin of the wheel under all torques except that of this roller.
@@ -87,7 +87,7 @@ def _step_contact(
     i = touch.wheel
     roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i]
     radius = plant.radius[i] - touch.wheel_load / plant.vertical_stiffness  # r_D of Eq. (1)
-    # Largest change of the contact's velocity per force, by all forces together.
+    # Largest change of the contact's velocity per force, if all forces act together.
     mobility = plant.dt * plant.mobility[i]
     n_x, n_y, r_x, r_y, rim_active, length, depth = roller_contact(touch.gamma, axis)
     p_x, p_y = n_y, -n_x
@@ -102,12 +102,12 @@ def _step_contact(
     clamped = min(touch.load, plant.largest_load)
     spin_lever = max(radius - depth, _LEAST_LEVER) * length
     lever = (radius * rim_active, radius * (axis.u_x * p_x + axis.u_y * p_y))
-    # Dry friction of the roller, which holds it against the torque of its last contact force.
+    # Dry friction of the roller, which can hold it against the torque of its last contact force.
     turn = plant.dt * spin_lever / rollers.inertia
     slowed = turn * (rollers.constant + rollers.growing * touch.load) * touch.load
     free = roller.spin - turn * roller.f_p
-    # Speed of the rubber through the contact, by the wheel along u and by the roller across its
-    # axis.
+    # Speed of the rubber through the contact: the wheel contributes along u, and the roller across
+    # its axis.
     surface = spin_lever * roller.spin
     rim = radius * touch.turning
     speed = math.hypot(rim * axis.u_x + surface * p_x, rim * axis.u_y + surface * p_y)
@@ -153,7 +153,7 @@ def _step_contact(
 
 @lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Set deflection and force of rollers that are not on the ground to zero; keep their spin."""
+    """Set deflection and force of rollers above the ground to zero; they keep their spin."""
     for k in range(rollers.shape[0]):
         roller = rollers[k]
         if k not in (first, second) and roller.load != 0.0:
@@ -167,11 +167,11 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
-    """Advance the speed of a wheel, but not its angle, by one step; one or two rollers touch.
+    """Advance the speed of a wheel, but not its angle, by one step, on one or two rollers.
 
     Args:
         plant: constants.
-        rollers: rollers of all wheels; state and force of wheel `i` are changed in place.
+        rollers: rollers of all wheels; state and force of those of wheel `i` are changed in place.
         wheel: `state.WHEEL`, with the load of this step; changed in place.
         step: quantities common to all wheels.
         i: index of the wheel.
@@ -190,7 +190,7 @@ def step_roller_wheel(
     _lift(rollers.state[i], first, second if shared else first)
     for j in range(3):
         rollers.push[i, j] = 0.0
-    held = rollers.state[i, second].torque if shared else 0.0  # from the step before
+    held = rollers.state[i, second].torque if shared else 0.0  # of the previous step
     spin = Spin(omega + plant.dt * held / plant.wheel_inertia, plant.wheel_inertia, brake)
     lower = _Touch(i, first, gamma, share * load, load, omega)
     wheel.speed, wheel.brake = _step_contact(plant, rollers, step, lower, spin, drive)
@@ -208,7 +208,7 @@ def step_roller_wheel(
 
 @lean
 def roller_energies(rollers: Rollers) -> Pair:
-    """Return the energy of the spin of all rollers and the energy of their deflection [J]."""
+    """Return the spin energy of all rollers and the energy of their treads' deflection [J]."""
     spin, elastic = 0.0, 0.0
     for i in range(rollers.state.shape[0]):
         for k in range(rollers.state.shape[1]):

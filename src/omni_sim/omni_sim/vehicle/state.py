@@ -1,7 +1,7 @@
-"""Constants, inputs and state of the kernels of a vehicle, by name.
+"""Constants, inputs and state of a vehicle's kernels, with named fields.
 
-State is in structured arrays, so that a kernel reads ``wheel.speed`` and Python
-``wheels["speed"]``; constants and inputs are NamedTuples.
+The state is stored in structured arrays, so that a kernel reads ``wheel.speed`` and Python code
+reads ``wheels["speed"]``. Constants and inputs are NamedTuples.
 """
 
 from __future__ import annotations
@@ -17,78 +17,55 @@ from omni_sim.wheel.brake_pressure import BrakePressure
 
 Structured = NDArray[np.void]
 Record = Any
-"""One entry of a structured array, by reference."""
+"""One record of a structured array, by reference."""
 
 
-def _floats(*names: str) -> np.dtype[np.void]:
-    return np.dtype([(name, np.float64) for name in names])
+def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
+    """Return a record type of doubles, with a bool at the end if `flag` is given."""
+    flags = [(flag, np.bool_)] if flag else []
+    return np.dtype([*((name, np.float64) for name in names), *flags], align=True)
 
 
 BODY = _floats("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "a_x", "a_y", "tilt_x", "tilt_y")
-"""The body: position of the center of gravity and its velocity in the world frame [m, rad, m/s,
-rad/s], the low-passed acceleration by the tires in the body frame [m/s^2], and the level components
-of the path plane's normal [1], in whose frame yaw and velocity are."""
+"""State of the body: position of the center of gravity and its velocity in the world frame
+[m, rad, m/s, rad/s]; low-passed acceleration by the tires in the body frame [m/s^2]; horizontal
+components of the path plane's normal [1]. Yaw and velocity are given in the path plane."""
 
 CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
-"""Contact of a wheel: position relative to the center of gravity [m], active direction ``n_w`` [1],
-``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
+"""Contact of a wheel: position relative to the center of gravity [m], active direction ``n_w``
+[1], lever ``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
 
-WHEEL = np.dtype(
-    [
-        ("speed", np.float64),
-        ("angle", np.float64),
-        ("deflection", np.float64),
-        ("force", np.float64),
-        ("load", np.float64),
-        ("brake", np.float64),
-        ("command", np.float64),
-        ("slip", np.float64),
-        ("limit", np.float64),
-        ("passive", np.float64),
-        ("gain", np.float64),
-        ("last_speed", np.float64),
-        ("sliding", np.bool_),
-    ],
-    align=True,
+WHEEL = _floats(
+    *("speed", "angle", "deflection", "force", "load", "brake", "command", "slip", "limit"),
+    *("passive", "gain", "last_speed"),
+    flag="sliding",
 )
-"""A wheel: speed [rad/s], angle [rad], deflection ``e`` of the tire and its force on the vehicle
-along the active direction [m, N], and of the last step the load [N], the torque of the brake on the
-wheel [N m], the speed command of a velocity drive that brakes [rad/s], the slip of the patch (20)
-[1] and the largest force that load and ground allowed [N]. With passive losses: their force on the
-vehicle [N], the speed that they add to the wheel in a step and the wheel speed before the last step
-[rad/s]. Last, whether the patch slides."""
+"""State of a wheel: speed [rad/s]; angle [rad]; deflection ``e`` of the tire [m]; force on the
+vehicle along the active direction [N]. Values of the last step: load [N]; torque of the brake on
+the wheel [N m]; speed command of a velocity drive that brakes [rad/s]; slip of the contact
+patch, Eq. (20) [1]; largest force at this load and ground [N]. With passive losses: their force
+on the vehicle [N]; wheel speed that they add in a step [rad/s]; wheel speed before the last step
+[rad/s]. The flag is whether the patch slides."""
 
 LOSS = _floats("u_x", "u_y", "moment", "rim", "mobility")
-"""Constants of a wheel's passive losses: passive direction ``u_w`` [1], ``cross(r_i - r_g, u_w)``
-[m], ``u_w . u`` [1], sum of the absolute mobilities that couple the roller to any force [1/kg]."""
+"""Constants of a wheel's passive losses: passive direction ``u_w`` [1], lever ``cross(r_i - r_g,
+u_w)`` [m], ``u_w . u`` [1], sum of the absolute mobilities that couple the roller to any force
+[1/kg]."""
 
-ROLLER = np.dtype(
-    [
-        ("spin", np.float64),
-        ("e_a", np.float64),
-        ("e_p", np.float64),
-        ("f_a", np.float64),
-        ("f_p", np.float64),
-        ("q_a", np.float64),
-        ("q_p", np.float64),
-        ("load", np.float64),
-        ("limit", np.float64),
-        ("slip", np.float64),
-        ("torque", np.float64),
-        ("sliding", np.bool_),
-    ],
-    align=True,
+ROLLER = _floats(
+    *("spin", "e_a", "e_p", "f_a", "f_p", "q_a", "q_p", "load", "limit", "slip", "torque"),
+    flag="sliding",
 )
-"""A roller: spin [rad/s]; deflection [m], force [N] and direction of the friction [1] along its
-axis (active) and across it (passive); the load that it carries and the friction limit [N]; slip
-[1]; its torque on the wheel [N m]; whether it slides."""
+"""State of a roller: spin [rad/s]; deflection [m], force [N] and friction direction [1], each
+along the axis (active) and across it (passive); load [N]; friction limit [N]; slip [1]; torque
+on the wheel [N m]. The flag is whether the patch slides."""
 
 CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
-"""A sprung chassis over the vehicle's plane: ``z`` [m], gradients ``p`` and ``r`` [1], and their
-rates [m/s, 1/s, 1/s]."""
+"""State of a sprung chassis relative to the vehicle's plane: height ``z`` [m], gradients ``p``
+and ``r`` [1], and their time derivatives [m/s, 1/s, 1/s]."""
 
 COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
-"""Steps with tipping, and wheel-steps beyond the tire's largest load."""
+"""Number of steps with tipping, and number of overloaded wheels summed over the steps."""
 
 
 class Plant(NamedTuple):
@@ -100,7 +77,7 @@ class Plant(NamedTuple):
         yaw_inertia: moment of inertia J about the center of gravity [kg m^2].
         center: center of gravity in the body frame [m].
         height: height of the center of gravity [m].
-        filter_share: weight of the newest acceleration in the low-pass [1].
+        filter_share: weight of the newest acceleration in the low-pass filter [1].
         contact: nominal contacts of the wheels, `CONTACT`, shape (N,).
         radius: radius of the unloaded wheels [m], shape (N,).
         mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
@@ -111,21 +88,21 @@ class Plant(NamedTuple):
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
-        ramp: deceleration of a velocity drive's speed command per torque of a brake [rad/s^2 per
-            N m], 0 for friction brakes, shape (N,).
-        tire: constants of the tire model; their type chooses it.
-        largest_load: load to which the tire's load is clamped [N].
+        ramp: rate at which a velocity drive reduces its speed command, per brake torque [rad/s^2
+            per N m]; 0 for friction brakes, shape (N,).
+        tire: constants of the tire model; their type determines the model.
+        largest_load: load to which higher wheel loads are limited [N].
         stiffness: horizontal stiffness c_x of a tire [N/m].
         damping: horizontal damping d_x of a tire [N s/m].
         vertical_stiffness: vertical stiffness c_z of a tire [N/m].
-        slip_speed: speed v_num that keeps the slip finite [m/s].
+        slip_speed: speed v_num that keeps the slip of a locked wheel finite [m/s].
         friction: friction factor of the ground outside the patches [1].
         patches: table of the patches from `friction.FrictionMap`, shape (P, 8).
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
         brake_power: largest power of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
-        roller_pitch: angle between two rollers [rad]; 0 if the contacts stay under the wheels.
+        roller_pitch: angle between two rollers [rad]; 0 if the contacts remain under the wheels.
     """
 
     dt: float
@@ -161,13 +138,13 @@ class Plant(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Losses along the passive directions.
+    """Constants of the losses along the passive directions.
 
     Attributes:
-        wheel: constants of the wheels, `LOSS`, shape (N,); shape (0,) without losses.
-        constant: friction per load [1].
-        growing: friction per load and load, Eq. (19) [1/N].
-        inertia: inertia of a roller against its surface speed [kg].
+        wheel: constants of each wheel, records of `LOSS`, shape (N,); shape (0,) without losses.
+        constant: friction per load that does not depend on the load [1].
+        growing: increase of the friction per load with the load, Eq. (19) [1/N].
+        inertia: effective mass of a roller for its surface speed [kg].
     """
 
     wheel: Structured
@@ -177,19 +154,19 @@ class Losses(NamedTuple):
 
 
 class Rollers(NamedTuple):
-    """The individual rollers of all wheels: constants in addition to `Plant`, and state.
+    """Individual rollers of all wheels: their state, and constants in addition to `Plant`.
 
     Attributes:
-        tire_y: constants of the tire model in the direction y.
+        tire_y: constants of the tire model across the roller's axis.
         inertia: inertia of a roller [kg m^2].
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
-        overlap: see `roller_configuration.RollerConfiguration`.
-        constant: friction against a roller's rotation, at its surface, per load [1].
-        growing: increase of this value per load, Eq. (19) [1/N].
+        overlap: overlap of the rollers, see `roller_configuration.RollerConfiguration`.
+        constant: friction at a roller's surface per load that does not depend on the load [1].
+        growing: increase of the friction per load with the load, Eq. (19) [1/N].
         state: state of the rollers, `ROLLER`, shape (N, n).
-        push: forces [N] and moment about the center of gravity [N m] of each wheel in the last
-            step, body frame, shape (N, 3).
+        push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
+            body frame, shape (N, 3).
     """
 
     tire_y: Any
@@ -204,7 +181,7 @@ class Rollers(NamedTuple):
 
 
 class Suspension(NamedTuple):
-    """The springs of a chassis; see `suspension`.
+    """Suspension of a chassis; see the module `suspension`.
 
     Attributes:
         stiffness: vertical stiffness c of each wheel [N/m]; 0 without suspension.
@@ -212,10 +189,10 @@ class Suspension(NamedTuple):
         pitch_inertia: moment of inertia I_p about the lateral axis [kg m^2].
         roll_inertia: moment of inertia I_r about the longitudinal axis [kg m^2].
         mounted: mounting height of each wheel relative to the others [m], shape (N,).
-        half_gap: half gap from a roller's end to the middle of the gap between two, along the rim
-            [m].
-        ground: height under each wheel over the vehicle's plane [m], shape (N,).
-        sunk: depth of each wheel in a gap between rollers [m], shape (N,).
+        half_gap: distance along the rim from the end of a roller to the middle of the gap to the
+            next [m].
+        ground: height of the ground under each wheel above the vehicle's plane [m], shape (N,).
+        sunk: depth by which each wheel sinks into a gap between rollers [m], shape (N,).
         chassis: `CHASSIS`, shape (1,).
     """
 
@@ -240,8 +217,8 @@ class State(NamedTuple):
         suspension: suspension of the chassis.
         body: a record of `BODY`, shape (1,).
         contacts: records of `CONTACT` in the last step, shape (N,); they change only if
-            `Plant.roller_pitch` is not 0 and the rollers are not individual ones.
-        rollers: individual rollers, or None; kernels are compiled for both cases.
+            `Plant.roller_pitch` is not 0 and the wheels have no individual rollers.
+        rollers: individual rollers, or None; the kernels are compiled for both cases.
         wheels: records of `WHEEL`, shape (N,).
         counters: a record of `COUNTERS`, shape (1,).
         pressure: pressure in the brakes.
@@ -265,7 +242,7 @@ class Control(NamedTuple):
     """Inputs of the vehicle during a call.
 
     Attributes:
-        brake: torque of a brake at the full pressure of the pedal [N m].
+        brake: torque of a brake at the pressure of the pedal [N m].
         enable: commanded share of the pressure that each valve passes [1], shape (N,).
         drive_stiffness: stiffness of the drives' clutches [N m s/rad], 0 when disengaged.
         twist: commanded body twist at the start of the call [m/s, m/s, rad/s], shape (3,).
@@ -285,12 +262,12 @@ class Control(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Quantities of a physics step common to all wheels.
+    """Quantities of a physics step that all wheels share.
 
     Attributes:
-        place: center of gravity in the world at the middle of the step [m].
+        place: position of the center of gravity in the world at the middle of the step [m].
         heading: cosine and sine of the yaw at the middle of the step.
-        tilt: level components of the path plane's normal [1].
+        tilt: horizontal components of the path plane's normal [1].
         ahead: velocity of the center of gravity [m/s] and yaw rate [rad/s] at the end of the step
             if the forces did not change, in the body frame.
         drive: commanded twist in the body frame [m/s, m/s, rad/s].
@@ -306,7 +283,7 @@ class Step(NamedTuple):
 
 
 class Log(NamedTuple):
-    """Log of n steps.
+    """Record of n steps.
 
     Attributes:
         steps: number of steps n.
@@ -323,7 +300,7 @@ class Log(NamedTuple):
 
     @classmethod
     def of(cls, n_steps: int, n_wheels: int, *, traced: bool, logged: bool) -> Log:
-        """Return an empty log for a number of steps, with the columns that are to be recorded."""
+        """Return an empty log for a number of steps, with those columns that are to be recorded."""
         rows = n_steps if logged else 0
         return cls(
             n_steps,
@@ -341,7 +318,7 @@ class Energies(NamedTuple):
         rotation: kinetic energy of the rotation of the body about its center of gravity.
         spin: kinetic energy of the spin of wheels and individual rollers.
         elastic: elastic energy of the tires' deflection.
-        height: potential energy ``m g Z`` over the level z = 0.
+        height: potential energy ``m g Z`` relative to the level z = 0.
     """
 
     translation: float

@@ -1,23 +1,22 @@
-"""A sprung chassis with dynamics of heave, pitch and roll.
+"""Sprung chassis with the dynamics of heave, pitch and roll.
 
-Without a suspension the wheels share the weight as on equal springs without dynamics (`loads`).
-With a suspension each wheel, including its tire, has a spring and a damper, and the chassis moves
-by
+Without a suspension, the wheels share the weight like equal springs without dynamics (`loads`).
+With a suspension, each wheel including its tire has a spring and a damper, and the chassis moves
+according to
 
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
-``z`` is the height of the center of gravity, ``p`` and ``r`` are the small gradients of the chassis
-forward and to the left, ``f`` is the force of the wheels along the ground, and ``h`` is the height
-at which inertia opposes it. ``s_i`` is the height of the road under a wheel over the plane that the
-vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which it
-sinks into a gap between two rollers. So the wheel loads depend on the mounting heights and on
-twisted ground, for which the loads of a rigid vehicle are indeterminate, and rollers with gaps
-excite vibrations.
+where ``z`` is the height of the center of gravity, ``p`` and ``r`` are the small gradients of the
+chassis forward and to the left, ``f`` is the force of the wheels along the ground, and ``h`` is the
+height at which inertia opposes it. ``s_i`` is the height of the road under a wheel above the plane
+that the vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by
+which it sinks into a gap between two rollers. The wheel loads therefore depend on the mounting
+heights and on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers
+with gaps excite vibrations.
 
-Neglected: the mass of the wheels separate from the chassis, gyroscopic moments, the displacement of
-the center of gravity by a tilted chassis, and the work of the forces along the ground on pitch and
-roll.
+Neglected: the separate mass of the wheels, gyroscopic moments, the displacement of the center of
+gravity by a tilt of the chassis, and the work of the forces along the ground on pitch and roll.
 """
 
 import math
@@ -30,21 +29,21 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.state import Plant, Structured, Suspension
 from omni_sim.wheel.roller_geometry import nearest_roller
 
-_BALANCES = 100  # most iterations for a chassis at rest
+_BALANCES = 100  # largest number of iterations for a chassis at rest
 
 
 class SuspensionConfiguration(Configuration):
-    """Springs between ground and chassis, one for each wheel; by default there are none."""
+    """Springs between ground and chassis, one for each wheel; none by default."""
 
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; 0: loads follow the acceleration within
-    load_transfer_time as on equal springs"""
+    """Vertical stiffness of each wheel with its suspension; with 0, the loads follow the
+    acceleration within load_transfer_time like those of equal springs"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
-    """Damping ratio of the chassis' heave"""
-    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0)
-    """Moment of inertia of body and load about the lateral axis through their center of gravity; 0:
-    that of a homogeneous box as long as the chassis"""
-    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0)
+    """Damping ratio of the chassis in heave"""
+    pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
+    """Moment of inertia of body and load about the lateral axis through their center of gravity;
+    with 0, that of a homogeneous box as long as the chassis"""
+    roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
     """Moment of inertia about the longitudinal axis; 0: of a box as wide as the chassis"""
 
 
@@ -56,13 +55,13 @@ def fastest_motion(plant: Plant, suspension: Suspension) -> float:
 
 
 def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: float) -> FloatArray:
-    """Set a chassis on its springs at rest and return the wheel loads [N], shape (N,).
+    """Place a chassis on its springs at rest and return the wheel loads [N], shape (N,).
 
-    A vehicle on fewer than three wheels is not balanced and moves at first.
+    A vehicle on fewer than three wheels is not balanced, and moves at first.
 
     Args:
         plant: constants.
-        suspension: springs and ground under the wheels; receives the state of the chassis.
+        suspension: springs and ground under the wheels; the state of the chassis is written.
         angle: angle of the wheels [rad], shape (N,).
         weight: weight on the ground [N].
     """
@@ -89,13 +88,13 @@ def _lever_arms(plant: Plant) -> FloatArray:
 
 @lean
 def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
-    """Return the depth of a wheel between two rollers [m].
+    """Return the depth by which a wheel sinks into the gap between two rollers [m].
 
-    At the gap the wheel stands on the end of a roller, which is on the circle of the envelope.
+    In the gap, the wheel rests on the end of a roller, which is on the circle of the envelope.
 
     Args:
         plant: constants.
-        half_gap: half gap from a roller's end to the middle of the gap, along the rim [m].
+        half_gap: distance along the rim from the end of a roller to the middle of the gap [m].
         wheel: index of the wheel.
         angle: angle of the wheel [rad].
     """
@@ -126,10 +125,10 @@ def sprung_loads(
         wheels: `state.WHEEL`, shape (N,).
         weight: weight on the ground [N].
         pull: force of the wheels along the ground in the body frame [N].
-        loads: receives the wheel loads [N], shape (N,).
+        loads: output, the wheel loads [N], shape (N,).
 
     Returns:
-        Whether fewer than three wheels carry the vehicle.
+        Whether fewer than three wheels carry load.
     """
     chassis, dt = suspension.chassis[0], plant.dt
     lift, nose, side = -weight, plant.height * pull[0], plant.height * pull[1]

@@ -1,27 +1,28 @@
-"""Motion of a vehicle on uneven ground: heave, roll and pitch, tilt of the path, gravity.
+"""Motion on uneven ground: heave, roll, pitch, tilt of the path, and gravity along it.
 
 The vehicle does not leave the ground. Under each wheel is a road plane, Eq. (5), with the height
-``z_i`` and the gradient ``s_i``. Wheels share the weight as on equal springs (`loads`), with the
-shares ``w_i`` at rest. So heave, roll and pitch are those of a plane fitted to the ``z_i``. The
-ground under the center of gravity has the height ``Z = sum w_i z_i``, and the center of gravity
-moves in the plane with the gradient ``sum w_i s_i``, the *path plane* with the unit normal ``n``.
+``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`), with the
+shares ``w_i`` at rest. Heave, roll and pitch are therefore those of a plane fitted to the heights
+``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The center of
+gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path plane* and
+has the unit normal ``n``.
 
-The planar dynamics are computed in the path plane, in the world frame rotated by the smallest
-rotation from the vertical to ``n``. On an even slope this frame is constant, and the motion is
-exactly that on flat ground with the component ``g (n_x, n_y)`` of gravity and the load ``m g n_z``.
-On curved ground the frame moves without rotation about ``n``; the normal force is
-``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves
-``T + m g Z``. Yaw is the angle in this frame, about ``n``; positions are in the level world. If the
+The planar dynamics are computed in the path plane, in the world frame after the smallest rotation
+that turns the vertical to ``n``. On an even slope this frame is constant, and the motion is exactly
+that on flat ground with the component ``g (n_x, n_y)`` of gravity and the load ``m g n_z``. On
+curved ground the frame moves without rotation about ``n``; the normal force is ``m (g n_z - n_dot .
+v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z``. Yaw is the angle
+about ``n`` in this frame, whereas positions are in the horizontal plane of the world. If the
 vehicle would take off, the normal force is zero and the vehicle counts as tipping.
 
 Neglected are:
 
-- the shorter projection of a tilted vehicle when the ground under its wheels is computed,
+- the shorter projection of a tilted vehicle in the computation of the ground under its wheels,
 - the kinetic energy of roll and pitch, and the height of the center of gravity in its path, which
-  only affects load transfer,
+  affects only load transfer,
 - the difference between a wheel's own road plane and the path plane in the direction of its force,
   which is of second order in the angle between them,
-- without a `suspension`, the loads by twisted ground, as if the frame of the vehicle yielded.
+- without a `suspension`, the change of the loads by twisted ground, as if the frame were flexible.
 """
 
 import math
@@ -36,10 +37,10 @@ from omni_sim.vehicle.road_plane import road_plane_at
 
 @lean
 def level(tilt_x: float, tilt_y: float, x: float, y: float) -> tuple[float, float]:
-    """Return the level components of a vector of the path plane.
+    """Return the horizontal components of a vector in the path plane.
 
     Args:
-        tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, which changes nothing.
+        tilt_x: ``n_x`` of the path plane [1]; 0 on flat ground, where the vector does not change.
         tilt_y: ``n_y`` of the path plane [1].
         x: component x of the vector in the frame of the path plane [any unit].
         y: component y of the vector in the frame of the path plane [same unit as x].
@@ -66,7 +67,7 @@ def stand(
         plane: plane from `loads.load_plane`.
         place: center of gravity in the world [m].
         heading: cosine and sine of the yaw.
-        heights: receives the ground's height under the wheels over the vehicle's plane [m], (N,).
+        heights: output, the ground's height under the wheels above the vehicle's plane [m], (N,).
 
     Returns:
         Height ``Z`` of the ground under the center of gravity [m]; gradient of the vehicle's plane
@@ -94,10 +95,10 @@ def stand(
 
 @lean
 def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
-    """Return the rotation of fixed directions in the path plane as ``n`` changes [rad].
+    """Return by how much fixed directions rotate in the path plane as ``n`` changes [rad].
 
-    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``. Relative to the frame,
-    a direction that does not rotate turns by the opposite angle.
+    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``. A direction that does
+    not rotate therefore turns relative to the frame by the opposite angle.
     """
     normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)

@@ -23,27 +23,28 @@ DEFAULT_PHYSICS_STEP = 0.0005
 
 
 class VehicleInputError(ValueError):
-    """An input to the vehicle that has the wrong shape, is not finite or is out of range."""
+    """An input to the vehicle has the wrong shape, is not finite, or is out of range."""
 
 
 class Vehicle:
     """A vehicle that moves in the plane, or on uneven ground without taking off (`uneven_ground`).
 
-    Its wheels are those of ``wheel_model``. With individual rollers, a wheel's force is the sum of
-    its rollers' forces along the nominal active direction, and its limit is the sum of their
-    limits. Its slip, its deflection and whether it slides are those of its lower roller. Its slip
-    velocity is that of an ideal contact.
+    The option ``wheel_model`` selects the model of the wheels. With individual rollers, the force
+    of a wheel is the sum of its rollers' forces along the nominal active direction, and its limit
+    is the sum of their limits. Its slip, its deflection and whether it slides are those of its
+    lower roller. Its slip velocity is that of an ideal contact.
 
-    The drive uses the inverse kinematics with the rolling radii under the static loads, like a
-    calibrated drive.
+    Like a calibrated drive, the drive uses the inverse kinematics with the rolling radii under the
+    static loads.
 
     Attributes:
         configuration: configuration of the vehicle.
-        kinematics: kinematics of the unloaded wheels, with the names and the order of all wheel
-            arrays.
+        kinematics: kinematics of the unloaded wheels, with the names and the order of the wheels in
+            all wheel arrays.
         masses: body and load together.
         physics_step: length of a step [s].
         state: state of the kernels, not a copy; changed by `advance` and `place`.
+        tipping: whether fewer than three wheels could carry the vehicle in the last call.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class Vehicle:
         elevation: ElevationConfiguration | None = None,
         wheel_angle: ArrayLike = 0.0,
     ) -> None:
-        """Build the vehicle and place it, rolling perfectly.
+        """Build the vehicle and place it, rolling without slip.
 
         Args:
             configuration: configuration of the vehicle.
@@ -65,8 +66,8 @@ class Vehicle:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
             twist: twist of base_link in the body frame [m/s, m/s, rad/s].
             elevation: elevation of the ground; flat by default.
-            wheel_angle: angle of the wheels when placed, 0 with a roller's middle on the ground
-                [rad], a number or shape (N,).
+            wheel_angle: initial angle of the wheels [rad], a number or shape (N,); at 0, the middle
+                of a roller touches the ground.
 
         Raises:
             UnusablePlatformError: the wheels cannot move the platform in all directions.
@@ -82,13 +83,12 @@ class Vehicle:
         n = len(configuration.wheels)
         self._rest = np.zeros(3)
         if self.state.suspension.stiffness > 0.0:
-            self._rest = self._settled()
+            self._rest = self._static_ride()
         self.brake_fault_onsets = configuration.by_wheel("onset")
         self.apply_brake_faults(0.0)
         if np.ndim(wheel_angle) == 0:
             wheel_angle = np.full(n, wheel_angle)
         self._start_angle = _finite("wheel angle", wheel_angle, (n,))
-        self._tipping = False
         self._force = np.zeros(2)
         self.place(pose, twist)
 
@@ -122,10 +122,15 @@ class Vehicle:
             loads=np.empty(n),
         )
 
-    def _settled(self, largest: float = 0.5) -> quantities.FloatArray:
+    def _static_ride(self, largest: float = 0.5) -> quantities.FloatArray:
         """Return heave, pitch and roll at rest with equal mounting heights, shape (3,).
 
-        The fastest motion on the springs turns by at most an angle [rad] in a step.
+        Args:
+            largest: largest phase by which an oscillation on the springs may advance in a physics
+                step [rad].
+
+        Raises:
+            VehicleInputError: the fastest oscillation advances by more.
         """
         plant, suspension = self.state.plant, self.state.suspension
         fastest = fastest_motion(plant, suspension)
@@ -141,7 +146,7 @@ class Vehicle:
         return self._chassis
 
     def apply_brake_faults(self, time: float) -> None:
-        """Set the brake faults whose onset is before a time [s]."""
+        """Activate the brake faults whose onset is before a time [s]."""
         faults, begun = self.configuration, self.brake_fault_onsets <= time
         self.state.plant.brake_share[:] = np.where(begun, faults.by_wheel("brake"), 1.0)
         self.state.pressure.open[:] = np.where(begun, faults.by_wheel("open_valve"), 0.0)
@@ -149,7 +154,7 @@ class Vehicle:
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle, with wheels and rollers rolling at its twist and undeflected tires.
+        """Place the vehicle with undeflected tires and wheels that roll according to its twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -157,7 +162,7 @@ class Vehicle:
         """
         where, moving = _finite("pose", pose, (3,)), _finite("twist", twist, (3,))
         placing.place(self.state, self.masses, where, moving, self._start_angle)
-        self._tipping = False
+        self.tipping = False
 
     def advance(
         self,
@@ -174,14 +179,14 @@ class Vehicle:
 
         Args:
             n_steps: number of physics steps.
-            pedal: brake pedal, 0..1.
-            enable: share of the brake pressure that reaches each wheel, 0..1, shape (N,).
+            pedal: position of the brake pedal, 0 to 1.
+            enable: share of the brake pressure that reaches each wheel, 0 to 1, shape (N,).
             command_twist: twist that the drive follows while the clutch is engaged, in the body
                 frame at the start of the call [m/s, m/s, rad/s], shape (3,).
             hold_world_direction: whether the commanded velocity keeps its direction in the world
                 while the body turns during the call.
             traced: whether the steps are returned, which takes time.
-            log: receives every step, in place of a log with the trajectory alone.
+            log: output, every step; by default only the trajectory is recorded.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
@@ -198,10 +203,10 @@ class Vehicle:
     def _run(self, control: layout.Control, log: layout.Log) -> None:
         before = self.tipping_steps
         dynamics.advance(self.state, control, log)
-        self._tipping = self.tipping_steps > before
+        self.tipping = self.tipping_steps > before
 
     def advance_logged(self, n_steps: int, *inputs: Any, **options: Any) -> layout.Log:
-        """Record every step; arguments as of `advance`."""
+        """Advance and record every step; arguments as in `advance`."""
         log = layout.Log.of(n_steps, len(self.state.wheels), traced=True, logged=True)
         self.advance(n_steps, *inputs, log=log, **options)
         return log
@@ -254,35 +259,30 @@ class Vehicle:
     @property
     def pose(self) -> quantities.FloatArray:
         """x, y [m], yaw [rad, not wrapped] of base_link in the world frame, shape (3,)."""
-        return self._motion()[:3]
+        return self.motion[:3]
 
     @property
-    def motion(self) -> tuple[quantities.FloatArray, float, float]:
-        """Position, yaw and body twist, shape (6,), and the two components of the tilt [1].
-
-        Yaw and velocity are in the path plane. The tilt is the level part of its normal.
-        """
-        return (
-            self._motion(),
-            float(self.state.body[0]["tilt_x"]),
-            float(self.state.body[0]["tilt_y"]),
-        )
-
-    @property
-    def twist(self) -> quantities.FloatArray:
-        """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
-        return self._motion()[3:]
-
-    def _motion(self) -> quantities.FloatArray:
+    def motion(self) -> quantities.FloatArray:
+        """`pose` and `twist` in one array, shape (6,); yaw and velocity are in the path plane."""
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
 
     @property
+    def tilt(self) -> quantities.Pair:
+        """Horizontal components of the path plane's normal [1]."""
+        return float(self.state.body["tilt_x"][0]), float(self.state.body["tilt_y"][0])
+
+    @property
+    def twist(self) -> quantities.FloatArray:
+        """Velocity of base_link in the body frame, along the ground [m/s, m/s, rad/s], (3,)."""
+        return self.motion[3:]
+
+    @property
     def attitude(self) -> quantities.FloatArray:
         """Height of base_link [m], roll, pitch [rad] on uneven ground or springs, shape (3,).
 
-        All are zero on flat ground with the springs at rest and all wheels at the same height.
+        All are zero on flat ground if the springs are at rest and all wheels have the same height.
         """
         if not self.uneven and self.state.suspension.stiffness == 0.0:
             return np.zeros(3)
@@ -308,15 +308,15 @@ class Vehicle:
         """Heave, pitch and roll of the sprung chassis relative to its position at rest.
 
         Returns:
-            Heave of the center of gravity [m], gradients forward and to the left [1] and the rates
-            of all three, shape (6,); zeros without suspension.
+            Heave of the center of gravity [m], gradients forward and to the left [1], and the time
+            derivatives of all three, shape (6,); zeros without suspension.
         """
         state = np.array(list(self.state.suspension.chassis[0]))
         state[:3] -= self._rest
         return state
 
     def clearance(self, x: float, y: float) -> float:
-        """Return the height of a point of the body over the ground minus that on flat ground [m].
+        """Return how the ground clearance of a point differs from that on flat ground [m].
 
         Args:
             x: coordinate x of the point, forward of base_link [m].
@@ -402,18 +402,13 @@ class Vehicle:
 
     @property
     def overloaded(self) -> quantities.BoolArray:
-        """Whether each wheel's load exceeds the tire model, which then clamps it, shape (N,)."""
+        """Whether each wheel's load exceeds the tire model's range and is limited, shape (N,)."""
         return np.asarray(self.state.wheels["load"] > self.state.plant.largest_load)
 
     @property
     def overloaded_steps(self) -> int:
-        """Number of overloaded wheels summed over all steps since the vehicle was placed."""
+        """Number of overloaded wheels, summed over all steps since the vehicle was placed."""
         return int(self.state.counters["overloaded_steps"][0])
-
-    @property
-    def tipping(self) -> bool:
-        """Whether fewer than three wheels could carry the vehicle during the last call."""
-        return self._tipping
 
     @property
     def tipping_steps(self) -> int:

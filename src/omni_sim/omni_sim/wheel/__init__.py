@@ -1,1 +1,1 @@
-"""One wheel: hub, drive, brake, and its rollers, individual or modeled as one."""
+"""One wheel: hub, drive, brake, and its rollers, modeled individually or as one."""

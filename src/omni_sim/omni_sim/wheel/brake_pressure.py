@@ -1,16 +1,16 @@
 """Pressure in the brakes, which follows the valves after a dead time and with a lag.
 
-The demand ``c`` of a brake is the pedal's share of the largest torque times the share that its
-valve passes (all or nothing, or a share with a resolution). It reaches the cylinder after a dead
-time ``t_d``. The torque ``p`` that the brake can exert then builds up and falls with a first-order
-lag:
+The demand ``c`` of a brake is the pedal's share of the largest torque times the share that the
+valve of the brake passes: all or nothing, or a share with a resolution. It reaches the cylinder
+after a dead time ``t_d``. The torque ``p`` that the brake can exert then rises and falls with a
+first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
 Within a physics step ``c`` is constant, so the solution is exact: ``p' = c + (p - c) exp(-dt/T)``.
-Each step uses the mean of ``p`` over the step, so that the brake's impulse is exact too. The dead
-time is rounded to whole physics steps. A brake whose release takes effect later than its
-application, after ``t_r``, uses the largest demand between ``t - t_r`` and ``t - t_d``.
+Each step uses the mean of ``p`` over the step, so the impulse of the brake is exact too. The dead
+time is rounded to whole physics steps. If a brake releases more slowly than it applies, after
+``t_r``, it uses the largest demand between ``t - t_r`` and ``t - t_d``.
 """
 
 import math
@@ -26,12 +26,12 @@ class BrakePressure(NamedTuple):
     """Pressure in the brakes of N wheels, as the largest torque of each brake.
 
     Attributes:
-        remainder: share of the difference to the demand that is left after a step [1].
+        remainder: share of the difference to the demand that remains after a step [1].
         mean_remainder: mean of this share over a step [1].
-        asked: demanded torque of each brake, by pedal and valve [N m], shape (N,).
+        demanded: demanded torque of each brake, from pedal and valve [N m], shape (N,).
         torque: torque that each brake can exert at the end of the step [N m], shape (N,).
         acting: torque that each brake can exert on average over the step [N m], shape (N,).
-        delayed: demanded torques of the last D steps, the longer delay [N m], shape (D, N).
+        delayed: demanded torques of the last D steps, D being the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
         open: smallest share that each valve passes [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
@@ -41,7 +41,7 @@ class BrakePressure(NamedTuple):
 
     remainder: float
     mean_remainder: float
-    asked: FloatArray
+    demanded: FloatArray
     torque: FloatArray
     acting: FloatArray
     delayed: FloatArray
@@ -60,7 +60,7 @@ def build_brake_pressure(
     pressure_step: float = 0.0,
     release_time: float = 0.0,
 ) -> BrakePressure:
-    """Return brakes without pressure.
+    """Return the state of brakes without pressure.
 
     Args:
         time_constant: ``T`` [s], 0 for no lag.
@@ -106,7 +106,7 @@ def passed(pressure: BrakePressure, share: float) -> float:
 
 
 @lean_inline
-def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
+def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
     """Set the commanded valve positions.
 
     Args:
@@ -116,24 +116,24 @@ def ask(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
     """
     for i in range(enable.size):
         share = max(passed(pressure, enable[i]), pressure.open[i])
-        pressure.asked[i] = max(share * demand, pressure.stuck[i])
+        pressure.demanded[i] = max(share * demand, pressure.stuck[i])
 
 
 @lean_inline
 def press(pressure: BrakePressure) -> None:
-    """Advance by a physics step; `acting` receives the largest torque of each brake."""
+    """Advance by a physics step; `acting` is set to the mean available torque of each brake."""
     delay = pressure.delayed.shape[0]
     row = pressure.oldest[0]
-    for i in range(pressure.asked.size):
-        target = pressure.asked[i]
+    for i in range(pressure.demanded.size):
+        target = pressure.demanded[i]
         if delay > 0:
             target = pressure.delayed[row, i]
             for later in range(1, pressure.release_lag + 1):
-                newer = pressure.asked[i]
+                newer = pressure.demanded[i]
                 if later < delay:
                     newer = pressure.delayed[(row + later) % delay, i]
                 target = max(target, newer)
-            pressure.delayed[row, i] = pressure.asked[i]
+            pressure.delayed[row, i] = pressure.demanded[i]
         if pressure.remainder == 0.0:
             pressure.acting[i] = target
             continue

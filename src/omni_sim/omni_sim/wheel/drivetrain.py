@@ -1,16 +1,17 @@
-"""The spin of a wheel between its tire, its clutch and its brake (Appendix A, figure C).
+"""Spin of a wheel under the torques of its tire, clutch and brake (Appendix A, figure C).
 
-One implicit step solves the wheel's equation of motion together with the tire's force:
+One implicit step solves the equation of motion of the wheel together with the force of the tire:
 
     I (omega' - omega) / dt = -g F + tau_drive(omega') + tau_brake(omega')
 
-with the lever ``g = r_D (n_w . u)`` by which the tire turns the wheel. The drive follows its
-command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; a disengaged
-clutch has ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and
-holds the wheel at exactly zero speed if less is enough. It never reverses a wheel.
+with the lever ``g = r_D (n_w . u)`` by which the tire turns the wheel. The drive follows its speed
+command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a disengaged
+clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and
+holds the wheel at exactly zero speed if a smaller torque suffices. It never reverses a wheel.
 
-A velocity drive has no such brake: to brake, ``omega_cmd`` falls to zero along a ramp. Like a speed
-controller, it also drives a wheel that is slower than its command, and so does not lock it.
+A velocity drive without friction brake brakes by reducing ``omega_cmd`` to zero along a ramp. Like
+a speed controller, it also accelerates a wheel that is slower than its command, so it does not lock
+the wheel.
 """
 
 import math
@@ -26,7 +27,7 @@ class Hub(NamedTuple):
 
     Attributes:
         lever: ``g = r_D (n_w . u)`` [m].
-        velocity: velocity of the wheel center along the active direction at the end of the step
+        velocity: velocity of the wheel center along the active direction at the end of the step,
             without the force of this tire [m/s].
         mobility: change of this velocity per force [m/s per N].
     """
@@ -37,7 +38,7 @@ class Hub(NamedTuple):
 
 
 class Spin(NamedTuple):
-    """A wheel about its axis.
+    """Rotation of a wheel about its axis.
 
     Attributes:
         speed: speed of the wheel [rad/s].
@@ -65,15 +66,15 @@ class Drive(NamedTuple):
 
 
 class WheelStep(NamedTuple):
-    """A wheel after a step.
+    """State of a wheel after a step.
 
     Attributes:
         force: force on the vehicle along the active direction [N].
         deflection: deflection of the tire [m].
         speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
-        patch_velocity: sliding velocity of the patch [m/s].
-        sliding: whether the patch slides.
+        patch_velocity: sliding velocity of the contact patch [m/s].
+        sliding: whether the contact patch slides.
     """
 
     force: float
@@ -88,7 +89,7 @@ class WheelStep(NamedTuple):
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a freely spinning wheel, with the angular impulse of all other torques."""
+    """Advance a freely spinning wheel, given the angular impulse of all other torques."""
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(
@@ -105,7 +106,7 @@ def _rolling(
 def _braked(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a wheel under its brake, turning or locked; arguments as of `_rolling`."""
+    """Advance a wheel under its brake, turning or locked; arguments as in `_rolling`."""
     if spin.brake <= 0.0:
         free: WheelStep = _rolling(tire, curve, patch, hub, spin, impulse)
         return free
@@ -114,7 +115,7 @@ def _braked(
         s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
         if s.speed * spin.speed > 0.0:
             return WheelStep(s.force, s.deflection, s.speed, torque, s.patch_velocity, s.sliding)
-    # The wheel stands still, or stops within this step.
+    # The wheel is at rest, or stops within this step.
     force, deflection, velocity, sliding = tire_force(
         tire, curve, patch, hub.velocity, hub.mobility
     )
@@ -130,7 +131,7 @@ def _braked(
 
 @lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m], reduced so that it does not exceed a power [W] at a speed [rad/s]."""
+    """Return a torque [N m], limited so that it does not exceed a power [W] at a speed [rad/s]."""
     return power / abs(speed) if torque * abs(speed) > power else torque
 
 
@@ -157,7 +158,7 @@ def wheel_step(
     Args:
         tire: constants.
         curve: curve of any tire model, from `tire.model.curve_at`.
-        patch: patch of the tire at the start of the step.
+        patch: contact patch of the tire at the start of the step.
         hub: coupling of force and motion.
         spin: spin of the wheel at the start of the step.
         drive: drive of the wheel.

@@ -1,21 +1,22 @@
 """Losses along the passive direction: rolling resistance (19), bearing friction, roller inertia.
 
-Section 2.4.2 of the dissertation lists and neglects them; here they are off by default.
-The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity there,
+Section 2.4.2 of the dissertation lists these losses and neglects them; here they are off by
+default. The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity in
+this direction,
 
     w = u_w . v_i - omega r_D (u_w . u_i).
 
-So a wheel with rollers at 0 deg that rolls in its own direction, or a Mecanum wheel that rolls
-straight ahead, turns no roller and has no losses. The force ``f`` along ``u_w`` acts on the vehicle
-at the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the wheel's spin:
+If a wheel with rollers at 0 deg rolls in its own direction, or a Mecanum wheel rolls straight
+ahead, no roller turns and there are no losses. The force ``f`` along ``u_w`` acts on the vehicle at
+the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the spin of the wheel:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
 
-Rolling resistance and bearing friction hold a roller at rest up to the same force. The
-roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected are the
-acceleration of a roller that comes into contact, and the rolling resistance of the wheel as a
-whole. Individual rollers (`vehicle.roller_dynamics`) have an inertia of their own; each roller that
-carries load has the same resistance.
+Rolling resistance and bearing friction hold a roller at rest up to the same force. The roller is a
+solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected are the acceleration
+of a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
+rollers (`vehicle.roller_dynamics`) have their own inertia, and each loaded roller has the same
+resistance.
 """
 
 import math
@@ -28,10 +29,10 @@ class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 
     rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Rolling resistance of the rollers per load, the part independent of the load; about
-    0.015 for car tires on concrete"""
+    """Rolling resistance of the rollers per load: the part that does not depend on the load,
+    about 0.015 for car tires on concrete"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
-    """C of Eq. (19), the resistance that grows with the load"""
+    """C of Eq. (19): resistance that grows with the load"""
     roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
     """D of Eq. (19)"""
     section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
@@ -43,22 +44,22 @@ class PassiveLossConfiguration(Configuration):
 
     @property
     def constant_share(self) -> float:
-        """Friction per load that does not depend on the load [1]."""
+        """Part of the friction per load that does not depend on the load [1]."""
         return self.rolling_resistance + self.bearing_friction
 
     @property
     def growing_share(self) -> float:
-        """Friction per load and load, Eq. (19) [1/N]."""
+        """Increase of the friction per load with the load, Eq. (19) [1/N]."""
         return self.elasticity / self.roller_diameter * math.sqrt(self.section_ratio)
 
     @property
     def inertia(self) -> float:
-        """Inertia ``I / r^2 = m_r / 2`` of a roller against its surface speed [kg]."""
+        """Effective mass ``I / r^2 = m_r / 2`` of a roller for its surface speed [kg]."""
         return 0.5 * self.roller_mass
 
     @property
     def active(self) -> bool:
-        """Whether there are any losses."""
+        """Whether any loss is configured."""
         return max(self.constant_share, self.growing_share, self.inertia) > 0.0
 
 
@@ -74,17 +75,18 @@ def passive_force(
 ) -> float:
     """Return the force of one roller on the vehicle along the passive direction [N].
 
-    The force is implicit in the roller's speed at the end of the step, so that friction can hold
-    the roller at rest.
+    The force depends implicitly on the roller's speed at the end of the step, so that friction can
+    hold the roller at rest.
 
     Args:
-        coming: roller's surface speed at the end of the step with unchanged forces [m/s].
-        now: surface speed at the start of the step [m/s].
-        before: force of the last step [N].
+        coming: surface speed of the roller at the end of the step if the forces did not change
+            [m/s].
+        now: surface speed of the roller at the start of the step [m/s].
+        before: force in the last step [N].
         mobility: change of the surface speed per force [m/s per N].
-        capacity: largest friction, rolling resistance and bearing [N].
+        capacity: largest sum of rolling resistance and bearing friction [N].
         inertia: inertia of the roller against its surface speed [kg].
-        dt: step [s].
+        dt: length of the step [s].
     """
     rate = inertia / dt
     gain = 1.0 + mobility * rate

@@ -1,25 +1,25 @@
-"""The individual-roller omni-wheel of section 2.4.1, in which each roller is a small tire.
+"""Omni-wheel with individual rollers, section 2.4.1, in which each roller is a small tire.
 
-Contact: the wheel's envelope is a circle, so its axis stays level, and the lowest roller carries
-the wheel (`roller_geometry`). Rollers overlap: from the angle ``(1 - overlap) pi/n`` on, the load
-passes smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A roller that
-leaves the ground keeps its spin and loses its deflection.
+Contact: the envelope of the wheel is a circle, so the wheel's axis keeps its height, and the lowest
+roller carries the wheel (`roller_geometry`). Rollers overlap: from the angle ``(1 - overlap) pi/n``
+on, the load passes smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A
+roller that leaves the ground keeps its spin and loses its deflection.
 
-Tire: Table 1's curve ``x`` acts along the roller's axis, as in the single-roller wheel, so that the
-two wheels can be compared. The curve ``y`` acts along the roller's own rolling direction. The slips
-of both directions are normalized and added as vectors, and give one force against the sliding
-velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics 45
-(S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` of an ordinary tire, becomes the speed
-of the rubber through the contact, to which wheel and roller contribute:
-``V = |R omega u + h omega_r u_w| + v_num``.
+Tire: the curve ``x`` of Table 1 acts along the roller's axis, as in the single-roller wheel, so
+that the two wheels can be compared. The curve ``y`` acts along the roller's own rolling direction.
+The slips of both directions are normalized and added as vectors. They give one force against the
+sliding velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System
+Dynamics 45 (S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` for an ordinary tire,
+becomes the speed of the rubber through the contact, to which wheel and roller contribute: ``V = |R
+omega u + h omega_r u_w| + v_num``.
 
-Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel with the
-levers and mobilities projected on ``q``. So each step calls `drivetrain.wheel_step` and repeats it
-a few times until ``q`` agrees with the direction of the remaining sliding; the direction of the
-last step is the first guess. The deflection has two components, and the roller's spin is solved
-together with them.
+Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel whose
+levers and mobilities are projected on ``q``. Each step therefore calls `drivetrain.wheel_step` and
+repeats it a few times until ``q`` agrees with the direction of the remaining sliding. The initial
+value is the direction of the last step. The deflection has two components, and the spin of the
+roller is solved together with them.
 
-Neglected: the rotation of a roller's angular momentum with the wheel.
+Neglected: the change of a roller's angular momentum as its axis rotates with the wheel.
 """
 
 import math
@@ -37,12 +37,12 @@ _TOLERANCE = 1e-16  # largest squared change of direction of a solution
 
 @lean
 def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
-    """Return the share of the wheel's load that the lowest roller carries, 0.5..1.
+    """Return the share of the wheel's load that the lowest roller carries, 0.5 to 1.
 
     Args:
         gamma: angle of the lowest roller from its lowest position [rad], up to `half_pitch`.
         half_pitch: ``pi / n`` [rad].
-        overlap: see `roller_configuration.RollerConfiguration`.
+        overlap: overlap of the rollers, see `roller_configuration.RollerConfiguration`.
     """
     into = (abs(gamma) / half_pitch - 1.0) / (2.0 * overlap) + 0.5
     if into <= 0.0:
@@ -51,13 +51,13 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
 
 
 class RollerPatch(NamedTuple):
-    """The contact patch of a roller; pairs are components along its axis and across it.
+    """Contact patch of a roller; pairs are components along and across the roller's axis.
 
     Attributes:
-        deflection: ``e`` [m].
-        speed: ``V`` [m/s].
-        sliding: whether the patch slid in the step before.
-        direction: unit vector of the friction in the step before, as the initial guess.
+        deflection: deflection ``e`` of the tread along the axis and across it [m].
+        speed: speed ``V`` of the rubber through the contact [m/s].
+        sliding: whether the patch slid in the previous step.
+        direction: unit vector of the friction in the previous step, the initial value of this step.
     """
 
     deflection: Pair
@@ -88,7 +88,7 @@ class RollerHub(NamedTuple):
 
 
 class RollerStep(NamedTuple):
-    """A wheel and the roller on the ground after a step.
+    """State of a wheel and its roller on the ground after a step.
 
     Attributes:
         force: force on the vehicle along the roller's axis and across it [N].
@@ -97,7 +97,7 @@ class RollerStep(NamedTuple):
         speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         sliding: whether the patch slides.
-        direction: direction of the friction, a unit vector.
+        direction: unit vector of the friction.
         slip: slip in the direction of the friction [1].
         limit: largest friction in this direction [N].
     """
@@ -146,7 +146,7 @@ def roller_step(
             curve,
             Patch(
                 deflection[0] * q[0] + deflection[1] * q[1],
-                patch.speed * stretch,  # so that the curve is used at its normalized slip
+                patch.speed * stretch,  # to use the curve at its normalized slip
                 patch.sliding,
             ),
             Hub(

@@ -1,4 +1,4 @@
-"""Configuration of the rollers of a vehicle's wheels, and check that they fit."""
+"""Configuration of the rollers of a vehicle's wheels, and a check that they fit."""
 
 import math
 from collections.abc import Mapping
@@ -11,29 +11,30 @@ from omni_sim.wheel.roller_geometry import RollerGeometry
 class RollerConfiguration(Configuration):
     """The rollers of every wheel of a vehicle.
 
-    A roller is undeflected when it comes to the ground, so it reaches its full force only if its
-    relaxation length ``dF0 / c`` is short compared with its rolling distance under the wheel. The
-    default stiffness is that of solid rubber: with Table 1's slope at zero slip, the relaxation
-    length is 25 mm, about the length of a roller's contact patch. The tire of the single-roller
-    wheel has 250 mm.
+    A roller is undeflected when it reaches the ground. It develops its full force only if its
+    relaxation length ``dF0 / c`` is short compared with the distance that it rolls under the wheel.
+    The default stiffness is that of solid rubber: with the slope at zero slip of Table 1, the
+    relaxation length is 25 mm, about the length of a roller's contact patch. The relaxation
+    length of the single-roller wheel's tire is 250 mm.
     """
 
     count: int = parameter(12, minimum=4, maximum=64)
-    """Rollers of a wheel, n"""
+    """Number of rollers of a wheel, n"""
     radius: float = parameter(0.045, unit="m", above=0.0, maximum=1.0)
     """Radius of a roller at its middle"""
     inertia: float = parameter(8.0e-4, unit="kg m^2", minimum=1.0e-7, maximum=10.0)
     """Moment of inertia of a roller about its axis"""
     stiffness: float = parameter(2.0e6, unit="N/m", minimum=1.0e3, maximum=1.0e8)
-    """Stiffness of a roller's tread against horizontal deflection; replaces that of the tire in the
-    wheel model 'rollers'"""
+    """Stiffness of a roller's tread against horizontal deflection; in the wheel model 'rollers'
+    it replaces the stiffness of the tire"""
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
     """Damping of a roller's tread against horizontal deflection"""
     overlap: float = parameter(0.1, minimum=0.01, maximum=0.5)
-    """Share of half a pitch before and after a change of rollers, in which both carry the load"""
+    """Share of half a pitch, before and after a change of rollers, in which both rollers carry
+    load"""
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
-    """Gap between the ends of two neighboring rollers, along the rim, into which the wheel sinks;
-    needs a suspension. 0: they fill the wheel's circle"""
+    """Gap between the ends of two neighboring rollers, measured along the rim, into which the
+    wheel sinks; requires a suspension. With 0, the rollers fill the wheel's circle"""
 
 
 def roller_geometries(
@@ -47,7 +48,8 @@ def roller_geometries(
         squeeze: deflection of a tire under the largest load [m].
 
     Raises:
-        ConfigurationError: the rollers do not fit on a wheel; names the wheel and radii that fit.
+        ConfigurationError: the rollers do not fit on a wheel; the message names the wheel and radii
+            that fit.
     """
     reach = math.cos(math.pi / rollers.count * (1.0 + rollers.overlap))
     geometries = []

@@ -6,11 +6,11 @@ Geometric Design 25 (2008) 784-791.
 
 The wheel axis ``a`` is horizontal at the angle ``alpha``. The axis ``b`` of a roller is inclined to
 ``a`` by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
-roller is lowest. The roller touches the ground under the point at which ``b`` crosses the vertical
+roller is lowest. The roller touches the ground below the point at which ``b`` crosses the vertical
 plane through ``a``. While the wheel turns, this point moves along ``a`` from one edge of the wheel
 to the other, and jumps back when the next roller takes over the load. The rollers are barrels that
-fill the wheel's envelope, a circle of the radius ``r``, so the axis stays level. The dissertation
-uses ``a_x`` for two quantities; in Eq. (10) it is the wheel center.
+fill the wheel's envelope, a circle of radius ``r``, so the wheel axis keeps its height. The
+dissertation uses ``a_x`` for two quantities; in Eq. (10) it is the wheel center.
 
 With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
 """
@@ -75,7 +75,7 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
 
 @dataclasses.dataclass(frozen=True)
 class RollerGeometry:
-    """An omni-wheel with n rollers, in the vehicle's system ``S_1``.
+    """Geometry of an omni-wheel with n rollers, in the vehicle's frame ``S_1``.
 
     Attributes:
         alpha: direction of the wheel axis ``a``, Eq. (8) [rad].
@@ -94,10 +94,10 @@ class RollerGeometry:
     center: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Refuse wheels that cannot be built.
+        """Check that the wheel can be built.
 
         Raises:
-            ValueError: too few rollers, parallel axes, or a roller's axis under the ground.
+            ValueError: too few rollers, parallel axes, or a roller's axis below the ground.
         """
         if self.rollers < 3:
             raise ValueError(f"{self.rollers} rollers: a wheel needs at least 3")
@@ -111,7 +111,7 @@ class RollerGeometry:
 
     @property
     def half_pitch(self) -> float:
-        """Wheel angle from a roller's middle to the change to the next roller [rad]."""
+        """Wheel angle from a roller's middle to the change of rollers [rad]."""
         return math.pi / self.rollers
 
     @property
@@ -139,7 +139,7 @@ class RollerGeometry:
         """Return ``b``, Eq. (9), shape (..., 3).
 
         Args:
-            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+            gamma: wheel angle from the lowest position of the roller [rad], shape (...).
         """
         g = np.asarray(gamma, dtype=np.float64)
         cos_a, sin_a = math.cos(self.alpha), math.sin(self.alpha)
@@ -162,7 +162,7 @@ class RollerGeometry:
         """Return ``c`` [m], Eq. (10), shape (..., 2).
 
         Args:
-            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+            gamma: wheel angle from the lowest position of the roller [rad], shape (...).
         """
         reach = self.distance * np.tan(np.asarray(gamma, dtype=np.float64))
         along = reach * math.cos(self.delta) / math.sin(self.delta)
@@ -170,11 +170,6 @@ class RollerGeometry:
         return np.stack(
             (a_x - along * math.cos(self.alpha), a_y - along * math.sin(self.alpha)), axis=-1
         )
-
-    def roller_radius(self, gamma: ArrayLike) -> FloatArray:
-        """Return the height of the roller's axis over the ground at the contact [m]."""
-        cosine = np.cos(np.asarray(gamma, dtype=np.float64))
-        return np.asarray(self.radius - self.distance / cosine, dtype=np.float64)
 
     @property
     def constants(self) -> tuple[float, ...]:
@@ -185,15 +180,15 @@ class RollerGeometry:
 
     @property
     def jump(self) -> float:
-        """Jump of the contact point at a change of rollers [m]."""
+        """Distance by which the contact point jumps at a change of rollers [m]."""
         tangent = self.distance * math.tan(self.half_pitch)
         return abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
 
     def wheel_rate(self, gamma: ArrayLike, twist: ArrayLike) -> FloatArray:
-        """Return the wheel speed ``gamma_dot`` of rolling without slip [rad/s], Eq. (16).
+        """Return the wheel speed ``gamma_dot`` for rolling without slip [rad/s], Eq. (16).
 
         Args:
-            gamma: wheel angle from where the roller is lowest [rad], shape (...).
+            gamma: wheel angle from the lowest position of the roller [rad], shape (...).
             twist: ``(v_x, v_y, Omega)`` of the vehicle [m/s, m/s, rad/s], shape (3,).
         """
         v_x, v_y, omega = np.asarray(twist, dtype=np.float64)

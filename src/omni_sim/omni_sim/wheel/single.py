@@ -1,24 +1,23 @@
-"""The single-roller omni-wheel: a tire that acts only along the active direction, Eqs. (18)-(22).
+"""Single-roller omni-wheel: a tire that acts only along the active direction, Eqs. (18)-(22).
 
 The contact patch is connected to the wheel by a spring and a damper, Eq. (4), whose deflection
-``e`` is a state. With the sliding velocity of the rim ``v_s = n_w . v_i - omega r_D (n_w . u_i)``
-the patch slides at ``v_p = v_s + e_dot``, and its friction is the steady characteristic at the slip
-of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the implicit Euler
-rule
+``e`` is a state. If the rim slides with the velocity ``v_s = n_w . v_i - omega r_D (n_w . u_i)``,
+the patch slides with ``v_p = v_s + e_dot``. The friction of the patch is the steady characteristic
+at the slip of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the
+implicit Euler rule,
 
     c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V).
 
 With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a sticking patch would need,
 ``v_p = -sign(A) w``, where ``w >= 0`` solves ``|A| = D w + F(w / V)``.
 
-The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where
-``m`` [m/s per N] is the mobility of wheel and vehicle. The equation becomes
-``|A| = D w + kappa F(w / V)`` with ``kappa = 1 + D m``. It keeps a wheel's step stable and passive
-for any stiffness and inertia. Because friction falls beyond its peak, two solutions may exist near
-standstill; then the patch keeps its state, adhering or sliding (`sliding`). Each tire model solves
-this equation for its own curve (`tire.model.contact_friction`). Unlike in the dissertation,
-``v_num`` may be tiny, so that a locked wheel sticks or slides as with Coulomb friction and never
-creeps.
+The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where ``m`` [m/s
+per N] is the mobility of wheel and vehicle. The equation becomes ``|A| = D w + kappa F(w / V)``
+with ``kappa = 1 + D m``. With it, a wheel's step is stable and passive for any stiffness and
+inertia. Because friction falls beyond its peak, two solutions may exist near standstill. The patch
+then keeps its state, adhering or sliding (`sliding`). Each tire model solves this equation for its
+own curve (`tire.model.contact_friction`). Unlike in the dissertation, ``v_num`` may be very small.
+A locked wheel then sticks or slides as with Coulomb friction, but does not creep.
 """
 
 from typing import NamedTuple
@@ -28,7 +27,7 @@ from omni_sim.tire.model import Curve, contact_friction
 
 
 class TireConstants(NamedTuple):
-    """Spring and damper of a tire and the physics step.
+    """Spring and damper of a tire, and the physics step.
 
     Attributes:
         stiffness: ``c`` [N/m].
@@ -47,7 +46,7 @@ class Patch(NamedTuple):
     Attributes:
         deflection: ``e`` along the active direction [m].
         speed: ``V = r_D |omega| + v_num`` [m/s].
-        sliding: whether the patch slid in the step before.
+        sliding: whether the patch slid in the previous step.
     """
 
     deflection: float
@@ -70,8 +69,8 @@ def tire_force(
         mobility: ``m``, change of this velocity per force [m/s per N].
 
     Returns:
-        Force on the vehicle along the active direction [N], new deflection [m], sliding velocity
-        of the patch ``v_p`` [m/s], whether it slides.
+        Force on the vehicle along the active direction [N]; new deflection [m]; sliding velocity of
+        the patch ``v_p`` [m/s]; whether the patch slides.
     """
     effective = tire.damping + tire.stiffness * tire.dt
     trial = tire.stiffness * patch.deflection - effective * free_velocity

@@ -1,1 +1,1 @@
-"""Campaigns of random stops: draws, limits and figures."""
+"""Campaigns of random stops: random draws, limits and figures."""

@@ -1,8 +1,8 @@
 """Random stops that compare control laws in pairs, on proportional and on on-off brakes.
 
-A seed draws vehicle, load, ground, motion and sensor noise as the robustness campaign does, but
-without sensor failures. It also draws deviations that a law may not know: a brake lag that is
-nominal or unmodeled, and errors of the nominal torque, mass and wheel inertia.
+As in the robustness campaign, a seed draws vehicle, load, ground, motion and sensor noise, but no
+sensor faults. It also draws deviations that a law may not know: a brake lag that is nominal or not
+modeled, and errors of the nominal torque, mass and wheel inertia.
 """
 
 import dataclasses
@@ -24,32 +24,28 @@ from omni_studies.campaign.random_braking import RandomBraking, draw
 _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # name of the case with all brakes on
 _LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # limits of the drawn brake lag [s]
-_LARGEST_ERROR = 1.6  # factor between true and nominal torque, mass and inertia [1]
+_LARGEST_ERROR = 1.6  # largest ratio between true and nominal torque, mass or inertia [1]
 _SETS = ("first", "second")  # independent sets of stops of an ablation
 
 NEUTRAL = {
     "target_slip": 1.0,
     "observer_time": 0.001,
-    "growth_time": 100.0,
-    "slip_time": 0.001,
     "relaxation_speed": 0.0,
     "return_share": 10.0,
-    "line_time": 100.0,
-    "heading_weight": 0.0,
-    "line_weight": 0.0,
+    "deviation_weight": 0.0,
     "locked_share": 0.0,
 }
-"""Values at which the fields of `AllocationConfiguration` have no effect: no filter, no growth, no
-limit, no cost."""
+"""Values at which the fields of `AllocationConfiguration` have no effect: no filter, limit or
+cost."""
 
 
 class LawTrial(NamedTuple):
     """Result of one stop.
 
     Attributes:
-        seed: number of the trial, `LawTrials.cases` for each seed.
+        seed: number of the trial; each seed of the draws has `LawTrials.cases` trials.
         distance: stopping distance [m].
-        rotation: change of orientation [deg].
+        rotation: change of orientation while braking [deg].
         stopped: whether the vehicle came to rest, 0 or 1.
     """
 
@@ -60,12 +56,12 @@ class LawTrial(NamedTuple):
 
 
 class LawTrials:
-    """Runs single trials by their numbers; sent to the workers.
+    """Runs single trials by their numbers; an instance is sent to the workers.
 
     Args:
         library: library with the vehicles.
-        laws: names of the compared laws; each seed is also run with all brakes on.
-        first: the first seed.
+        laws: names of the laws to compare; each seed is also run with all brakes on.
+        first: first seed of the draws.
     """
 
     def __init__(self, library: ExperimentLibrary, laws: Sequence[str], first: int) -> None:
@@ -75,7 +71,7 @@ class LawTrials:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of the configuration of the runs."""
+        """Digest of all settings that determine the runs."""
         return "-".join((self._braking.fingerprint, str(self._first), *map(str, self.cases)))
 
     def __call__(self, number: int) -> LawTrial:
@@ -89,9 +85,9 @@ class LawTrials:
 
         Args:
             seed: seed of the random draws.
-            kind: kind of the brakes, `PROPORTIONAL` or `ON_OFF`.
-            law: name of the law, empty for all brakes on; ``allocation@field=value`` changes a
-                parameter of `AllocationConfiguration`.
+            kind: kind of brakes, `PROPORTIONAL` or `ON_OFF`.
+            law: name of the law, empty for all brakes on; ``allocation@field=value`` is
+                `allocation` with one changed parameter of `AllocationConfiguration`.
         """
         law, _, change = law.partition("@")
         variant = "assisted" if law else "unassisted"
@@ -120,7 +116,7 @@ class LawTrials:
 
 
 def ablations() -> dict[str, str]:
-    """Return names of `allocation` with one parameter halved, doubled or neutral, by label."""
+    """Return the names of `allocation` with one parameter halved, doubled or disabled, by label."""
     laws = {"allocation": "allocation"}
     for field, neutral in NEUTRAL.items():
         value = getattr(AllocationConfiguration(), field)
@@ -130,7 +126,7 @@ def ablations() -> dict[str, str]:
 
 
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return the cost of the laws relative to the first one, in two independent sets of stops.
+    """Return the cost of each law relative to the first one, in two independent sets of stops.
 
     Args:
         trials: trials of an even number of whole seeds, in the order of `LawTrials`.
@@ -144,8 +140,8 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
     return metrics
 
 
-def unpaid(metrics: Mapping[str, Metric]) -> list[str]:
-    """Return the parameters that can be removed without a worse result in both sets of stops."""
+def removable(metrics: Mapping[str, Metric]) -> list[str]:
+    """Return the parameters that can be removed without a worse result in either set of stops."""
 
     def worse(key: str) -> bool:
         return metrics[key].value > 2.0 * metrics[key.replace("_change", "_change_error")].value

@@ -2,11 +2,10 @@
 
 The seed draws the vehicle (`VEHICLES`), its load with position and height, the friction of the
 ground with up to three patches along the path, the motion and the pedal. It also draws noise,
-offset and sampling of the velocity sensor, which fails in some runs. Every value is rounded to a
-few digits, so that the experiment file of a run reproduces it exactly.
+offset and sampling of the velocity sensor, which is faulty in some runs. Every value is rounded to
+a few digits, so that the experiment file of a run reproduces the run exactly.
 """
 
-import copy
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -16,15 +15,15 @@ import numpy as np
 import yaml
 
 from omni_loop import experiment
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, to_mapping
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
 from omni_tools.campaign.runner import digest
 
-# By file of config/vehicles: largest load [kg] and speed [m/s], and largest offset of the load from
-# the center, forward and sideways [m].
+# By vehicle file: largest load [kg] and speed [m/s], and largest offset of the load from the
+# center, forward and sideways [m].
 VEHICLES = {
     "mecanum_forklift": (500.0, 10.0, 0.6, 0.45),
     "three_wheel_robot": (500.0, 4.0, 0.25, 0.25),
@@ -36,9 +35,9 @@ _SWITCHES: dict[str, dict[str, Any]] = {
     "unassisted": {"enabled": False},
     "assisted": {"enabled": True},
 }
-# Section 3.5 and straight_line: the enhanced weighting with k = 7.
+# As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _LAW = {"weighting": "enhanced", "k": 7}
-# Keys that a change must not contain, because their values are drawn.
+# Keys that an override must not contain, because their values are drawn.
 _DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
           "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
 # Limits of the assistant for a noisy sensor, as in config/experiments/ice_patch_noisy.yaml.
@@ -52,17 +51,16 @@ class RandomBraking:
 
     Args:
         library: library with the vehicles.
-        changes: ``dotted.key=value`` overrides of values that are not drawn.
+        changes: ``dotted.key=value`` overrides of values that are not drawn at random.
 
     Raises:
-        ConfigurationError: a change is invalid, or changes a drawn value.
+        ConfigurationError: a change is invalid, or affects a drawn value.
     """
 
     def __init__(self, library: experiment.ExperimentLibrary, changes: Sequence[str] = ()) -> None:
         for change in changes:
             if change.startswith(_DRAWN):
                 raise ConfigurationError("--set", f"{change!r}: the campaign draws that")
-        self._changes = tuple(changes)
         law = [f"brake_assist.{name}={value}" for name, value in _LAW.items()]
         fixed = ["feedback=velocity_sensor", *law, *changes]
         self._bases = {
@@ -71,11 +69,11 @@ class RandomBraking:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of the vehicles and of the draws."""
+        """Digest of the vehicles and of the rules for the draws."""
         return digest(self._bases, [draw(seed) for seed in range(20)])
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
-        """Return the drawn run without and with the assistant, by variant."""
+        """Return the configurations of a drawn run, without and with the assistant, by variant."""
         base = self._bases[drawn["vehicle"]]
         common = dataclasses.replace(
             base,
@@ -103,40 +101,22 @@ class RandomBraking:
         }
 
     def experiment_file(self, seed: int, words: str) -> str:
-        """Return the text of an experiment file that runs a seed, unassisted and assisted.
+        """Return the text of an experiment file that repeats a seed, unassisted and assisted.
 
         Args:
             seed: seed of the run.
             words: description of the run.
         """
-        drawn = draw(seed)
-        ground = {"texture": {"kind": "cork"}, **drawn["ground"]}
-        common: Tree = {"brake_assist": _LAW}
-        for change in self._changes:
-            common = experiment.merge(common, experiment.parse_override(change))
-        common = experiment.merge(common, {"vehicle": {"load": drawn["load"]}})
-        document = {
-            "description": f"Robustness run {seed}: {words}",
-            "seed": seed,
-            "vehicle": drawn["vehicle"],
-            "ground": ground,
-            "sensors": "three_generic",
-            "feedback": "velocity_sensor",
-            "maneuver": drawn["maneuver"],
-            "velocity_sensor": drawn["velocity_sensor"],
-            "variants": {
-                # Copied, because the YAML writer would replace a shared load by references.
-                variant: copy.deepcopy(
-                    experiment.merge(common, {"brake_assist": drawn["brake_assist"] | switch})
-                )
-                for variant, switch in _SWITCHES.items()
-            },
-        }
+        variants = {}
+        for name, one in self.configurations(draw(seed)).items():
+            variants[name] = to_mapping(one)
+            del variants[name]["description"]
+        document = {"description": f"Robustness run {seed}: {words}", "variants": variants}
         return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 def draw(seed: int) -> Tree:
-    """Draw a run; return the differences of its configuration from ``straight_line`` as a tree.
+    """Draw a run; return the keys in which its configuration differs from ``straight_line``.
 
     Args:
         seed: seed of the run; the same seed gives the same run.

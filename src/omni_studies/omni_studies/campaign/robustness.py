@@ -1,7 +1,7 @@
 """One run of the robustness campaign: a stop without and with the assistant, and its limits.
 
-A run that violates a limit is repeated with one disturbance after the other removed. The
-disturbance without which the limit holds is the cause.
+If a run violates a limit, it is repeated without each of its disturbances in turn. The disturbance
+without which the limit is met is reported as the cause.
 """
 
 from typing import Any, NamedTuple
@@ -16,11 +16,12 @@ class Allowed(NamedTuple):
     """Limits of an assisted stop.
 
     Attributes:
-        orientation: largest excess of the orientation change over the unassisted one [deg].
-        distance: largest ratio of the stopping distance to the unassisted one [1]; the assistant
-            may have to release half of the wheels.
-        energy: largest rise of the energy while braking, relative to the start of braking [1].
-        shortest: lower limit of stopping distances in comparisons [m].
+        orientation: largest excess of the orientation change over that of the unassisted stop
+            [deg].
+        distance: largest ratio of the stopping distance to the unassisted one [1], which allows for
+            the release of half of the wheels.
+        energy: largest rise of the energy during braking, relative to the start of braking [1].
+        shortest: smallest stopping distance that is used in comparisons [m].
     """
 
     orientation: float = 5.0
@@ -30,15 +31,15 @@ class Allowed(NamedTuple):
 
 
 ALLOWED = Allowed()
-"""Limits of every run."""
+"""Limits that apply to every run."""
 
 CAUSES = ("failure", "noise", "patches", "rotation", "direction", "law")
-"""Causes of a violated limit: the sensor fails; it is noisy, biased or slow; wheels meet patches;
-the vehicle turns when it starts to brake; it does not move straight ahead; or none of these, so
-that the control law itself is the cause."""
+"""Causes of a violated limit: the sensor is faulty; the sensor is noisy, biased or slow; wheels
+meet patches; the vehicle rotates at the start of braking; it does not move straight ahead; or
+none of these, so that the control law itself is the cause."""
 
 LIMITS = ("energy", "orientation", "distance", "rest")
-"""Names of the limits, which are also the fields of `Outcome` with the causes."""
+"""Names of the limits; `Outcome` has a field of the same name for the cause of each violation."""
 
 
 class Outcome(NamedTuple):
@@ -55,13 +56,13 @@ class Outcome(NamedTuple):
         energy_rise_assisted: largest relative rise of the energy with the assistant [1].
         stopped_unassisted: whether the vehicle came to rest without the assistant, 0 or 1.
         stopped_assisted: whether the vehicle came to rest with the assistant, 0 or 1.
-        tipping: whether the vehicle would have tipped over in one of the runs, 0 or 1; the planar
+        tipping: whether the vehicle would have tipped over in any of the runs, 0 or 1; the planar
             model only reports it.
-        distrusted: share of the braking in which all brakes were on because of rejected inputs [1].
-        energy: cause of a violation of the limit of energy, one of `CAUSES`, else empty.
-        orientation: cause of a violation of the limit of orientation, else empty.
-        distance: cause of a violation of the limit of distance, else empty.
-        rest: cause of not coming to rest if the unassisted vehicle does, else empty.
+        rejected_share: share of the braking time with all brakes on because of rejected inputs [1].
+        energy: cause of a violated energy limit, one of `CAUSES`; empty without a violation.
+        orientation: cause of a violated orientation limit; empty without a violation.
+        distance: cause of a violated distance limit; empty without a violation.
+        rest: cause if the assisted vehicle does not come to rest but the unassisted one does.
     """
 
     seed: int
@@ -75,7 +76,7 @@ class Outcome(NamedTuple):
     stopped_unassisted: int
     stopped_assisted: int
     tipping: int
-    distrusted: float
+    rejected_share: float
     energy: str = ""
     orientation: str = ""
     distance: str = ""
@@ -100,7 +101,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
 
 
 def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
-    """Run a drawn stop without and with the assistant."""
+    """Run a drawn stop without and with the assistant, and return both results."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
         compiled.run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
@@ -118,12 +119,12 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
         stopped_unassisted=int(unassisted.stopped),
         stopped_assisted=int(assisted.stopped),
         tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
-        distrusted=float(np.mean(~assisted.record.trusted[assisted.brake_start :])),
+        rejected_share=float(np.mean(~assisted.record.trusted[assisted.brake_start :])),
     )
 
 
 def without(drawn: Tree, cause: str) -> Tree:
-    """Return a drawn run without one of its disturbances."""
+    """Return a drawn run after removal of one of its disturbances."""
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
         return drawn | {"velocity_sensor": kept}
@@ -138,8 +139,8 @@ def without(drawn: Tree, cause: str) -> Tree:
 def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
     """Return the largest rise of the energy from any stamp to a later one [1].
 
-    Kinetic and elastic energy on flat ground after the pedal has opened the clutch, relative to the
-    energy at that moment: brakes only remove energy.
+    The energy is the kinetic and elastic energy on flat ground, relative to its value when the
+    pedal opens the clutch. From then on it must not rise, because brakes can only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
     energy = run.record.energy[free]

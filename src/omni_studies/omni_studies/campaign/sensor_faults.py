@@ -1,13 +1,14 @@
-"""Stops with a fault of a sensor, of two sensors or of a brake, determined by a seed.
+"""Stops with a fault of one sensor, two sensors or a brake, each determined by a seed.
 
-The seed draws the law, whether there is an IMU, the vehicle with its braking (`CASES`) and the
-fault. A `single` fault affects one channel. A `pair` affects two channels with the same kind and
-onset, like the failure of a shared supply, clock or calibration. A `brake` fault affects the brake
-of one wheel, before or during the stop. Every eighth seed searches for the worst similar fault by
-changing one entry after the other.
+The seed draws the law, whether the vehicle has an IMU, the vehicle and its braking maneuver
+(`CASES`), and the fault. A `single` fault affects one channel. A `pair` affects two channels with
+the same kind and onset, like a failure of a shared supply, clock or calibration. A `brake` fault
+affects the brake of one wheel, before or during the stop. Every eighth seed searches for the worst
+similar fault by changing one entry of the fault at a time.
 
-Sensor faults are compared with the longer stop and the larger rotation of unassisted braking and of
-assisted braking without a fault; brake faults with unassisted braking with the same fault.
+Stops with sensor faults are compared with the longer distance and the larger rotation of two stops
+without the fault, unassisted and assisted. Stops with brake faults are compared with unassisted
+braking with the same fault.
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "table_2": ("straight_line", "assisted", ("vehicle=table_2_mecanum", "maneuver.speed=6")),
     "six_wheels": ("straight_line", "assisted", ("vehicle=six_wheel_mecanum", "maneuver.speed=6")),
 }
-"""Experiment, its variant with the assistant, and overrides, by name of the case."""
+"""Experiment, assisted variant and overrides, by name of the case."""
 
 LAWS: dict[str, tuple[str, ...]] = {
     "sliding_mode": ("brake_assist.law=sliding_mode",),
@@ -40,10 +41,10 @@ LAWS: dict[str, tuple[str, ...]] = {
 """Overrides by law: `allocation` requires proportional brakes."""
 
 EXTENTS = ("single", "single", "pair", "brake")
-"""Extents of faults; repeated entries are drawn more often."""
+"""Extents of a fault; repeated entries are drawn more often."""
 
-# Smallest and largest size of a fault in the unit of the channel; "rate" is for the yaw rate of the
-# twist.
+# Smallest and largest size of a fault, in the unit of the channel; "rate" is for the yaw rate of
+# the twist.
 _SIZES = {
     "twist": (0.1, 5.0),
     "rate": (0.03, 3.0),
@@ -51,10 +52,11 @@ _SIZES = {
     "accelerometer": (0.3, 15.0),
     "encoder": (0.5, 40.0),
 }
-_SHARES = ("scale", "echo")  # kinds whose size is a share
+_SHARES = ("scale", "echo")  # kinds of fault whose size is a share
 _CHANNELS = {True: ("twist", "gyro", "accelerometer", "encoder"), False: ("twist", "encoder")}
 _BRAKES = ("brake", "open_valve", "stuck_brake")  # entries of `WheelCondition`
-# Encoders have 4096 counts. No lines are rendered. A stop longer than the limit has failed.
+# The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
+# failed.
 _SETTING = (
     "feedback=velocity_sensor",
     "simulation.render_lines=false",
@@ -68,12 +70,12 @@ class Fault(NamedTuple):
     """A fault of sensors or a brake.
 
     Attributes:
-        channel: channel of the sensors, two of them joined by ``+``, or ``brake``.
+        channel: faulty channel, two channels joined by ``+``, or ``brake``.
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
-        axis: index of the axis of the channel or of the wheel; -1 for all.
-        onset: time of the fault after the pedal goes down [s].
-        amplitude: amplitude in the unit of the first channel; that of a second channel has the same
-            share of its range.
+        axis: index of the faulty axis or wheel; -1 for all.
+        onset: time of the fault after the pedal is pressed [s].
+        amplitude: size of the fault in the unit of the first channel; for a second channel, the
+            size at the same position of its range is used.
         period: period of a ramp, sine or delay [s].
     """
 
@@ -86,7 +88,7 @@ class Fault(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """A stop without its fault: `LAWS`, whether there is an IMU, one of `CASES`."""
+    """A stop without its fault: the law, whether the vehicle has an IMU, and one of `CASES`."""
 
     law: str
     imu: bool
@@ -94,7 +96,7 @@ class Setting(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Stop to compare with: whether it comes to rest, distance [m], change of orientation [deg]."""
+    """Reference stop: whether it comes to rest, distance [m], change of orientation [deg]."""
 
     rest: bool
     distance: float
@@ -108,20 +110,20 @@ class Stop(NamedTuple):
         seed: seed of the run.
         law: law of the setting.
         imu: whether there is an IMU, 0 or 1.
-        case: vehicle with its braking, one of `CASES`.
+        case: vehicle and braking maneuver, one of `CASES`.
         extent: extent of the fault, one of `EXTENTS`.
         channel: faulty channels, as in `Fault`.
         kind: kind of the fault, as in `Fault`.
         axis: index of the faulty axis or wheel, -1 for all.
-        onset: time of the fault after the pedal goes down [s].
+        onset: time of the fault after the pedal is pressed [s].
         amplitude: amplitude of the fault, in the unit of the first channel.
         period: period of a ramp, sine or delay [s].
-        counted: whether the reference comes to rest, 0 or 1.
+        counted: whether the reference stop comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
-        distance: stopping distance over that of the reference [1].
-        rotation: rotation minus that of the reference [deg].
-        assisting: whether brakes were still released 0.5 s after the onset or the stop had already
-            ended, 0 or 1.
+        distance: ratio of the stopping distance to that of the reference stop [1].
+        rotation: rotation minus that of the reference stop [deg].
+        assisting: 1 if brakes were still released 0.5 s after the onset, or if the stop had already
+            ended; otherwise 0.
     """
 
     seed: int
@@ -143,7 +145,7 @@ class Stop(NamedTuple):
 
     @property
     def group(self) -> str:
-        """Name of the group of stops in the study's metrics."""
+        """Name of the group to which this stop belongs in the study's metrics."""
         return f"{self.law}_{'imu' if self.imu else 'no_imu'}_{self.extent}"
 
 
@@ -152,9 +154,9 @@ class FaultyStops:
 
     Args:
         library: library of experiments and vehicles.
-        changes: changes of every assistant and vehicle, as ``dotted.key=value``; if they name a
-            law, only this law is run.
-        searched: number n; every n-th seed searches for the worst similar fault.
+        changes: ``dotted.key=value`` changes of all assistants and vehicles; if they name a law,
+            only this law is run.
+        searched: n; every n-th seed searches for the worst similar fault.
         steps: number of faults that a search tries.
     """
 
@@ -184,12 +186,12 @@ class FaultyStops:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything except the seeds on which the stops depend."""
+        """Digest of all settings that determine the stops, except the seeds."""
         drawn = EXTENTS, KINDS, _SIZES, _SHARES, _BRAKES, list(_CHANNELS.items())
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
-        """Draw and run a seed."""
+        """Draw and run the stop of a seed."""
         random = np.random.default_rng([seed, 29])
         imu = bool(random.random() < 0.6)
         setting = Setting(str(random.choice(self._laws)), imu, str(random.choice(list(CASES))))
@@ -237,7 +239,7 @@ class FaultyStops:
         )
 
     def reference(self, setting: Setting) -> Reference:
-        """Return the worse of unassisted braking and of assisted braking without a fault."""
+        """Return the worse values of unassisted and of assisted braking without a fault."""
         if setting not in self._references:
             bases = [self._bases[setting, assisted] for assisted in (False, True)]
             self._references[setting] = _reference([run_fast_loop(base) for base in bases])
@@ -247,7 +249,7 @@ class FaultyStops:
         wheels = len(self._bases[setting, True].vehicle.wheels)
         onset = round(float(random.uniform(-0.2, 1.2)), 2)
         if random.random() < 0.2:
-            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # before the pedal goes down
+            onset = round(float(random.uniform(-1.5, -0.2)), 2)  # before the pedal is pressed
         if extent == "brake":
             kind = str(random.choice(_BRAKES))
             before = random.random() < 0.5
@@ -260,8 +262,8 @@ class FaultyStops:
             channel, axis = "+".join(sorted(map(str, pair))), int(random.integers(-1, 3))
         else:
             channel = str(random.choice(_CHANNELS[setting.imu]))
-            # A single fault affects one wheel or the gyro, but one or all axes of the other
-            # channels.
+            # A single fault of encoders affects one wheel. A single fault of another channel
+            # affects one axis or all axes.
             axes = {"twist": 3, "accelerometer": 2, "gyro": 1, "encoder": wheels}[channel]
             axis = int(random.integers(0 if channel in ("encoder", "gyro") else -1, axes))
         low, high = _range(channel.split("+")[0], kind, axis)
@@ -278,7 +280,7 @@ class FaultyStops:
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
     ) -> Fault:
-        """Return a fault that differs in one entry."""
+        """Return a fault of which one entry differs."""
         other = self._draw(random, setting, extent)
         entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
         if entry == "all" or (extent == "brake" and entry != "onset"):
@@ -303,9 +305,9 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
     """Return the faults of all channels.
 
-    In a pair both amplitudes are at the same place of their logarithmic ranges. The axis is that of
-    the twist and, for x and y, of the accelerometer; a fault of the yaw rate affects both axes of
-    the accelerometer. Gyro and encoders are affected as a whole.
+    In a pair, both amplitudes are at the same position of their logarithmic ranges. The faulty axis
+    is that of the twist and, for x and y, also that of the accelerometer; a fault of the yaw rate
+    affects both axes of the accelerometer. Gyro and encoders are affected as a whole.
     """
     channels = fault.channel.split("+")
     low, high = _range(channels[0], fault.kind, fault.axis)
@@ -375,12 +377,15 @@ def limits(extent: str, *, imu: bool) -> Limits:
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
-    """Return the change of orientation on ``straight_line`` if the twist drops out for good [deg].
+    """Return the change of orientation on ``straight_line`` if the twist is permanently lost [deg].
 
     Args:
-        stops: campaign that runs the stop.
+        stops: campaign that runs the stop, with the law that rotates more.
         onset: time of the drop-out after the pedal goes down [s].
     """
-    setting = Setting(stops._laws[0], True, "straight_line")
-    stop = stops.run(setting, Fault("twist", "drop_out", -1, onset, 0.0, 0.1))
-    return stop.rotation + stops.reference(setting).rotation
+    fault = Fault("twist", "drop_out", -1, onset, 0.0, 0.1)
+    settings = [Setting(law, True, "straight_line") for law in stops._laws]
+    return max(
+        stops.run(setting, fault).rotation + stops.reference(setting).rotation
+        for setting in settings
+    )

@@ -1,9 +1,9 @@
 """Error models of the sources of a body twist.
 
-A model samples and delays the true twist and adds white noise and a constant scale error. It has no
-measurement above its largest speed and for lost samples. Each model states the basis of its
-numbers. Wheel odometry and dead reckoning are no error models: they use the simulated encoders and
-IMU.
+A model samples and delays the true twist, and adds white noise and a constant scale error. Above
+its largest speed, and for lost samples, it has no measurement. Each model states where its numbers
+come from. Wheel odometry and dead reckoning are not error models: they use the simulated encoders
+and IMU.
 """
 
 import dataclasses
@@ -27,17 +27,17 @@ class Source:
 
     Attributes:
         label: label for tables.
-        basis: source of the numbers.
-        kind: error model, wheel odometry, or wheel odometry that ends with the start of braking.
+        basis: origin of the numbers.
+        kind: error model, wheel odometry, or wheel odometry that ends at the start of braking.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
-        relative: standard deviation per speed [1].
-        scale: standard deviation of the constant error of the scale [1].
+        relative: additional standard deviation per speed [1].
+        scale: standard deviation of the constant scale error [1].
         period: period of the samples [s].
-        latency: latency from the measurement to the message [s].
-        lost: share of samples without a measurement [1].
+        latency: time from the measurement to the message [s].
+        lost: share of the samples that have no measurement [1].
         maximum_speed: largest measurable speed [m/s].
-        cameras: file of ``config/sensors/`` with line cameras that can be rendered instead.
+        cameras: file in ``config/sensors/`` with line cameras that can be rendered instead.
     """
 
     label: str
@@ -57,16 +57,32 @@ class Source:
 _LINES = "studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability"
 
 
-def _pair(
-    label: str, basis: str, sensors: int, linear: float, lever: float = 0.4, **changes: float
-) -> Source:
-    """Return a source of several flow sensors, whose lever about the center is `lever` [m]."""
-    shared = linear / math.sqrt(sensors)
-    return Source(label, basis, linear=shared, turning=shared / lever, **changes)  # type: ignore[arg-type]
+_CHIPS = {
+    "PAA5100JE": (0.01, 0.02, 1.14, "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"),
+    "PMW3901": (
+        *(0.02, 0.03, 0.74),
+        "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed",
+    ),
+}
+"""By chip type: standard deviation [m/s], noise and scale error per speed [1], largest speed
+[m/s], and origin of these numbers."""
 
 
-_PAA5100 = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
-_PMW3901 = "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed"
+def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
+    """Return a source made of several flow chips at a distance `lever` from the center [m]."""
+    linear, share, fastest, basis = _CHIPS[chip]
+    shared = linear / math.sqrt(count)
+    return Source(
+        f"{count} x {chip}",
+        basis,
+        linear=shared,
+        turning=shared / lever,
+        relative=share,
+        scale=share,
+        maximum_speed=fastest,
+    )
+
+
 SOURCES = {
     "ideal": Source("ideal, 100 Hz", "exact"),
     **{
@@ -85,27 +101,8 @@ SOURCES = {
         )
     },
     **{
-        f"paa5100_{count}": _pair(
-            f"{count} x PAA5100JE",
-            _PAA5100,
-            count,
-            0.01,
-            relative=0.02,
-            scale=0.02,
-            maximum_speed=1.14,
-        )
-        for count in (2, 3)
-    },
-    **{
-        f"pmw3901_{count}": _pair(
-            f"{count} x PMW3901",
-            _PMW3901,
-            count,
-            0.02,
-            relative=0.03,
-            scale=0.03,
-            maximum_speed=0.74,
-        )
+        f"{chip.lower().removesuffix('je')}_{count}": _chips(chip, count)
+        for chip in _CHIPS
         for count in (2, 3)
     },
     "otos": Source(
@@ -138,10 +135,10 @@ SOURCES = {
 
 
 class SourceEstimator:
-    """Estimator with the measurements of a source.
+    """Estimator that returns the measurements of a source.
 
     Args:
-        source: the error model.
+        source: error model of the source.
         kinematics: kinematics of the wheels, for wheel odometry.
         seed: seed of the noise.
     """
@@ -151,12 +148,12 @@ class SourceEstimator:
         self._kinematics = kinematics
         self._random = np.random.default_rng(seed)
         self._scale = 1.0 + source.scale * float(self._random.standard_normal())
-        self._waiting: deque[tuple[int, signals.TwistSample]] = deque()  # by arrival [ns]
+        self._waiting: deque[tuple[int, signals.TwistSample]] = deque()  # by arrival time [ns]
         self._last: signals.TwistSample | None = None
         self._sampled_ns = -(10**18)
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest received measurement, an unmeasured one before the first."""
+        """Return the latest received measurement; before the first one, an unmeasured twist."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
             self._sampled_ns = now_ns
@@ -180,7 +177,7 @@ class SourceEstimator:
         linear = max(math.hypot(source.linear, source.relative * speed), SMALLEST_DEVIATION)
         deviation = np.array([linear, linear, max(source.turning, SMALLEST_DEVIATION)])
         scale = np.array([self._scale, self._scale, 1.0])
-        # A source states its scale error too, as its maker does.
+        # The stated covariance includes the scale error, as in a data sheet.
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
         value: quantities.FloatArray = scale * observation.twist + deviation * noise
         return signals.TwistSample(stamp_ns, value, np.diag(stated))

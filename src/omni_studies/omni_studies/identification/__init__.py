@@ -1,1 +1,1 @@
-"""Identification of the vehicle of Table 2, and sensitivities."""
+"""Identification of the vehicle of Table 2, and sensitivity of the results."""

@@ -1,4 +1,4 @@
-"""Figures of Table 2: trade-off and sensitivities."""
+"""Figures on Table 2: trade-off and sensitivities."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,7 +24,7 @@ _LABELS = {
 
 
 def weighting_functions() -> Figure:
-    """Draw the weight of the parallel component over the angle of a wheel, Figure 28."""
+    """Draw the weight of the parallel component as a function of the wheel's angle, Figure 28."""
     x = r"angle $\delta$ between active direction and velocity [deg]"
     figure, ((axes,),) = style.panels("", size=(8.0, 4.6), x=x, y=r"weight $\psi$ [1]")
     angle = np.linspace(0.0, 90.0, 181)
@@ -77,7 +77,7 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
 
 
 def sensitivity_map(sensitivity: Sensitivity) -> Figure:
-    """Draw the change of every number for a step of every parameter, in tolerances."""
+    """Draw the change of each number of Table 2 per step of each parameter, in tolerances."""
     values = sensitivity.in_tolerances.T
     figure, ((axes,),) = style.panels("", size=(10.0, 7.6))
     axes.grid(False)

@@ -3,10 +3,10 @@
 A candidate is a vector of the `QUANTITIES`: masses and their positions, distances of the wheels,
 brake torque, motion at the start of braking, and friction. Other values, such as the tire of Table
 1, are assumed. `measure` runs the five cases of Table 2 with a candidate in the fast loop. The cost
-is the sum of the squared deviations in tolerances, so a cost below 1 means that all ten numbers are
-within their tolerance.
+is the sum of the squared deviations from Table 2 in tolerances. If it is below 1, all ten numbers
+are within their tolerance.
 
-The vehicle moves along the world's y axis, which points up in Figure 43, and braking starts with
+The vehicle moves along the world's y axis, which points up in Figure 43. Braking starts with
 `base_link` at the origin.
 """
 
@@ -14,6 +14,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,16 +30,16 @@ from omni_studies.identification import table_2
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """A parameter of the search.
+    """A parameter that is identified.
 
     Attributes:
         name: name of the parameter.
         unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
         low: smallest value.
         high: largest value.
-        step: step of the sensitivities.
-        decimals: decimals of the rounded value in a configuration file.
-        description: description in one line.
+        step: step for the sensitivity analysis.
+        decimals: number of decimals in a configuration file.
+        description: one-line description.
     """
 
     name: str
@@ -48,11 +49,6 @@ class Quantity:
     step: float
     decimals: int
     description: str
-
-    def near(self, center: float, share: float = 0.1) -> tuple[float, float]:
-        """Return the range of the refinement: `share` of the whole range around `center`."""
-        reach = share * (self.high - self.low)
-        return max(center - reach, self.low), min(center + reach, self.high)
 
 
 QUANTITIES = (
@@ -75,7 +71,9 @@ QUANTITIES = (
     Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2, "of the patch along the motion"),
     Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2, "of the patch across the motion"),
 )
-"""Parameters of the search and their ranges."""
+"""Identified parameters with their ranges."""
+
+_PATCH = ("friction", "x", "y", "length", "width")  # quantities whose key has the prefix ``patch_``
 
 Parameters = Mapping[str, float]
 
@@ -93,10 +91,10 @@ def rounded(vector: Sequence[float] | quantities.FloatArray) -> dict[str, float]
 
 
 def configure(base: ExperimentConfiguration, parameters: Parameters) -> ExperimentConfiguration:
-    """Return an experiment with the vehicle, ground and motion of a candidate.
+    """Return an experiment with the vehicle, the ground and the motion of a candidate.
 
     Args:
-        base: a variant of ``turn_while_translate``, with all other values.
+        base: a variant of ``turn_while_translate``, which gives all other values.
         parameters: parameters by the names of `QUANTITIES`.
 
     Raises:
@@ -114,7 +112,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     vehicle = dataclasses.replace(
         base.vehicle,
         wheels=wheels,
-        chassis_length=round(p["wheelbase"] + 0.4, 2),  # plus the wheels' diameter
+        chassis_length=round(p["wheelbase"] + 0.4, 2),  # plus the wheel diameter
         chassis_width=round(p["track"] + 0.2, 2),
         body=MassConfiguration(
             mass=p["body_mass"], height=p["height"], yaw_inertia=p["body_inertia"]
@@ -124,14 +122,8 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
         ),
         brake=dataclasses.replace(base.vehicle.brake, max_torque=p["brake_torque"]),
     )
-    patch = FrictionPatch(
-        x=p["patch_x"],
-        y=p["patch_y"],
-        length=p["patch_length"],
-        width=p["patch_width"],
-        heading_deg=90.0,
-        friction=p["patch_friction"],
-    )
+    sizes: dict[str, Any] = {name: p[f"patch_{name}"] for name in _PATCH}
+    patch = FrictionPatch(heading_deg=90.0, **sizes)
     before = base.maneuver.brake_time
     direction = round(p["direction"] + p["yaw_rate"] * before, 4)
     maneuver = dataclasses.replace(
@@ -171,17 +163,13 @@ def parameters_of(configuration: ExperimentConfiguration) -> dict[str, float]:
         "direction": maneuver.direction_deg - maneuver.yaw_rate_deg * maneuver.brake_time,
         "yaw_rate": maneuver.yaw_rate_deg,
         "friction": ground.friction,
-        "patch_friction": patch.friction,
-        "patch_x": patch.x,
-        "patch_y": patch.y,
-        "patch_length": patch.length,
-        "patch_width": patch.width,
+        **{f"patch_{name}": getattr(patch, name) for name in _PATCH},
     }
     return rounded([values[quantity.name] for quantity in QUANTITIES])
 
 
 def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, float]:
-    """Run the cases of Table 2; return the ten numbers, NaN for cases that do not stop.
+    """Run the cases of Table 2; return the ten numbers, NaN for a case that does not stop.
 
     Args:
         configurations: configurations by case.
@@ -195,14 +183,13 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
     return {name: measured[name] for name in table_2.REFERENCES}
 
 
-_SKIPPED = 100.0  # cost of a case that is not run
+_SKIPPED = 100.0  # cost of a case that is skipped
 
 
-def unsound(vehicle: VehicleConfiguration) -> float:
-    """Return a measure of the violation of two conditions [1], 0 if both hold.
+def assumption_violation(vehicle: VehicleConfiguration) -> float:
+    """Return how far a vehicle violates two conditions [1]; 0 if it meets both.
 
-    The load must be between the wheels, and no wheel may exceed the load range of its tire at
-    rest.
+    The load must be between the wheels, and at rest no wheel may exceed the load range of its tire.
     """
     position = kinematics.PlatformKinematics(vehicle.wheels).geometry.position
     masses = MassProperties.of(vehicle.body, vehicle.load)
@@ -218,29 +205,31 @@ def cost(
     exponent: int = 2,
     *,
     sound: bool = False,
-    hopeless: float = 25.0,
+    abort_above: float = 25.0,
 ) -> float:
-    """Return the sum of powers of the deviations from Table 2 in tolerances [1].
+    """Return the sum of powers of the deviations from Table 2, in tolerances [1].
 
-    Cases after one with a very large deviation are not run, and get a higher cost.
+    After a case with a very large deviation, the remaining cases are skipped at a higher cost.
 
     Args:
-        bases: the variants of ``turn_while_translate`` by case.
+        bases: variants of ``turn_while_translate``, by case.
         parameters: parameters by the names of `QUANTITIES`.
         exponent: even exponent; a larger one gives more weight to the largest deviation.
-        sound: whether vehicles that are `unsound` get a higher cost than all others.
-        hopeless: mean cost per case above which the remaining cases are not run [1].
+        sound: whether vehicles with an `assumption_violation` have a higher cost than all others.
+        abort_above: mean cost per case above which the remaining cases are skipped [1].
     """
     total = 0.0
     if sound:
         try:
-            amiss = unsound(configure(next(iter(bases.values())), parameters).vehicle)
+            violation = assumption_violation(
+                configure(next(iter(bases.values())), parameters).vehicle
+            )
         except ConfigurationError:
             return math.inf
-        if amiss > 0.0:
-            return _SKIPPED * len(bases) * (1.0 + amiss)
+        if violation > 0.0:
+            return _SKIPPED * len(bases) * (1.0 + violation)
     for done, (case, base) in enumerate(bases.items()):
-        if total > hopeless * done:
+        if total > abort_above * done:
             return total + (len(bases) - done) * _SKIPPED
         try:
             run = run_fast_loop(configure(base, parameters))
@@ -266,21 +255,21 @@ def search(
     sound: bool = False,
     on_generation: Callable[[int, float], None] = lambda _generation, _cost: None,
 ) -> dict[str, float]:
-    """Search the parameters of Table 2 by differential evolution in one process.
+    """Search for the parameters of Table 2 by differential evolution in one process.
 
-    The first search, over the whole range, minimizes the sum of squares; a second one near its
-    result minimizes the sum of fourth powers, which reduces the largest deviation. The same seed
-    gives the same result, with the same versions of the libraries.
+    The first search covers the whole range and minimizes the sum of squares. A second search near
+    its result minimizes the sum of fourth powers, which reduces the largest deviation. With the
+    same seed and the same versions of the libraries, the result is the same.
 
     Args:
-        bases: the variants of ``turn_while_translate`` by case.
-        start: candidate near which the second search begins; the first search is then omitted.
-        seed: seed of every random draw.
-        generations: largest number of generations of each search. The first search ends when its
-            cost is below 1, the second when no deviation is above 0.7 tolerances.
+        bases: variants of ``turn_while_translate``, by case.
+        start: candidate near which the second search begins; if given, the first search is omitted.
+        seed: seed of all random numbers.
+        generations: largest number of generations of each search. The first search ends at a cost
+            below 1, the second when no deviation exceeds 0.7 tolerances.
         refinement: largest number of generations of the second search.
-        sound: whether to exclude vehicles that are `unsound`.
-        on_generation: called after each generation with its number in the current search and the
+        sound: whether to exclude vehicles with an `assumption_violation`.
+        on_generation: called after each generation with its number in the present search and the
             lowest cost so far.
 
     Returns:
@@ -315,5 +304,8 @@ def search(
 
     whole = [(quantity.low, quantity.high) for quantity in QUANTITIES]
     found = start or evolve(whole, 2, 1.0, generations)
-    near = [quantity.near(found[quantity.name]) for quantity in QUANTITIES]
+    near = []
+    for quantity in QUANTITIES:
+        center, reach = found[quantity.name], 0.1 * (quantity.high - quantity.low)
+        near.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
     return evolve(near, 4, 0.7**4, min(generations, refinement))

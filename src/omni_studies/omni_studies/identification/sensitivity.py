@@ -1,9 +1,9 @@
-"""Sensitivity of each number of Table 2 to identified parameters and to assumptions.
+"""Sensitivity of the numbers of Table 2 to the identified parameters and to assumptions.
 
-Every parameter is varied by a few steps to either side, with the others fixed, and a straight line
-is fitted to each number. Its slope is the sensitivity. The scatter about the line is due to the
-switching of the brakes and to wheels at the edge of the patch. Tire, wheels and shape of the patch
-are assumed; `ASSUMPTIONS` changes them one by one.
+Each parameter is varied by a few steps in both directions while the others are fixed, and a
+straight line is fitted to each number of the table. Its slope is the sensitivity. The scatter about
+the line is caused by the switching of the brakes and by wheels at the edge of the patch. Tire,
+wheels and shape of the patch are assumed; `ASSUMPTIONS` changes these one at a time.
 """
 
 import dataclasses
@@ -29,11 +29,11 @@ _OFFSETS = (-2, -1, 0, 1, 2)  # [steps]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Slopes of the ten numbers over the parameters.
+    """Sensitivity of the ten numbers of Table 2 to the parameters.
 
     Attributes:
-        numbers: names of the rows, those of `table_2.REFERENCES`.
-        parameters: names of the columns, those of `identification.QUANTITIES`.
+        numbers: names of the rows, as in `table_2.REFERENCES`.
+        parameters: names of the columns, as in `identification.QUANTITIES`.
         slope: change for one step of a parameter [deg] or [m], shape (10, P); NaN if the
             vehicle tips over or does not stop.
         scatter: standard deviation about the straight line [deg] or [m], shape (10, P).
@@ -46,12 +46,12 @@ class Sensitivity:
 
     @property
     def in_tolerances(self) -> quantities.FloatArray:
-        """Slope divided by the tolerance of each number [1 per step], shape (10, P)."""
+        """Slope divided by the tolerance of each number [1 per parameter step], shape (10, P)."""
         tolerance = np.array([table_2.tolerance(name) for name in self.numbers])
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return columns, one row per parameter: its step, and slope and scatter of each number."""
+        """Return one row per parameter as columns: step, then slope and scatter of each number."""
         return {
             "parameter": list(self.parameters),
             "step": [quantity.step for quantity in QUANTITIES],
@@ -67,7 +67,7 @@ class Sensitivity:
 def sensitivities(
     bases: Mapping[str, ExperimentConfiguration], parameters: Parameters
 ) -> Sensitivity:
-    """Return the sensitivities at a candidate, from varied parameters and fitted straight lines.
+    """Return the sensitivities at a candidate, by fits of straight lines to varied parameters.
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
@@ -92,7 +92,7 @@ def sensitivities(
 
 
 def _numbers(bases: Mapping[str, ExperimentConfiguration], parameters: Parameters) -> list[float]:
-    """Return the ten numbers of a candidate, NaN if it tips over or does not stop."""
+    """Return the ten numbers of Table 2 for a candidate, NaN if it tips over or does not stop."""
     try:
         measured = measure({case: configure(base, parameters) for case, base in bases.items()})
     except configuration.ConfigurationError:
@@ -104,12 +104,13 @@ EXPERIMENT = "turn_while_translate"
 
 
 class Assumption(NamedTuple):
-    """A changed assumption.
+    """A change of one assumption.
 
     Attributes:
         name: name of the change.
-        overrides: overrides of the experiment.
-        sought: pairs of parameters of the search; the first is set to the value of the second.
+        overrides: overrides of the experiment that make the change.
+        sought: pairs of identified parameters; the first parameter of a pair is set to the value of
+            the second.
         patch_width: factor on the width of the slippery patch [1].
     """
 
@@ -151,12 +152,12 @@ OTHERS: dict[str, Parameters] = {
         0.596, 0.275, -0.31, 4.0, 7.12, 2.48,
     )),
 }  # fmt: skip
-"""Vehicles found by ``study table2 --identify --sound`` with the seeds 1 and 2, in the order
-of `QUANTITIES`."""
+"""Vehicles identified by ``study table2 --identify --sound`` with the seeds 1 and 2, as values
+in the order of `QUANTITIES`."""
 
 
 def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[str, float]]:
-    """Yield the ten numbers of a candidate for each of `ASSUMPTIONS`.
+    """Yield the ten numbers of Table 2 for a candidate under each of the `ASSUMPTIONS`.
 
     Args:
         library: library with the experiment.

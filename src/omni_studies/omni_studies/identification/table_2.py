@@ -1,14 +1,14 @@
-"""Table 2 of the dissertation: results of braking out of a turn under each control law."""
+"""Table 2 of the dissertation: results of braking in a turn with each control law."""
 
 from collections.abc import Mapping
 
 from omni_loop.metrics import Metric
 
 CASES = ("unassisted", "zero", "cosine", "k1", "k7")
-"""Variants of the experiment ``turn_while_translate`` in the order of the table's columns."""
+"""Variants of the experiment ``turn_while_translate``, in the order of the table's columns."""
 
 TWIST_ALONE = "brake_assist.fault_detection=false"
-"""Override of the experiment, because the dissertation's assistant uses only the twist."""
+"""Override of the experiment: the dissertation's assistant uses only the twist."""
 
 ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))
 """Changes of orientation from the start of braking to the final position [deg]."""
@@ -20,14 +20,14 @@ REFERENCES: dict[str, float] = {
     **{f"orientation_change.{case}": value for case, value in ORIENTATION_CHANGE.items()},
     **{f"stopping_distance.{case}": value for case, value in STOPPING_DISTANCE.items()},
 }
-"""The ten numbers of Table 2 by the name of their metric."""
+"""The ten numbers of Table 2, by metric name."""
 
 
 def tolerance(name: str) -> float:
-    """Return the tolerance of a number in its unit.
+    """Return the tolerance of a number, in the number's unit.
 
-    The tolerance is 5 % or 2 deg of an orientation change, whichever is larger, and 3 % of a
-    stopping distance.
+    For an orientation change, the tolerance is 5 % or 2 deg, whichever is larger. For a stopping
+    distance it is 3 %.
 
     Args:
         name: one of `REFERENCES`.
@@ -56,23 +56,19 @@ def deviations(measured: Mapping[str, float]) -> dict[str, float]:
 
 
 def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
-    """Return the ten numbers and their deviations from the dissertation's.
+    """Return the ten numbers of Table 2 and their deviations from the dissertation's numbers.
 
     Args:
         measured: all of `REFERENCES` in their units.
 
     Returns:
-        Every number with its reference and, as its limit, the upper end of its tolerance. The
+        Every number with its reference value, and the ends of its tolerance as limits. The
         magnitude of its deviation is ``<quantity>_deviation.<case>``, limited by the tolerance.
     """
     result: dict[str, Metric] = {}
     for name, reference in REFERENCES.items():
-        result[name] = Metric(
-            measured[name], unit(name), reference=reference, at_most=reference + tolerance(name)
-        )
-    for name, reference in REFERENCES.items():
         quantity, _, case = name.partition(".")
-        result[f"{quantity}_deviation.{case}"] = Metric(
-            abs(measured[name] - reference), unit(name), at_most=tolerance(name)
-        )
+        value, limit, deviation = measured[name], tolerance(name), abs(measured[name] - reference)
+        result[name] = Metric(value, unit(name), reference, reference + limit, reference - limit)
+        result[f"{quantity}_deviation.{case}"] = Metric(deviation, unit(name), at_most=limit)
     return result

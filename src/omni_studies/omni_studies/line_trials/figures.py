@@ -1,4 +1,4 @@
-"""Figures of the studies of one line camera: maps of errors over two parameters."""
+"""Figures for the studies of one line camera: maps of errors as functions of two parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -21,7 +21,7 @@ _NORM, _COLORS = BoundaryNorm(_EDGES, len(_SHADES)), ListedColormap(_SHADES)
 
 
 class Scale(NamedTuple):
-    """An axis of a map: label and evenly spaced values of a parameter."""
+    """Axis of a map: its label and evenly spaced parameter values."""
 
     label: str
     values: Sequence[float]
@@ -40,15 +40,16 @@ def draw_error_maps(
     levels: Sequence[float] = (0.4, 0.6, 0.8),
     grounds: Mapping[str, GroundTexture] | None = None,
 ) -> Figure:
-    """Draw mean errors over two parameters with lines of equal overlap; white means no error.
+    """Draw mean errors over two parameters, with contour lines of the overlap; white is no error.
 
     Args:
         title: title of the figure.
-        rows: rows of maps by title; a map is the mean magnitude of Eq. (84) [px], shape (y, x).
-        overlap: overlap of consecutive lines, 0..1, shape (y, x).
-        scales: axes along x and y; by default those of `view_grid`.
-        levels: levels of the lines of equal overlap.
-        grounds: picture at the beginning of each row, by title.
+        rows: rows of maps by title; a map contains the mean magnitude of Eq. (84) [px],
+            shape (y, x).
+        overlap: overlap of consecutive lines, 0 to 1, shape (y, x).
+        scales: axes along x and y; the axes of `view_grid` by default.
+        levels: overlaps at which contour lines are drawn.
+        grounds: ground whose picture is drawn at the start of a row, by row title.
     """
     if scales is None:
         shapes = Scale("width over length [%]", [100.0 * shape for shape in view_grid.SHAPES])
@@ -84,7 +85,7 @@ def _draw_map(
     axes.grid(False)
     axes.pcolormesh(x, y, error, cmap=_COLORS, norm=_NORM, shading="nearest")
     lines = axes.contour(x, y, overlap, levels=list(levels), colors=BLACK, linewidths=1.0)
-    # Readable also on the darkest shade.
+    # The outline makes the labels readable on the darkest shade.
     lines.set_path_effects([withStroke(linewidth=2.4, foreground="white")])
     for text in axes.clabel(lines, fmt=lambda level: f"{100.0 * level:.0f} %"):
         text.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
@@ -93,7 +94,7 @@ def _draw_map(
 
 
 def _draw_ground(axes: Axes, name: str, ground: GroundTexture, shown: float = 0.02) -> None:
-    """Draw a square of the ground whose edge is `shown` [m], as in Figure 59."""
+    """Draw a square of the ground with an edge of `shown` [m], as in Figure 59."""
     texels = min(len(ground.gray), round(shown / ground.texel))
     edge = 1e3 * texels * ground.texel
     gray = ground.gray[:texels, :texels]

@@ -1,7 +1,7 @@
-"""Drives over grounds with faulty line cameras, and the errors of every camera and batch.
+"""Drives over grounds with faulty line cameras, with the error of each batch of each camera.
 
-A drive is rendered once and converted to lines by every faulty camera. A new odometry processes
-each drive, so that it estimates properties of a camera only within this drive.
+A drive is rendered once and converted to the lines of each faulty camera. A new odometry processes
+each drive, so that its estimates of camera properties come from this drive only.
 """
 
 import dataclasses
@@ -31,18 +31,18 @@ SENSORS: Mapping[str, LineSensor] = {
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """A circle or a straight line with a linearly changing speed.
+    """Motion on a circle or a straight line, whose speed changes linearly.
 
     Attributes:
-        twist: twist at the start (v_x, v_y [m/s], yaw rate [rad/s]).
-        growth: rate of change of the twist, relative to the start [1/s].
+        twist: initial twist (v_x, v_y [m/s], yaw rate [rad/s]).
+        growth: rate of change of the twist, relative to its initial value [1/s].
     """
 
     twist: tuple[float, float, float]
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the times [s] in which the initial twist covers the path up to given times [s]."""
+        """Return how long [s] the path up to given times [s] would take with the initial twist."""
         return time + 0.5 * self.growth * time**2
 
 
@@ -66,15 +66,15 @@ MOTIONS: tuple[Motion, ...] = (
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """A fault of the cameras, or of their data.
+    """A fault of the cameras or of their data.
 
     Attributes:
         camera: optics and pixels of the cameras.
-        rate: configured line rate over the true one [1].
-        lost: period of missing lines [lines]; 0 for none.
-        swapped: period of batches that arrive in the wrong order [batches]; 0 for none.
-        repeated: period of batches that replace the next one [batches]; 0 for none.
-        repeats: whether the ground is periodic within the field of view.
+        rate: ratio of the configured to the true line rate [1].
+        lost: interval between missing lines [lines]; 0 for none.
+        swapped: interval between batches that arrive in the wrong order [batches]; 0 for none.
+        repeated: interval between batches that replace the next one [batches]; 0 for none.
+        repeats: whether the ground repeats within the field of view.
     """
 
     camera: CameraConfiguration = dataclasses.field(default_factory=CameraConfiguration)
@@ -110,14 +110,15 @@ OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """A ground and its orientation.
+    """A ground with its orientation.
 
     Attributes:
-        kind: kind of `omni_sim.texture.texture.KINDS`, or a picture's file.
-        angle: angle of the driving direction from the texture's x (the grain) [rad]; NaN for any.
-        dpi: dots per inch on the ground of a picture.
-        seed: seed of a kind's pattern.
-        texels: texels per period of 0.2 m for a kind; 8192 are two per pixel of 1024 px on 50 mm.
+        kind: kind from `omni_sim.texture.texture.KINDS`, or the file of a picture.
+        angle: direction of driving relative to the texture's x axis (the grain) [rad]; NaN for any.
+        dpi: dots per inch of a picture on the ground.
+        seed: seed of the pattern.
+        texels: number of texels per period of 0.2 m; 8192 texels are two per pixel of a camera with
+            1024 px over 50 mm.
     """
 
     kind: str
@@ -135,13 +136,13 @@ class Ground:
 
 @dataclasses.dataclass(frozen=True)
 class Tally:
-    """Errors of all batches of all cameras for one texture and one injected fault.
+    """Errors of all batches of all cameras, for one texture and one injected fault.
 
     Attributes:
-        ratio: error of the velocity along the axis over its stated deviation [1], NaN if
-            unmeasured, shape (m,).
+        ratio: ratio of the error of the velocity along the axis to its stated standard deviation
+            [1], NaN if unmeasured, shape (m,).
         error: error of the velocity along the axis [m/s], shape (m,).
-        reasons: reasons of unmeasured batches, and remarks on measured ones.
+        reasons: reasons of unmeasured batches, and remarks on measured batches.
     """
 
     ratio: FloatArray
@@ -155,7 +156,7 @@ class Tally:
 
     @property
     def available(self) -> float:
-        """Share of the batches that were measured, 0..1."""
+        """Share of the batches that have a valid measurement, 0 to 1."""
         return float(np.mean(np.isfinite(self.ratio)))
 
 
@@ -169,22 +170,20 @@ def drive_over(
     sensors: Mapping[str, LineSensor] = SENSORS,
     **settings: Any,
 ) -> dict[str, Tally]:
-    """Drive over a ground with every fault.
+    """Drive over a ground with each of the faults.
 
     Args:
         ground: the ground.
         faults: faults by name.
-        drives: numbers of the drives; each has a random start, and the motions are used in turn.
-        batches: batches of each camera in a drive.
+        drives: numbers of the drives; each has a random start, and the motions are used cyclically.
+        batches: number of batches of each camera in a drive.
         seed: seed of positions, headings and noise.
         motions: the motions.
         sensors: the line cameras.
-        **settings: settings of the odometry.
+        **settings: parameters of the odometry.
     """
-    repeats = any(fault.repeats for fault in faults.values())
     view = _Views(ground, tuple(sensors.items()), seed)
     texture = _texture(ground)
-    clean = {again: _cameras(view, again) for again in ((False, True) if repeats else (False,))}
     # These cameras only convert exposures of the others, so a coarse ground is sufficient.
     gray = np.ascontiguousarray(texture.gray[::16, ::16])
     coarse = GroundTexture(gray, texture.size)
@@ -193,26 +192,15 @@ def drive_over(
         name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
     }
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
-    line_rate = next(iter(sensors.values())).line_rate
-    size = rig.batch_lines(line_rate)
     for number in drives:
-        generator = np.random.default_rng((seed, 7, number))
         motion = motions[number % len(motions)]
-        time = np.arange(size * batches + 1) / line_rate
-        yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
-        start = np.array([*generator.uniform(0.0, texture.size, 2), yaw])
-        path = motion.traveled(time)
-        poses = rig.poses_at(path, start, np.array(motion.twist))
-        seen: dict[bool, dict[str, NDArray[np.float32]]] = {}
         for name, fault in faults.items():
-            if fault.repeats not in seen:
-                cameras = clean[fault.repeats].cameras
-                seen[fault.repeats] = {n: c.ground(poses) for n, c in cameras.items()}
-            lines = {}
-            for eye, camera in faulty[name].cameras.items():
-                lines[eye] = camera.blank(len(time))
-                camera.develop(seen[fault.repeats][eye], number * len(time), lines[eye])
-            found[name] += _measure(fault, sensors, lines, time, path, motion, settings)
+            drive = _exposed(view, motion, number, batches, fault.repeats)
+            lines = {
+                eye: camera.develop(drive.exposures[eye], number * len(drive.time))
+                for eye, camera in faulty[name].cameras.items()
+            }
+            found[name] += _measure(fault, sensors, lines, drive, motion, settings)
     return {
         name: Tally(
             np.array([ratio for ratio, _, _ in entries]),
@@ -224,11 +212,40 @@ def drive_over(
 
 
 class _Views(NamedTuple):
-    """Rigs shared by all drives, by ground and cameras."""
+    """Ground, cameras and seed, which identify the cameras that several drives share."""
 
     ground: Ground
     sensors: tuple[tuple[str, LineSensor], ...]
     seed: int
+
+
+class _Exposed(NamedTuple):
+    """A drive of fault-free cameras.
+
+    Attributes:
+        time: times of the lines from the start of the drive [s], shape (t,).
+        path: times that the paths up to the lines would take with the initial twist [s], (t,).
+        exposures: exposures of each camera, shape (t, pixels).
+    """
+
+    time: FloatArray
+    path: FloatArray
+    exposures: Mapping[str, NDArray[np.float32]]
+
+
+@functools.lru_cache(2)
+def _exposed(view: _Views, motion: Motion, number: int, batches: int, repeats: bool) -> _Exposed:
+    """Render a drive from a random start; faults one after the other share it."""
+    line_rate = view.sensors[0][1].line_rate
+    generator = np.random.default_rng((view.seed, 7, number))
+    time = np.arange(rig.batch_lines(line_rate) * batches + 1) / line_rate
+    angle = view.ground.angle
+    yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(angle) else angle
+    start = np.array([*generator.uniform(0.0, _texture(view.ground).size, 2), yaw])
+    path = motion.traveled(time)
+    poses = rig.poses_at(path, start, np.array(motion.twist))
+    cameras = _cameras(view, repeats).cameras
+    return _Exposed(time, path, {name: own.ground(poses) for name, own in cameras.items()})
 
 
 @functools.lru_cache(1)
@@ -238,7 +255,7 @@ def _texture(ground: Ground) -> GroundTexture:
 
 @functools.lru_cache(2)
 def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
-    """Return fault-free cameras over the ground, or over its beginning repeated periodically."""
+    """Return fault-free cameras over the ground, or over a periodic repetition of its beginning."""
     texture = _texture(view.ground)
     return LineCameraArray(
         dict(view.sensors),
@@ -249,7 +266,7 @@ def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
 
 
 def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:
-    """Return a ground that repeats the beginning of `texture` with a period [m]."""
+    """Return a ground that repeats the beginning of `texture` with the given period [m]."""
     texels, times = round(period / texture.texel), math.ceil(0.06 / period)
     return GroundTexture(np.tile(texture.gray[:texels, :texels], (times, times)), times * period)
 
@@ -258,17 +275,17 @@ def _measure(
     fault: Fault,
     sensors: Mapping[str, LineSensor],
     lines: Mapping[str, NDArray[np.uint8] | NDArray[np.uint16]],
-    time: FloatArray,
-    path: FloatArray,
+    drive: _Exposed,
     motion: Motion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
-    """Process a drive with a new odometry; return normalized error, error and reason."""
+    """Process a drive with a new odometry; return normalized errors, errors and reasons."""
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in sensors.items()
     }
     odometry = LineScanOdometry(OdometryConfiguration(sensors=configured, **settings))
     rows = sensor_matrix(sensors)
+    time, path, _ = drive
     kept = np.arange(len(time))
     if fault.lost:
         kept = kept[(kept % fault.lost) != fault.lost // 2]

@@ -1,4 +1,4 @@
-"""Options and grounds that the studies of line cameras share."""
+"""Options and grounds that the studies of line cameras have in common."""
 
 from pathlib import Path
 from typing import Any
@@ -16,24 +16,24 @@ _DPI = 1200.0
 
 
 def kinds_option(*kinds: str) -> Any:
-    """Declare the option for the kinds of ground; `kinds` is the default."""
+    """Declare the option for the kinds of ground, with the default `kinds`."""
     return option(kinds, metavar="KIND", choices=KINDS, description="kind of ground")
 
 
 def pairs_option(pairs: int, fewest: int = 1) -> Any:
-    """Declare the number of consecutive pairs of lines."""
+    """Declare the option for the number of consecutive line pairs."""
     words = "consecutive pairs of lines that each value is the mean over"
     return parameter(pairs, description=words, minimum=fewest, maximum=10_000)
 
 
 def noise_option(noise: float = 1.0) -> Any:
-    """Declare the noise of the cameras; `noise` is the default [gray levels]."""
+    """Declare the option for the camera noise, with the default `noise` [gray levels]."""
     words = "standard deviation in gray levels"
     return option(noise, metavar="LEVELS", description=words, minimum=0.0, maximum=100.0)
 
 
 class LineOptions(Configuration):
-    """Grounds, similarity metric, number of pairs of lines, noise and seed."""
+    """Grounds, similarity metric, number of line pairs, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("cork")
     metric: str = parameter("pearson", choices=tuple(METRICS))
@@ -47,12 +47,12 @@ class LineOptions(Configuration):
 
     @property
     def kinds(self) -> list[str]:
-        """Names of the grounds without repetition."""
+        """Names of the grounds, each only once."""
         return list(dict.fromkeys(self.ground))
 
 
 def grounds_option(*grounds: str) -> Any:
-    """Declare the option for the grounds; `grounds` is the default."""
+    """Declare the option for the grounds, with the default `grounds`."""
     words = "a file of config/grounds/, or your own scan or photo with --dpi"
     return option(grounds, metavar="NAME|PICTURE", description=words)
 
@@ -63,12 +63,14 @@ def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
 
 
 class TextureOptions(Configuration):
-    """Grounds, their resolution, random positions and the seed."""
+    """Grounds, their resolution, number of random positions, and seed."""
 
     ground: tuple[str, ...] = grounds_option("cork")
     dpi: float | None = parameter(
         None,
         description=f"dots per inch of the grounds (default: {_DPI:g}; a picture needs its own)",
+        above=0.0,
+        maximum=50000.0,
     )
     runs: int = runs_option(2)
     seed: int = parameter(1, minimum=0)
@@ -89,8 +91,7 @@ def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str,
             raise ConfigurationError("--ground", f"two of the grounds are called {name!r}")
         dpi = _DPI if options.dpi is None and not is_picture(file) else options.dpi
         overrides = ground_overrides(file, dpi)
-        variant = library.variants(_EXPERIMENT)[0]
-        texture = library.load(_EXPERIMENT, variant, overrides).ground.texture
+        texture = library.load(_EXPERIMENT, overrides=overrides).ground.texture
         try:
             grounds[name] = cache.texture(texture)
         except ConfigurationError as error:

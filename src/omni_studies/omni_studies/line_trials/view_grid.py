@@ -1,17 +1,14 @@
-"""Sideways motion over the two dimensions of the field of view (Figures 63, 64 and 71).
+"""Sideways motion for many lengths and widths of the field of view (Figures 63, 64 and 71).
 
-The matches of such motions are written as comma-separated values.
+`matches_table` lists the matches for such motions.
 """
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from omni_figures.data_table import write_table
 from omni_platform.quantities import FloatArray
 from omni_tools.line_trials import errors, rig, trials
 
@@ -19,26 +16,26 @@ LENGTHS = tuple(0.01 * i for i in range(1, 8))
 """Lengths of the field of view [m]."""
 
 SHAPES = tuple(0.1 * i for i in range(1, 11))
-"""Widths over lengths [1]."""
+"""Ratios of width to length [1]."""
 
 GROUP = 10
-"""n of the median filter over consecutive displacements (section 4.6)."""
+"""Number n of consecutive displacements in the median filter (section 4.6)."""
 
 MOTION = trials.Motion(rig.View(), 12.0, math.radians(89.0))
-"""Sideways motion at 12 m/s, at 89 deg to the axis of the camera."""
+"""Sideways motion with 12 m/s at 89 deg to the camera's axis."""
 
 
 def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
-    """Return `MOTION` for all shapes and lengths of the view, with an `axis` [rad]."""
+    """Return `MOTION` for all shapes and lengths of the view, with the axis at an angle [rad]."""
     return [
-        dataclasses.replace(MOTION, view=rig.View(length=length, width=shape * length), axis=axis)
+        MOTION._replace(view=rig.View(length=length, width=shape * length), axis=axis)
         for shape in SHAPES
         for length in LENGTHS
     ]
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the smallest overlap above which all views have the required share of right pairs.
+    """Return the smallest overlap above which all views reach the required share of right pairs.
 
     Args:
         overlap: overlap of each view.
@@ -46,38 +43,35 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
         share: required share.
 
     Returns:
-        The overlap, NaN if there is none.
+        The smallest overlap; NaN if there is none.
     """
     failing = overlap[right < share]
     passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]
     return float(passing.min()) if len(passing) else math.nan
 
 
-def write_matches(
-    path: Path,
+def matches_table(
     names: tuple[str, ...],
     motions: Sequence[trials.Motion],
     cases: Mapping[Any, Sequence[trials.Matches]],
-) -> Path:
-    """Write one row for every case and motion.
+) -> tuple[tuple[str, ...], Iterator[tuple[str | float, ...]]]:
+    """Return header and one row for every case and motion.
 
     Args:
-        path: path of the file.
         names: column names for the parts of a case.
         motions: the motions.
-        cases: matches of each motion by case; a case is the tuple of its parts.
+        cases: matches for each motion, by case; a case is the tuple of its parts.
     """
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",
         "true_displacement_px", "right_share", "exact_share", "usable_share",
         "undetected_share", "median_error_px", "median_right_share", *errors.ERROR_COLUMNS,
     )  # fmt: skip
-    rows: Iterator[tuple[str | float, ...]] = (
+    return header, (
         (*case, *_row(motion, m))
         for case, found in cases.items()
         for motion, m in zip(motions, found, strict=True)
     )
-    return write_table(path, header, rows, digits=6)
 
 
 def _row(motion: trials.Motion, m: trials.Matches) -> tuple[float, ...]:

@@ -1,11 +1,11 @@
-"""Compare random stops under every law with the lower bounds.
+"""Comparison of random stops under every law with the lower bounds.
 
-The path of the center of gravity is compared with the bound over all headings, and the distance of
-a stop that keeps heading and line within half a degree with the bound of such stops.
+The path of the center of gravity is compared with the bound over all headings. The distance of a
+stop that keeps heading and line within half a degree is compared with the bound for such stops.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,8 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
 from omni_platform.quantities import FloatArray
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassProperties
 from omni_studies.campaign.random_braking import RandomBraking, draw
 from omni_studies.study import StudyResult, StudyRun
@@ -29,7 +31,7 @@ LAWS: dict[str, tuple[str, ...]] = {
     "allocation_on_off": ("brake_assist.law=allocation",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""Overrides of `RandomBraking` by law."""
+"""Overrides of `RandomBraking`, by law."""
 
 
 class BoundTrial(NamedTuple):
@@ -38,18 +40,19 @@ class BoundTrial(NamedTuple):
     Attributes:
         seed: seed of the braking.
         vehicle: name of the vehicle's file.
-        any_heading: bound of the path of the center of gravity, or its upper estimate [m].
-        any_heading_slack: tolerance of the bound, NaN if the estimate was sufficient [m].
-        straight: bound of the distance of a stop that keeps heading and line, or its upper
-            estimate; NaN if there is none or no run has kept them [m].
-        straight_slack: tolerance of the bound `straight`, NaN if the estimate was sufficient [m].
+        any_heading: bound of the path length of the center of gravity, or an upper estimate of it
+            [m].
+        any_heading_slack: tolerance of this bound [m]; NaN if the upper estimate sufficed.
+        straight: bound of the distance of a stop that keeps heading and line, or an upper estimate
+            of it [m]; NaN if there is no bound or no such stop.
+        straight_slack: tolerance of the bound `straight` [m]; NaN if the upper estimate sufficed.
         path_unassisted: path of the center of gravity with all brakes on [m].
         path_sliding_mode: path of the center of gravity with `sliding_mode` [m].
         path_allocation_on_off: path of the center of gravity with `allocation` on on-off brakes
             [m].
         path_allocation: path of the center of gravity with `allocation` on proportional brakes [m].
-        kept_unassisted: stopping distance with all brakes on [m]; NaN if heading or line deviated
-            by half a degree.
+        kept_unassisted: stopping distance with all brakes on [m]; NaN if the heading changed, or
+            the path left the line of motion, by more than half a degree.
         kept_sliding_mode: stopping distance with `sliding_mode` [m], NaN as for `kept_unassisted`.
         kept_allocation_on_off: stopping distance with `allocation` on on-off brakes [m], NaN as for
             `kept_unassisted`.
@@ -93,7 +96,7 @@ class BoundTrials:
         return "-".join(braking.fingerprint[:8] for braking in self._brakings.values())
 
     def __call__(self, seed: int) -> BoundTrial:
-        """Run a seed under every law and compare it with its bounds."""
+        """Run a seed under every law, and compute its bounds."""
         drawn = draw(seed)
         tried = {law: one.configurations(drawn) for law, one in self._brakings.items()}
         first = tried["sliding_mode"]["unassisted"]
@@ -102,42 +105,36 @@ class BoundTrials:
         maneuver = _maneuver(runs["unassisted"], first)
         paths = [_path(run, first) for run in runs.values()]
         kept = [_kept(run, first, maneuver) for run in runs.values()]
-        bounds = *_any(first, maneuver, min(paths)), *_straight(first, maneuver, np.array(kept))
-        return BoundTrial(seed, drawn["vehicle"], *bounds, *paths, *kept)
+        question = first.vehicle, first.ground, maneuver
+        bounds = _bound(limit.any_heading_sketch, limit.any_heading_bound, question, paths)
+        straight = math.nan, math.nan
+        if maneuver.twist[2] == 0.0 and not np.all(np.isnan(kept)):
+            straight = _bound(limit.straight_sketch, limit.straight_bound, question, kept)
+        return BoundTrial(seed, drawn["vehicle"], *bounds, *straight, *paths, *kept)
 
 
-def _any(
-    experiment: ExperimentConfiguration, maneuver: limit.Maneuver, shortest: float
+def _bound(
+    sketch: Callable[..., float],
+    solve: Callable[..., limit.Bound],
+    question: tuple[VehicleConfiguration, GroundConfiguration, limit.Maneuver],
+    distances: Sequence[float],
 ) -> tuple[float, float]:
-    question = experiment.vehicle, experiment.ground, maneuver
-    sketch = limit.any_heading_sketch(*question)
-    if shortest >= sketch:
-        return sketch, math.nan
-    bound = limit.any_heading_bound(*question)
-    return bound.distance, bound.tolerance
-
-
-def _straight(
-    experiment: ExperimentConfiguration, maneuver: limit.Maneuver, distances: FloatArray
-) -> tuple[float, float]:
-    if np.all(np.isnan(distances)) or maneuver.twist[2] != 0.0:
-        return math.nan, math.nan
-    question = experiment.vehicle, experiment.ground, maneuver
-    sketch = limit.straight_sketch(*question)
-    if np.nanmin(distances) >= sketch:
-        return sketch, math.nan
-    bound = limit.straight_bound(*question)
+    """Return a bound and its tolerance [m]; the tolerance is NaN if the upper estimate suffices."""
+    estimate = sketch(*question)
+    if np.nanmin(distances) >= estimate:
+        return estimate, math.nan
+    bound = solve(*question)
     return bound.distance, bound.tolerance
 
 
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
-    """Return the poses from the start of braking on, shape (T, 3)."""
+    """Return the poses after the start of braking, shape (T, 3)."""
     ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
     return run.pose[run.brake_start - int(ramp) :]
 
 
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
-    """Return the motion at the start of braking, without a residual yaw rate of the drive."""
+    """Return the motion at the start of braking, without the residual yaw rate of the drive."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
@@ -156,7 +153,7 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
 
 
 def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Maneuver) -> float:
-    """Return the stopping distance [m] if a run keeps heading and line throughout, else NaN.
+    """Return the stopping distance [m] if a run always keeps heading and line, otherwise NaN.
 
     All stamps are checked, because a vehicle may leave its line to avoid low friction and return.
     """
@@ -207,7 +204,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
-    """Return the ratio of the runs to a bound, NaN if it does not apply, shape (R, laws)."""
+    """Return the ratio of the runs to a bound, NaN where it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
     return np.asarray(taken / np.array([[getattr(one, bound)] for one in stops]))
@@ -225,12 +222,18 @@ def below(stops: Sequence[BoundTrial], bound: str) -> int:
 
 
 def _draw(stops: Sequence[BoundTrial]) -> Figure:
-    """Draw the distributions of path and stopping distance over their bounds, by law."""
-    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
-    style.draw_title(figure, "No stop is below its bound")
-    panels = figure.subplots(1, 2, sharey=True)
-    names = ("path of the center of gravity", "distance where heading and line are kept")
-    for axes, bound, name in zip(panels, ("any_heading", "straight"), names, strict=True):
+    """Draw the distributions of path and stopping distance relative to their bounds, by law."""
+    bounds = {
+        "any_heading": "path of the center of gravity over its bound [1]",
+        "straight": "distance where heading and line are kept over its bound [1]",
+    }
+    title, x, y = (
+        "No stop is below its bound",
+        tuple(bounds.values()),
+        "share of the runs below [1]",
+    )
+    figure, (panels,) = style.panels(title, 1, 2, size=(10.0, 4.4), x=x, y=y, sharey=True)
+    for axes, bound in zip(panels, bounds, strict=True):
         shares = _over_bound(stops, bound)
         for column, (law, color) in enumerate(_COLORS.items()):
             values = np.sort(shares[~np.isnan(shares[:, column]), column])
@@ -238,7 +241,5 @@ def _draw(stops: Sequence[BoundTrial]) -> Figure:
             axes.step(values, np.linspace(0.0, 1.0, len(values)), color=color, label=label)
         axes.axvline(1.0, color=style.GRAY, linestyle="--")
         axes.set_xlim(0.9, 2.0)
-        axes.set_xlabel(f"{name} over its bound [1]")
-    panels[0].set_ylabel("share of the runs below [1]")
     panels[1].legend(fontsize=9)
     return figure

@@ -1,23 +1,21 @@
-"""The experiments of section 3.6, every variant run in one process: Figures 30 to 48.
+"""Experiments of section 3.6, with every variant run in one process: Figures 30 to 48.
 
-A figure of the dissertation is written as ``figure_<number>.png`` with its data in
-``figure_<number>.csv``. The dissertation's assistant uses only the twist, while this one also
-compares it with IMU and wheel speeds. If an experiment uses these, the assisted variant is repeated
-without them, as ``<variant>_twist_alone``.
+A figure of the dissertation is written to ``figure_<number>.png``, and its data to
+``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas this assistant
+also compares the twist with IMU and wheel speeds. If an experiment uses these sensors, the assisted
+variant is repeated without them, as ``<variant>_twist_alone``.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omni_figures import data_table, style
+from omni_figures import style
 from omni_figures.run_figures import scene_of
-from omni_figures.time_series import while_braking
+from omni_figures.time_series import time_series, while_braking
 from omni_figures.top_view import top_view
 from omni_loop import compiled, loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
@@ -50,18 +48,17 @@ _QUANTITIES = (
 )
 _ALONE = "_twist_alone"
 _TWIST_ALONE = "brake_assist.fault_detection=false"
-_COMPONENTS = ("v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]")
 _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
 
 
 @dataclasses.dataclass(frozen=True)
 class ExperimentRuns:
-    """Variants of an experiment, run to their end.
+    """Variants of an experiment after their runs.
 
     Attributes:
         configurations: configurations by variant.
         histories: runs by variant.
-        feedback: twists that the assistant received [m/s, m/s, rad/s], (T, 3), by variant.
+        feedback: twists that the assistant received [m/s, m/s, rad/s], shape (T, 3), by variant.
     """
 
     configurations: Mapping[str, ExperimentConfiguration]
@@ -70,7 +67,7 @@ class ExperimentRuns:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of every variant, and its largest error, by ``<quantity>.<variant>``."""
+        """Metrics of all variants, with the largest error, by ``<quantity>.<variant>``."""
         by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
         metrics = {
             f"{quantity}.{name}": by_variant[name][quantity]
@@ -94,7 +91,7 @@ def run_experiment(
 ) -> ExperimentRuns:
     """Run every variant of an experiment in one process.
 
-    With the velocity sensor the fast loop runs, with optical feedback the loop with cameras.
+    With the velocity sensor the fast loop is used; with optical feedback, the loop with cameras.
 
     Args:
         library: library with the experiment.
@@ -102,7 +99,7 @@ def run_experiment(
         overrides: ``dotted.key=value`` texts, applied to every variant.
 
     Raises:
-        ConfigurationError: a name, key or value does not fit.
+        ConfigurationError: a name, key or value is invalid.
     """
     configurations = {
         variant: library.load(experiment, variant, overrides)
@@ -157,143 +154,83 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
         changes = [*table_2_vehicle(study.experiments, options.vehicle), *changes]
     runs = run_experiment(study.experiments, study.case, changes)
     for number, drawing in _FIGURES[study.case].items():
-        figure, columns = drawing(runs)
-        study.figure(f"figure_{number}.png", figure)
-        study.columns(f"figure_{number}.csv", columns)
+        study.plot(f"figure_{number}", drawing(runs))
     return study.result(runs.metrics)
 
 
-Drawing = Callable[[ExperimentRuns], tuple[Figure, Mapping[str, Any]]]
-"""Draws one figure of the dissertation; returns it with its data by ``name [unit]``."""
+Drawing = Callable[[ExperimentRuns], Figure]
+"""Draws one figure of the dissertation."""
 
 
-def _over_time(variant: str, *, errors: bool = True) -> Drawing:
-    """Draw velocity and yaw rate of a variant over time, and below the errors of all wheels."""
-
-    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        history = runs.histories[variant]
-        labels = ("velocity [m/s], [rad/s]", "error $s_i$ [m/s]")[: 2 if errors else 1]
-        title = f"{runs.configurations[variant].description}: {variant}"
-        figure, panels = _rows(title, labels)
-        colors = (style.BLUE, style.VERMILLION, style.GREEN)
-        for values, label, color in zip(history.twist.T, _LABELS, colors, strict=True):
-            panels[0].plot(history.braking_time, values, color=color, label=label)
-        for axes in panels[1:]:
-            error = while_braking(history, history.error)
-            for column, name in enumerate(history.wheel_names):
-                look: dict[str, Any] = {"color": style.wheel_color(column), "linewidth": 1.1}
-                label = name.replace("_", " ")
-                axes.plot(history.braking_time, error[:, column], label=label, **look)
-        _finish(panels, [history])
-        columns = _twist_columns(history) | (_error_columns(history) if errors else {})
-        return figure, {data_table.TIME: history.braking_time, **columns}
-
-    return drawing
+def _over_time(variant: str) -> Drawing:
+    """Draw velocity, yaw rate and errors of one variant over time."""
+    return lambda runs: time_series(
+        {variant: runs.histories[variant]}, title=runs.configurations[variant].description
+    )
 
 
 def _from_above(*variants: str) -> Drawing:
-    """Draw snapshots of some variants from above, with the paths as data."""
+    """Draw snapshots of some variants, seen from above."""
 
-    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        histories = {variant: runs.histories[variant] for variant in variants}
+    def drawing(runs: ExperimentRuns) -> Figure:
         configuration = runs.configurations[variants[0]]
-        figure = top_view(scene_of(configuration), histories, title=configuration.description)
-        return figure, _stacked(histories, _pose_columns)
+        histories = {variant: runs.histories[variant] for variant in variants}
+        return top_view(scene_of(configuration), histories, title=configuration.description)
 
     return drawing
 
 
-def _compared(title: str, *, errors: bool) -> Drawing:
-    """Draw errors or velocities of the assisted runs with and without noise."""
-
-    def drawing(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-        histories = {variant: runs.histories[variant] for variant in ("assisted", "noisy")}
-        labels: Sequence[str] = _LABELS
-        if errors:
-            wheels = histories["noisy"].wheel_names
-            labels = [f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]" for wheel in wheels]
-        shown = {
-            name: (run, while_braking(run, run.error) if errors else run.twist)
-            for name, run in zip(("no noise", "noisy feedback"), histories.values(), strict=True)
-        }
-        columns = _stacked(histories, _error_columns if errors else _twist_columns)
-        return _over_one_another(shown, title, labels), columns
-
-    return drawing
+def _compared_errors(runs: ExperimentRuns) -> Figure:
+    """Draw the errors s_i of the assisted runs with and without sensor noise."""
+    plain, noisy = runs.histories["assisted"], runs.histories["noisy"]
+    labels = [f"{wheel.replace('_', ' ')}\n$s_i$ [m/s]" for wheel in noisy.wheel_names]
+    errors = {
+        "no noise": (plain, while_braking(plain, plain.error)),
+        "noisy feedback": (noisy, while_braking(noisy, noisy.error)),
+    }
+    return _over_one_another(errors, "Errors with and without noise", labels)
 
 
-def _measured(runs: ExperimentRuns) -> tuple[Figure, Mapping[str, Any]]:
-    """Draw the noisy feedback over the motion."""
+def _compared_velocities(runs: ExperimentRuns) -> Figure:
+    """Draw the velocities of the assisted runs with and without sensor noise."""
+    plain, noisy = runs.histories["assisted"], runs.histories["noisy"]
+    twists = {"no noise": (plain, plain.twist), "noisy feedback": (noisy, noisy.twist)}
+    return _over_one_another(twists, "Velocities with and without noise", _LABELS)
+
+
+def _measured(runs: ExperimentRuns) -> Figure:
+    """Draw the noisy feedback and the true motion."""
     history, feedback = runs.histories["noisy"], runs.feedback["noisy"]
-    shown = {"original": (history, history.twist), "noisy": (history, feedback)}
-    figure = _over_one_another(shown, "Noise on the feedback", _LABELS)
-    noisy = {f"noisy {name}": feedback[:, place] for place, name in enumerate(_COMPONENTS)}
-    return figure, {data_table.TIME: history.braking_time, **_twist_columns(history), **noisy}
+    twists = {"original": (history, history.twist), "noisy": (history, feedback)}
+    return _over_one_another(twists, "Noise on the feedback", _LABELS)
 
 
 def _over_one_another(
-    runs: Mapping[str, tuple[RunHistory, FloatArray]], title: str, labels: Sequence[str]
+    runs: Mapping[str, tuple[RunHistory, FloatArray]],
+    title: str,
+    labels: Sequence[str],
+    before: float = 0.2,
 ) -> Figure:
-    """Draw values (T, K) of two runs over time, with one row of axes for each of the K labels."""
-    figure, panels = _rows(title, labels)
-    # The second line is thin, so that the first one stays visible.
+    """Draw values (T, K) of two runs over time, one row of axes for each of the K labels.
+
+    The time axis starts at `before` [s] before braking.
+    """
+    size, x = (9.0, 1.0 + 2.6 * len(labels)), "time since braking [s]"
+    figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
+    # The second line is thin, so that the first one remains visible.
     looks: tuple[dict[str, Any], ...] = (
         {"color": style.BLUE, "linewidth": 2.2, "zorder": 3},
         {"color": style.VERMILLION, "linewidth": 0.9, "zorder": 4},
     )
-    for row, axes in enumerate(panels):
+    for row, axes in enumerate(grid[:, 0]):
+        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
+        axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2)
         for (name, (history, values)), look in zip(runs.items(), looks, strict=True):
             axes.plot(history.braking_time, values[:, row], label=name, **look)
-    _finish(panels, [history for history, _ in runs.values()], legends=1)
+    times = [history.braking_time for history, _ in runs.values()]
+    grid[0, 0].set_xlim(max(-before, min(t[0] for t in times)), max(t[-1] for t in times))
+    grid[0, 0].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
     return figure
-
-
-def _rows(title: str, labels: Sequence[str]) -> tuple[Figure, list[Axes]]:
-    size = 9.0, 1.0 + 2.6 * len(labels)
-    x = "time since braking [s]"
-    figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)
-    for axes in grid[:, 0]:
-        axes.axhline(0.0, color=style.GRAY, linewidth=0.8)
-    return figure, list(grid[:, 0])
-
-
-def _finish(
-    panels: Sequence[Axes], runs: Sequence[RunHistory], legends: int = 2, before: float = 0.2
-) -> None:
-    """Set a time axis that begins `before` braking [s], mark the start, and add the legends."""
-    low = max(-before, min(float(run.braking_time[0]) for run in runs))
-    high = max(float(run.braking_time[-1]) for run in runs)
-    for place, axes in enumerate(panels):
-        label = "pedal down" if place == 0 else None
-        axes.axvline(0.0, color=style.BLACK, linestyle=":", linewidth=1.2, label=label)
-        axes.set_xlim(low, high)
-        if place < legends:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.6)
-
-
-def _stacked(
-    histories: Mapping[str, RunHistory], columns: Callable[[RunHistory], Mapping[str, Any]]
-) -> dict[str, Any]:
-    """Return the columns of several runs below each other."""
-    tables = [{data_table.TIME: run.braking_time, **columns(run)} for run in histories.values()]
-    names = [name for name, run in histories.items() for _ in run.stamp_ns]
-    return {"variant": names} | {
-        column: np.concatenate([table[column] for table in tables]) for column in tables[0]
-    }
-
-
-def _pose_columns(history: RunHistory) -> dict[str, Any]:
-    pose = history.pose
-    return {"x [m]": pose[:, 0], "y [m]": pose[:, 1], "yaw [deg]": pose[:, 2] * (180.0 / math.pi)}
-
-
-def _twist_columns(history: RunHistory) -> dict[str, Any]:
-    return dict(zip(_COMPONENTS, history.twist.T, strict=True))
-
-
-def _error_columns(history: RunHistory) -> dict[str, Any]:
-    names = [f"s {wheel} [m/s]" for wheel in history.wheel_names]
-    return dict(zip(names, history.error.T, strict=True))
 
 
 _FIGURES: Mapping[str, Mapping[int, Drawing]] = {
@@ -315,12 +252,12 @@ _FIGURES: Mapping[str, Mapping[int, Drawing]] = {
     "ice_patch_noisy": {
         39: _from_above("unassisted", "assisted", "noisy"),
         40: _measured,
-        41: _compared("Errors with and without noise", errors=True),
-        42: _compared("Velocities with and without noise", errors=False),
+        41: _compared_errors,
+        42: _compared_velocities,
     },
     "turn_while_translate": {
         43: _from_above("unassisted", "zero", "cosine"),
-        44: _over_time("unassisted", errors=False),
+        44: _over_time("unassisted"),
         45: _over_time("zero"),
         46: _over_time("cosine"),
         47: _from_above("cosine", "k1", "k7"),

@@ -1,11 +1,11 @@
-"""Contrast and correlation over the width of the field of view (Figure 69).
+"""Contrast and correlation as functions of the width of the field of view (Figure 69).
 
-The camera moves at 20 m/s and 45 deg to its axis, with 2500 lines/s of 50 mm length. A wider field
-of view averages the texture and has a larger overlap from line to line.
+The camera moves with 20 m/s at 45 deg to its axis, with 2500 lines/s and a field of view 50 mm
+long. A wider field of view averages more of the texture and has a larger overlap from line to line.
 """
 
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,29 +16,26 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import OVERLAP
 from omni_studies.line_trials.options import LineOptions, kinds_option, pairs_option
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.line_trials.errors import ERROR_COLUMNS
 from omni_tools.line_trials.rig import View, camera, cameras, ground
 from omni_tools.line_trials.trials import Motion, every_second, match, path
 
 _LENGTH = 0.05  # m
 # The widest view is half of the ground's period; a view of the whole period would repeat itself.
 _SHAPES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0)
-_NARROW, _WIDE = 0.2, 1.0  # shapes of the two drawn pairs of lines
+_NARROW, _WIDE = 0.2, 1.0  # shapes of the views of the two drawn line pairs
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
 
 
-@dataclasses.dataclass(frozen=True)
-class Trial:
+class Trial(NamedTuple):
     """Results of one width.
 
     Attributes:
-        shape: width over length of the field of view.
-        overlap: overlap of two lines, 0..1.
+        shape: ratio of width to length of the field of view.
+        overlap: overlap of two lines, 0 to 1.
         contrast: standard deviation along the line without noise [gray levels].
-        correlation: correlation at the true displacement, rounded, without noise.
-        right_share: share of pairs with an error of at most a pixel.
-        rmse: root mean square error of the refined displacements of these right pairs [px].
-        errors: errors of all pairs, under `ERROR_COLUMNS`.
+        correlation: correlation at the true displacement, rounded to pixels, without noise.
+        right_share: share of pairs whose error is at most a pixel.
+        rmse: root mean square error of the refined displacements of these pairs [px].
     """
 
     shape: float
@@ -47,7 +44,6 @@ class Trial:
     correlation: float
     right_share: float
     rmse: float
-    errors: tuple[float, ...]
 
 
 class Options(LineOptions):
@@ -63,38 +59,15 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     metrics: dict[str, Metric] = {}
     for kind, trials in found.items():
         enough = [trial for trial in trials if trial.overlap >= OVERLAP]
-        metrics |= {
-            f"contrast.{kind}_{100 * trial.shape:.0f}": Metric(
-                trial.contrast, "1", note="gray levels"
-            )
-            for trial in trials
-        }
-        metrics |= {
-            f"correlation.{kind}_{100 * trial.shape:.0f}": Metric(trial.correlation, "1")
-            for trial in trials
-        }
-        metrics[f"right_share_from_60.{kind}"] = Metric(
-            float(np.mean([trial.right_share for trial in enough])), "1"
-        )
-        metrics[f"rmse_px_growth.{kind}"] = Metric(
-            enough[-1].rmse / enough[0].rmse,
-            "1",
-            note="widest over narrowest view with 60 % overlap",
-        )
-    study.figure("figure_69.png", _draw(found, options))
-    header = (
-        "ground", "width_mm", "width_over_length", "overlap", "contrast_gray_levels",
-        "correlation", "right_share", "right_rmse_px", *ERROR_COLUMNS,
-    )  # fmt: skip
-    rows = (
-        (
-            kind, 1e3 * t.shape * _LENGTH, t.shape, t.overlap, t.contrast, t.correlation,
-            t.right_share, t.rmse, *t.errors,
-        )
-        for kind, trials in found.items()
-        for t in trials
-    )  # fmt: skip
-    study.table("contrast.csv", header, rows)
+        for trial in trials:
+            case = f"{kind}_{100 * trial.shape:.0f}"
+            metrics[f"contrast.{case}"] = Metric(trial.contrast, "1", note="gray levels")
+            metrics[f"correlation.{case}"] = Metric(trial.correlation, "1")
+        share, growth = np.mean([t.right_share for t in enough]), enough[-1].rmse / enough[0].rmse
+        note = "widest over narrowest view with 60 % overlap"
+        metrics[f"right_share_from_60.{kind}"] = Metric(float(share), "1")
+        metrics[f"rmse_px_growth.{kind}"] = Metric(growth, "1", note=note)
+    study.plot("figure_69", _draw(found, options))
     return study.result(metrics)
 
 
@@ -115,23 +88,18 @@ def _trials(kind: str, options: Options) -> list[Trial]:
         grays = eye.grays(poses).astype(np.float64)
         matches = every_second(match(view, poses, eye.lines(poses, 0), options.metric))
         shift = round(float(matches.truth[0]))
-        right = matches.right
+        right, pairs = matches.right, zip(grays[::2], grays[1::2], strict=True)
         trials.append(
             Trial(
                 shape,
                 Motion(view, _SPEED, _ANGLE).overlap,
                 float(grays.std(axis=1).mean()),
-                float(np.mean([_correlation(old, new, shift) for old, new in _pairs(grays)])),
+                float(np.mean([_correlation(*pair, shift) for pair in pairs])),
                 float(right.mean()),
                 float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan,
-                matches.error_values(view, _SPEED),
             )
         )
     return trials
-
-
-def _pairs(grays: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    return list(zip(grays[::2], grays[1::2], strict=True))
 
 
 def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:

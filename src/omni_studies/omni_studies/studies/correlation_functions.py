@@ -1,8 +1,8 @@
-"""Distance over shift on three grounds (Figure 68).
+"""Distance measures as functions of the shift, on three grounds (Figure 68).
 
-The camera moves at 20 m/s and 45 deg to its axis: 50 x 20 mm, 1024 px, 2500 lines/s, noise of 5
-gray levels. The distance metrics are evaluated with `scipy.spatial.distance` at every shift,
-independent of the search of the odometry.
+The camera moves with 20 m/s at 45 deg to its axis: view of 50 x 20 mm, 1024 px, 2500 lines/s, noise
+of 5 gray levels. The distance measures are evaluated with `scipy.spatial.distance` at every shift,
+independent of the search in the odometry.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ from omni_tools.line_trials.trials import path
 
 _VIEW = View()
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
-_PROMINENCE = 0.1  # least depth of a minimum over the range of the curve
+_PROMINENCE = 0.1  # smallest depth of a minimum, as a share of the curve's range
 
 _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
     "pearson": distance.correlation,  # Eq. (81)
@@ -53,14 +53,14 @@ class Curve:
 
     @property
     def minima(self) -> int:
-        """Number of minima with a depth of at least a tenth of the curve's range."""
+        """Number of minima whose depth is at least a tenth of the curve's range."""
         prominence = _PROMINENCE * float(np.ptp(self.distance))
-        padded = np.pad(-self.distance, 1, mode="minimum")  # the ends may be minima as well
+        padded = np.pad(-self.distance, 1, mode="minimum")  # the ends can be minima too
         return len(find_peaks(padded, prominence=prominence)[0])
 
     @property
     def width(self) -> float:
-        """Width of the deepest minimum at half the depth below the mean distance [px]."""
+        """Width of the deepest minimum at half of its depth below the mean distance [px]."""
         lowest = int(np.argmin(self.distance))
         half = 0.5 * (float(self.distance[lowest]) + float(self.distance.mean()))
         above = np.flatnonzero(self.distance > half)
@@ -98,37 +98,27 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             curves[kind].append(distances(old, new, truth, options.metric, _VIEW.pixels // 2))
     metrics: dict[str, Metric] = {}
     for kind, every in curves.items():
+        error = np.abs([curve.error for curve in every])
+        width = 1e3 * _VIEW.pitch * float(np.median([curve.width for curve in every]))
+        minima = float(np.mean([curve.minima for curve in every]))
         metrics |= {
-            f"minima.{kind}": Metric(float(np.mean([c.minima for c in every])), "1"),
-            f"minimum_width.{kind}": Metric(
-                1e3 * _VIEW.pitch * float(np.median([c.width for c in every])), "mm"
-            ),
-            f"right_share.{kind}": Metric(
-                float(np.mean([abs(c.error) <= 1.5 for c in every])), "1"
-            ),
-            f"median_error_px.{kind}": Metric(
-                float(np.median([abs(c.error) for c in every])), "1", note="pixels"
-            ),
+            f"minima.{kind}": Metric(minima, "1"),
+            f"minimum_width.{kind}": Metric(width, "mm"),
+            f"right_share.{kind}": Metric(float(np.mean(error <= 1.5)), "1"),
+            f"median_error_px.{kind}": Metric(float(np.median(error)), "1", note="pixels"),
         }
-    study.figure("figure_68.png", _draw(curves, options.metric))
-    rows = (
-        (kind, int(s), d, every[0].truth)
-        for kind, every in curves.items()
-        for s, d in zip(every[0].shift, every[0].distance, strict=True)
-    )
-    header = ("ground", "shift_px", "distance", "true_displacement_px")
-    study.table("correlation_functions.csv", header, rows)
+    study.plot("figure_68", _draw(curves, options.metric))
     return study.result(metrics)
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
-    """Return the distance of two lines per overlapping pixel at all shifts.
+    """Return a distance measure of two lines per overlapping pixel, at all shifts.
 
     Args:
         old: first line, shape (n,).
         new: next line, shape (n,).
         truth: displacement between them [px].
-        metric: similarity metric, one of the distances.
+        metric: name of the distance measure.
         limit: largest shift [px].
     """
     n = len(new)

@@ -1,16 +1,15 @@
-"""Consistency of the twist's error with its covariance, over grounds, line cameras and motions.
+"""Consistency of the twist's error with its stated covariance, on several grounds and motions.
 
-Three line cameras look along the tangents of a circle. For a correct covariance, the squared error
-of the twist, divided by its expectation from the covariance, has the mean 1. Speeds are shares of
-the largest sideways speed at 60 % overlap (Table 4), so that all kinds of camera are comparable.
+Three line cameras are mounted tangentially on a circle. If the covariance is correct, the squared
+error of the twist divided by its expectation has the mean 1. Speeds are shares of the largest
+sideways speed at 60 % overlap (Table 4), so that different cameras can be compared.
 
-In a cross-validation over grounds, a factor on the variances is fitted on all grounds but one and
-evaluated on the remaining one. The odometry itself has no such factor.
+In a cross-validation over grounds, a factor on the variances is fitted on all grounds except one,
+and evaluated on this one. The odometry itself has no such factor.
 """
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +41,8 @@ _CAMERAS = {
     ),
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
 }
-# v_x, v_y and the speed of a point on the cameras' circle by turning, as shares of the largest
-# sideways speed.
+# v_x, v_y, and the speed that the yaw rate causes at the cameras, as shares of the largest sideways
+# speed.
 _MOTIONS = {
     "at rest": (0.0, 0.0, 0.0),
     "creeping": (0.001, 0.0, 0.0005),
@@ -54,13 +53,13 @@ _MOTIONS = {
     "in a curve": (0.25, 0.0, 0.05),
     "spinning": (0.0, 0.0, 0.1),
 }
-_BAND = (0.8, 1.25)  # limits of the mean for a correct covariance
-_JUDGED = "generic"  # camera that is tried over all grounds
+_BAND = (0.8, 1.25)  # limits of the mean that count as a correct covariance
+_EVALUATED = "generic"  # camera that is tested on all grounds
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """Trials of one camera, ground and motion from several starts.
+    """Trials of one camera, ground and motion, from several starts.
 
     Attributes:
         camera: name of the camera.
@@ -76,12 +75,12 @@ class Case:
 
     @property
     def squares(self) -> NDArray[np.float64]:
-        """Squared errors of the twist over their expectation [1], of all batches."""
+        """Ratios of the twist's squared error to its expectation [1], for all batches."""
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     @property
     def squares_of_cameras(self) -> NDArray[np.float64]:
-        """Squared errors of single cameras over their variances [1]."""
+        """Ratios of single cameras' squared errors to their variances [1]."""
         return np.concatenate([trial.ratio**2 for trial in self.trials])
 
     @property
@@ -98,7 +97,7 @@ class Case:
 
     @property
     def measured(self) -> float:
-        """Share of the batches that were measured, 0..1."""
+        """Share of the batches that have a valid measurement, 0 to 1."""
         return float(np.mean([trial.measured for trial in self.trials]))
 
 
@@ -116,34 +115,20 @@ class Options(Configuration):
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Drive every case; write figure, data and metrics."""
-    cases = [case for kind in _GROUNDS for name in _CAMERAS for case in _drive(name, kind, options)]
-    cases += [
-        case
-        for kind in (_HARDER if _JUDGED in _CAMERAS else ())
-        for case in _drive(_JUDGED, kind, options)
-    ]
-    left_out = _leave_one_out(cases)
-    study.figure("covariance.png", _draw(cases))
-    header: tuple[str, ...] = (
-        "ground", "factor", "normalized_error_squared", "coverage",
-    )  # fmt: skip
-    study.table("left_out.csv", header, ((kind, *values) for kind, values in left_out.items()))
-    header = (
-        "camera", "ground", "motion", "v_x", "v_y", "yaw_rate", "measured_share",
-        "normalized_error_squared", "standard_error", "rmse_v_x", "rmse_v_y",
-        "rmse_yaw_rate", "stated_v_x", "stated_v_y", "stated_yaw_rate",
-    )  # fmt: skip
-    study.table("covariance.csv", header, map(_row, cases))
-    return study.result(_metrics(cases, left_out))
+    driven = [(name, kind) for kind in _GROUNDS for name in _CAMERAS]
+    driven += [(_EVALUATED, kind) for kind in _HARDER]
+    cases = [case for name, kind in driven for case in _drive(name, kind, options)]
+    study.plot("covariance", _draw(cases))
+    return study.result(_metrics(cases))
 
 
 class LeftOut(NamedTuple):
-    """Evaluation of the variance factor of all other grounds on one ground.
+    """Evaluation on one ground of the variance factor that was fitted on all other grounds.
 
     Attributes:
         factor: factor on the variances, fitted on the other grounds [1].
-        squared: mean squared error of single cameras over the scaled variances on this ground [1].
-        coverage: share of errors within 1.96 standard deviations [%].
+        squared: mean ratio of single cameras' squared errors to their scaled variances [1].
+        coverage: share of the errors within 1.96 standard deviations [%].
     """
 
     factor: float
@@ -152,26 +137,20 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Return for each ground the evaluation of the variance factor of all other grounds."""
-    found: dict[str, NDArray[np.float64]] = {}
-    for kind in dict.fromkeys(case.ground for case in cases):
-        own = [case for case in cases if (case.camera, case.ground) == (_JUDGED, kind)]
-        if own:
-            found[kind] = np.concatenate([case.squares_of_cameras for case in own])
+    """Return, for each ground, how well the factor fitted on the other grounds is valid for it."""
+    trials: dict[str, list[NDArray[np.float64]]] = {}
+    for case in cases:
+        if case.camera == _EVALUATED and len(case.squares_of_cameras):
+            trials.setdefault(case.ground, []).append(case.squares_of_cameras)
+    squares = {kind: np.concatenate(own) for kind, own in trials.items()}
     left_out = {}
-    for kind, own_squares in found.items():
-        factor = _fitted([squares for other, squares in found.items() if other != kind])
-        left = own_squares / factor
-        if len(left):
-            covered = 100.0 * float(np.mean(within_95(np.sqrt(left))))
-            left_out[kind] = LeftOut(factor, float(left.mean()), covered)
+    for kind, own in squares.items():
+        means = [float(own.mean()) for other, own in squares.items() if other != kind]
+        factor = float(np.mean(means)) if means else 1.0
+        left = own / factor
+        covered = 100.0 * float(np.mean(within_95(np.sqrt(left))))
+        left_out[kind] = LeftOut(factor, float(left.mean()), covered)
     return left_out
-
-
-def _fitted(squares: list[NDArray[np.float64]]) -> float:
-    """Return the variance factor for which the mean over the grounds is 1."""
-    means = [float(own.mean()) for own in squares if len(own)]
-    return float(np.mean(means)) if means else 1.0
 
 
 def _drive(
@@ -198,17 +177,16 @@ def _mean(values: NDArray[np.float64]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def _metrics(cases: list[Case], left_out: Mapping[str, LeftOut]) -> dict[str, Metric]:
+def _metrics(cases: list[Case]) -> dict[str, Metric]:
     metrics = {}
     for name, kind in dict.fromkeys((case.camera, case.ground) for case in cases):
         own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
         pooled = np.concatenate([case.squares for case in own])
         measured = float(np.mean([case.measured for case in own]))
-        metrics[f"normalized_error_squared.{name}_{kind}"] = Metric(
-            _mean(pooled), "1", reference=1.0
-        )
+        squared = Metric(_mean(pooled), "1", reference=1.0)
+        metrics[f"normalized_error_squared.{name}_{kind}"] = squared
         metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
-    for kind, left in left_out.items():
+    for kind, left in _leave_one_out(cases).items():
         metrics[f"left_out.{kind}"] = Metric(left.squared, "1", reference=1.0)
         metrics[f"coverage_left_out.{kind}"] = Metric(left.coverage, "%")
     every = np.concatenate([case.squares for case in cases])
@@ -216,17 +194,6 @@ def _metrics(cases: list[Case], left_out: Mapping[str, LeftOut]) -> dict[str, Me
     right = [_BAND[0] <= case.mean <= _BAND[1] for case in cases if len(case.squares)]
     metrics["right_share.all"] = Metric(_mean(np.array(right, dtype=np.float64)), "1")
     return metrics
-
-
-def _row(case: Case) -> tuple[str | float, ...]:
-    error = np.concatenate([trial.error for trial in case.trials])
-    covariance = np.concatenate([trial.covariance for trial in case.trials])
-    rmse = [math.sqrt(_mean(column**2)) for column in error.T]
-    stated = [math.sqrt(_mean(covariance[:, i, i])) for i in range(3)]
-    return (
-        case.camera, case.ground, case.motion, *case.trials[0].twist, case.measured,
-        case.mean, case.standard_error, *rmse, *stated,
-    )  # fmt: skip
 
 
 def _draw(cases: list[Case]) -> Figure:
@@ -244,11 +211,10 @@ def _draw(cases: list[Case]) -> Figure:
         axes.axhline(1.0, color=style.GRAY, linewidth=1.0)
         for i, (kind, color) in enumerate(zip(_GROUNDS, _COLORS, strict=False)):
             own = [case for case in cases if (case.camera, case.ground) == (name, kind)]
-            mean = [case.mean for case in own]
-            spread = [case.standard_error for case in own]
-            axes.errorbar(
-                places + 0.2 * (i - 1), mean, spread, fmt="o", color=color, label=kind, capsize=2
-            )
+            mean, spread = zip(*((case.mean, case.standard_error) for case in own), strict=True)
+            axes.plot(places + 0.2 * (i - 1), mean, "o", color=color, label=kind)
+            look = {"fmt": "none", "color": color, "capsize": 2}
+            axes.errorbar(places + 0.2 * (i - 1), mean, spread, **look)
         view = _CAMERAS[name]
         size = f"{1e3 * view.length:g} x {1e3 * view.width:g} mm"
         axes.set_title(f"{name}: {view.pixels} px, {size}")

@@ -1,10 +1,10 @@
-"""Errors of one line camera in straight motion, over speed, field of view and ground.
+"""Errors of one line camera in straight motion, as functions of speed, field of view and ground.
 
-Every motion is uniform, with 2500 lines/s. Sideways motion is 12 m/s at 89 deg to the axis of the
-camera. ``overlap`` also draws the displacement of a vehicle between two lines for any line rate,
-and ``texture_direction`` also counts the batches that the odometry measures with the camera of the
-standard experiment. Along the fibers of wood the lines hardly change; across them the contrast
-along the axis is low and the lines change quickly.
+Every motion is uniform, with 2500 lines/s. Sideways motion is 12 m/s at 89 deg to the camera's
+axis. ``overlap`` also draws the displacement of a vehicle between two lines for any line rate.
+``texture_direction`` also counts the batches that the odometry measures with the camera of the
+standard experiment. Along the fibers of wood, the lines hardly change. Across the fibers, the
+contrast along the axis is low and the lines change quickly.
 """
 
 import dataclasses
@@ -108,14 +108,14 @@ class _Condition:
 
 @dataclasses.dataclass(frozen=True)
 class _Case:
-    """Measurement and figure of a case.
+    """Metrics and figure of a case.
 
     Attributes:
         figure: number of the figure in the dissertation.
         title: title of the figure.
-        metrics: function of a case's name and its motions with their matches.
+        metrics: function that returns the metrics of a case by its name and its matches by motion.
         conditions: conditions on every ground, by name.
-        columns: number of maps in a row; None for the number of grounds.
+        columns: number of maps per row; None for the number of grounds.
     """
 
     figure: int
@@ -174,9 +174,7 @@ def run(options: Any, study: StudyRun) -> StudyResult:
     )
     headers = ("ground", "condition")[: len(next(iter(found)))]
     study.figure(f"figure_{case.figure}.png", figure)
-    study.written.append(
-        view_grid.write_matches(study.folder / f"{study.case}.csv", headers, motions, found)
-    )
+    study.table(f"{study.case}.csv", *view_grid.matches_table(headers, motions, found), digits=6)
     if study.case == "overlap":
         figure, displacements = _line_rates()
         metrics |= displacements
@@ -201,7 +199,8 @@ def _motions(case: str, axis: float = 0.0) -> list[Motion]:
 
 
 def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
-    # Motions exactly at the limit are omitted: rounding decides whether their shift is found.
+    # Motions exactly at the limit are omitted, because rounding decides whether their shift is
+    # found.
     within = [matches for motion, matches in found if motion.overlap > _SHIFT_LIMIT]
     beyond = [matches for motion, matches in found if motion.overlap < _SHIFT_LIMIT]
     wrong, wrong_beyond = (
@@ -209,38 +208,29 @@ def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
     )
     inexact = float(np.mean(np.concatenate([m.pixel_error for m in within]) != 0.0))
     error = np.concatenate([m.error for m in within])
-    return {
-        f"wrong_share_within_limit.{case}": Metric(wrong, "1"),
-        f"wrong_share_beyond_limit.{case}": Metric(wrong_beyond, "1"),
-        f"off_by_one_share_within_limit.{case}": Metric(
-            inexact - wrong, "1", note="before refinement, Eq. (84)"
-        ),
-        f"off_by_half_share_within_limit.{case}": Metric(float(np.mean(abs(error) > 0.5)), "1"),
-        f"rmse_px_within_limit.{case}": Metric(
-            float(np.sqrt(np.mean(error**2))), "1", note="refined, in pixels"
-        ),
+    values = {
+        "wrong_share_within_limit": (wrong, ""),
+        "wrong_share_beyond_limit": (wrong_beyond, ""),
+        "off_by_one_share_within_limit": (inexact - wrong, "before refinement, Eq. (84)"),
+        "off_by_half_share_within_limit": (float(np.mean(abs(error) > 0.5)), ""),
+        "rmse_px_within_limit": (float(np.sqrt(np.mean(error**2))), "refined, in pixels"),
     }
+    return {f"{name}.{case}": Metric(v, "1", note=note) for name, (v, note) in values.items()}
 
 
 def _line_rates() -> tuple[Figure, dict[str, Metric]]:
     """Draw the displacement of a vehicle between two lines; return some values as metrics."""
     rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
-    figure, grid = style.panels(
-        "From one line to the next, over the line rate (Figure 54)",
-        size=(7.5, 5.0),
-        x="lines per second",
-        y="displacement [mm]",
-    )
-    axes = grid[0, 0]
+    title = "From one line to the next, over the line rate (Figure 54)"
+    x, y = "lines per second", "displacement [mm]"
+    figure, ((axes,),) = style.panels(title, size=(7.5, 5.0), x=x, y=y)
     for speed, color in zip(speeds, style.WHEEL_COLORS, strict=False):
         axes.loglog(rates, 1e3 * speed / rates, color=color, label=f"{speed:g} m/s")
     for length in (_LENGTHS[0], 0.05, _LENGTHS[-1]):
         limit = 1e3 * _SHIFT_LIMIT * length
         axes.axhline(limit, color=style.GRAY, linestyle="--", linewidth=0.9)
-        axes.annotate(
-            f"shift limit of {1e3 * length:g} mm", (rates[-1], limit), (-2, 3),
-            textcoords="offset points", ha="right", color=style.GRAY,
-        )  # fmt: skip
+        words = f"shift limit of {1e3 * length:g} mm"
+        style.note(axes, words, (rates[-1], limit), (-2, 3), ha="right", color=style.GRAY)
     axes.legend(loc="lower left")
     return figure, {
         f"displacement_mm.{speeds[-1]:g}_{rate}": Metric(1e3 * speeds[-1] / rate, "mm")
@@ -255,7 +245,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
     enough = overlap >= OVERLAP
     needed = {
         "overlap_needed": (right, "95 % of pairs right"),
-        # The dissertation uses a mean over pairs instead of a share of pairs.
+        # The dissertation uses a mean over pairs where this metric uses a share of pairs.
         "overlap_needed_mean": ([m.mean_error <= 1.0 for _, m in found], "mean error of a pixel"),
     }
     if len(found[0][1].shift) >= GROUP:
@@ -290,12 +280,12 @@ def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
     raw = np.array([np.mean(m.right) for _, m in found])
     filtered = np.array([m.right_medians(GROUP) for _, m in found])
     points = (raw >= 0.6) & (raw < 1.0)  # where single pairs fail
-    mended = float(np.mean(filtered[points] == 1.0)) if points.any() else 1.0
+    corrected = float(np.mean(filtered[points] == 1.0)) if points.any() else 1.0
     return {
         f"right_share_raw.{case}": Metric(float(raw.mean()), "1"),
         f"right_share_median.{case}": Metric(float(filtered.mean()), "1"),
         f"views_with_point_errors.{case}": Metric(float(points.sum()), "1"),
-        f"mended_share.{case}": Metric(mended, "1"),
+        f"corrected_share.{case}": Metric(corrected, "1"),
     }
 
 
@@ -316,9 +306,8 @@ def _odometry(
     library: ExperimentLibrary,
     key: tuple[str, ...],
 ) -> dict[str, Metric]:
-    """Return the share of batches that the odometry measures, and that of undetected errors."""
-    variant = library.variants("straight_line")[0]
-    configuration = library.load("straight_line", variant).odometry
+    """Return the shares of batches that the odometry measures and whose error is undetected."""
+    configuration = library.load("straight_line").odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
     odometry = SensorOdometry(sensor, configuration)
     rig = Rig({"camera": sensor}, texture, options.noise, options.seed)
@@ -359,7 +348,7 @@ _STUDIES = {
         65,
         "12 m/s at 89 deg to the axis, 2500 lines/s, over the grain",
         _texture_metrics,
-        # The grain is along x.
+        # The grain of the wood is along x.
         {
             "parallel": _Condition("moving parallel to x (the grain)", axis=0.5 * math.pi),
             "across": _Condition("moving along y, across it"),

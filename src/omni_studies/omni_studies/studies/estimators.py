@@ -1,11 +1,11 @@
-"""Compare the estimators of a line camera with each other, their bound and an optical-flow patch.
+"""Comparison of estimators for a line camera with each other, their bound, and an image patch.
 
-One camera of 1024 px and 2500 lines/s takes batches of 10 ms. Both methods of the odometry process
-the same lines, without a fault and with faults of the camera. With OpenCV
-(``requirements/opencv.lock``) two alternatives measure the same motion: the phase correlation of
-consecutive lines, and phase correlation with Lucas-Kanade on a patch of 64 x 64 px with as many
-pixels per second. All errors are those of the velocity along the axis. The Cramer-Rao bound is for
-a batch in motion along the axis.
+A camera with 1024 px and 2500 lines/s records batches of 10 ms. Both methods of the odometry
+process the same lines, with and without camera faults. With OpenCV (``requirements/opencv.lock``),
+two alternatives measure the same motion: phase correlation of consecutive lines, and phase
+correlation followed by Lucas-Kanade on an optical-flow patch of 64 x 64 px with the same number of
+pixels per second. All errors are those of the velocity along the axis. The Cramer-Rao bound is that
+of a batch in motion along the axis.
 """
 
 from __future__ import annotations
@@ -26,13 +26,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
 from omni_sim.camera.camera import CameraConfiguration
 from omni_sim.texture.texture import GroundTexture
-from omni_studies.line_trials.integrity_trials import (
-    FAULTS,
-    SENSORS,
-    Ground,
-    Motion,
-    drive_over,
-)
+from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, batch_lines, poses_at
 from omni_tools.line_trials.trials import cramer_rao_bound
@@ -41,17 +35,17 @@ _GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
 _SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # m/s
 _ANGLES = (0, 45)  # from the axis to the motion [deg]
 _FAULTS = ("none", "dirt_spots", "prnu", "mud")
-_BATCHES = 3  # number of batches of a drive
-_OTHERS = ("phase", "patch")  # estimators that need OpenCV
+_BATCHES = 3  # number of batches per drive
+_OTHERS = ("phase", "patch")  # estimators that require OpenCV
 
-_EYE = SENSORS["left"]
+_EYE = trials.SENSORS["left"]
 _SCALE = _EYE.pixel_pitch * _EYE.line_rate  # velocity per displacement between lines [m/s per px]
 _NOISE = CameraConfiguration().noise  # gray levels
-_PIXELS, _FRAMES = 64, 7  # of the patch in a batch
+_PIXELS, _FRAMES = 64, 7  # pixels along an edge of the patch, and frames per batch
 _FRAME_RATE = _EYE.pixels * _EYE.line_rate / _PIXELS**2
-_FINE = 8  # samples of the ground per pixel of the patch, in each direction
-_SMOOTH, _ROUNDS = 0.8, 5  # of Lucas and Kanade: Gaussian [px], iterations
-_SPANNED = 24.0  # px of the patch, up to which the first and the last frame are compared
+_FINE = 8  # ground samples per pixel of the patch, in each direction
+_SMOOTH, _ROUNDS = 0.8, 5  # Lucas-Kanade: standard deviation of the Gaussian [px], iterations
+_SPANNED = 24.0  # largest displacement at which first and last frame are compared [px]
 
 Frame = NDArray[np.float32]
 
@@ -65,8 +59,8 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, kind: str, seed: int, number: int) -> Scene:
-        """Return a camera over a ground at a random pose."""
-        texture = Ground(kind).texture()
+        """Return a camera at a random pose over a ground."""
+        texture = trials.Ground(kind).texture()
         generator = np.random.default_rng((seed, number))
         start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
         return cls(texture, Rig({"eye": _EYE}, texture, _NOISE, seed), start)
@@ -98,42 +92,39 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             available = 100.0 * len(measured) / len(error)
             metrics[f"{estimator}_rmse.{key}"] = Metric(rmse, "mm/s")
             metrics[f"{estimator}_available.{key}"] = Metric(available, "%")
-            rows.append((estimator, kind, angle, speed, fault, available, rmse, bound))
+            if fault == "none":
+                rows.append((estimator, kind, angle, speed, rmse, bound))
             if fault == "none" and angle == 0:
                 bounds.setdefault(estimator, []).append(rmse / bound)
     for estimator, ratios in bounds.items():
         metrics[f"rmse_over_bound.{estimator}"] = Metric(float(np.nanmedian(ratios)), "1")
-    header = (
-        "estimator", "ground", "angle_deg", "speed_m_per_s", "fault", "available_percent",
-        "rmse_mm_per_s", "bound_mm_per_s",
-    )  # fmt: skip
-    study.table("estimators.csv", header, rows)
-    study.figure("estimators.png", _draw(rows))
+    study.plot("estimators", _draw(rows))
     return study.result(metrics)
 
 
 def errors_of(
     kind: str, angle: float, speed: float, options: Options
 ) -> dict[tuple[str, str], FloatArray]:
-    """Return errors along the axis by estimator and fault [m/s], NaN if unmeasured.
+    """Return the errors along the axis by estimator and fault [m/s], NaN if unmeasured.
 
     Args:
         kind: kind of ground.
-        angle: angle of the motion from the axis of the camera [rad].
+        angle: angle between motion and camera axis [rad].
         speed: speed of the motion [m/s].
         options: number of drives, and seed.
     """
     velocity = speed * np.array([math.cos(angle), math.sin(angle)])
-    motion = Motion((float(velocity[0]), float(velocity[1]), 0.0))
+    motion = trials.Motion((float(velocity[0]), float(velocity[1]), 0.0))
     errors = {}
     for method in METHODS:
-        tallies = drive_over(
-            Ground(kind), {fault: FAULTS[fault] for fault in _FAULTS}, range(options.runs),
-            _BATCHES, options.seed, motions=(motion,), method=method,
+        faults = {fault: trials.FAULTS[fault] for fault in _FAULTS}
+        tallies = trials.drive_over(
+            trials.Ground(kind), faults, range(options.runs), _BATCHES, options.seed,
+            motions=(motion,), method=method,
         )  # fmt: skip
         for fault, tally in tallies.items():
             error = np.where(np.isfinite(tally.ratio), tally.error, np.nan)
-            errors[method, fault] = error[:: len(SENSORS)]  # only the first camera
+            errors[method, fault] = error[:: len(trials.SENSORS)]  # only the first camera
     try:
         cv2: Any = importlib.import_module("cv2")
     except ImportError:
@@ -149,10 +140,10 @@ def errors_of(
 
 
 def batch_bound(kind: str, speed: float, options: Options) -> float:
-    """Return the smallest standard deviation of the velocity by one batch along the axis [mm/s].
+    """Return the Cramer-Rao bound of the velocity of one batch, as a standard deviation [mm/s].
 
-    A point of the ground is in K consecutive lines. It adds the information of a known point times
-    K (K^2 - 1) / 12, the sum of squared distances of K lines from their mean.
+    A point of the ground that appears in K consecutive lines adds the information of a known point
+    times K (K^2 - 1) / 12, the sum of the squared distances of K lines from their mean.
     """
     _, rig, start = Scene.of(kind, options.seed, 0)
     lines, shift = batch_lines(_EYE.line_rate) + 1, speed / _SCALE
@@ -166,7 +157,7 @@ def batch_bound(kind: str, speed: float, options: Options) -> float:
 
 
 def _phase(cv2: Any, scene: Scene, twist: FloatArray) -> float:
-    """Return the velocity by the phase correlation of consecutive lines [m/s]."""
+    """Return the velocity from the phase correlation of consecutive lines [m/s]."""
     (batch,) = scene.rig.drive(scene.start, twist, 1)
     lines = batch["eye"].lines.astype(np.float32)[:, None]
     window = np.hanning(_EYE.pixels).astype(np.float32)[None]
@@ -178,7 +169,7 @@ def _phase(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 
 
 def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
-    """Return the velocity along the axis by seven frames of a patch [m/s]."""
+    """Return the velocity along the axis from seven frames of a patch [m/s]."""
     generator = np.random.default_rng(0)
     frames = [
         _frame(cv2, scene.texture, pose, generator)
@@ -193,7 +184,7 @@ def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 def _moved(cv2: Any, old: Frame, new: Frame) -> float:
     """Return the displacement along the axis [px] by phase correlation, then Lucas-Kanade."""
     window = cv2.createHanningWindow((_PIXELS, _PIXELS), cv2.CV_32F)
-    # Copies, because OpenCV multiplies its arguments by the window.
+    # Copies are needed because OpenCV multiplies its arguments by the window.
     d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
     first, second = (cv2.GaussianBlur(frame, (0, 0), _SMOOTH) for frame in (old, new))
     for _ in range(_ROUNDS):
@@ -212,7 +203,7 @@ def _moved(cv2: Any, old: Frame, new: Frame) -> float:
 def _frame(
     cv2: Any, texture: GroundTexture, pose: FloatArray, generator: np.random.Generator
 ) -> Frame:
-    """Return the noisy picture of the patch at a pose, with columns along its axis."""
+    """Return the noisy picture of the patch at a pose, with its columns along the axis."""
     count = _PIXELS * _FINE
     place = ((np.arange(count) + 0.5) / count - 0.5) * _EYE.length
     along, across = np.meshgrid(place, place)
@@ -229,8 +220,8 @@ def _frame(
     return np.asarray(noisy.clip(0, 255), np.float32)
 
 
-def _draw(rows: list[tuple[str, str, int, float, str, float, float, float]]) -> Figure:
-    """Draw the errors over the speed, by ground and angle, without a fault."""
+def _draw(rows: list[tuple[str, str, int, float, float, float]]) -> Figure:
+    """Draw the fault-free errors over the speed, by ground and angle."""
     figure, panels = style.panels(
         "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed",
         len(_ANGLES),
@@ -244,11 +235,11 @@ def _draw(rows: list[tuple[str, str, int, float, str, float, float, float]]) -> 
         for column, kind in enumerate(_GROUNDS):
             axes = panels[line, column]
             axes.set_title(kind.replace("_", " "))
-            own = [r for r in rows if r[1] == kind and r[2] == angle and r[4] == "none"]
+            own = [r for r in rows if r[1:3] == (kind, angle)]
             for name, color in zip((*METHODS, *_OTHERS), style.WHEEL_COLORS, strict=False):
-                curve = [(r[3], r[6]) for r in own if r[0] == name]
+                curve = [(r[3], r[4]) for r in own if r[0] == name]
                 if curve:
                     axes.loglog(*zip(*curve, strict=True), "o-", color=color, label=name)
-            axes.loglog(_SPEEDS, [r[7] for r in own if r[0] == METHODS[0]], "k--")
+            axes.loglog(_SPEEDS, [r[5] for r in own if r[0] == METHODS[0]], "k--", label="bound")
     panels[0, -1].legend()
     return figure

@@ -1,9 +1,9 @@
-"""Stops with faults of sensors and brakes: rest, stopping distance and rotation.
+"""Stops with faults of sensors or brakes: whether they end at rest, distance and rotation.
 
-Both laws brake several vehicles, with and without an IMU. The faults are single sensor faults,
+Both laws brake several vehicles, with and without an IMU. The faults are faults of one sensor,
 faults that two sensors share, and brakes that fail before or during the stop. Every eighth stop is
-the worst of a local search. Sensor faults are compared with the longer stop and the larger rotation
-of unassisted and fault-free assisted braking, brake faults with all other brakes on.
+the worst result of a local search. Sensor faults are compared with the longer stop and the larger
+rotation of unassisted and fault-free assisted braking, and brake faults with all other brakes on.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,8 @@ class Options(CampaignOptions, LoopOptions):
     """number of stops"""
     seed: int = parameter(0, minimum=0)
     """seed of the first stop; the others follow"""
-    worst: int = parameter(20, minimum=0)
-    """number of stops in the table of the worst stops, by distance and by rotation each"""
+    worst: int = parameter(20, minimum=0, maximum=1000)
+    """number of stops in each table of the worst stops, one by distance and one by rotation"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -1,12 +1,15 @@
-"""Cost in distance and rotation of a stop with each source of the body twist.
+"""Stopping distance and rotation with different sources of the body twist.
 
-The same random stops are braked without the assistant and with both laws and each source, with or
-without an IMU. The sources are ideal ones, line cameras, optical-flow chips, wheel odometry, dead
-reckoning, and delayed and slow ones. The table shows where assistance does more harm than good.
+The same random stops are run without the assistant, and with each combination of law and source,
+with or without an IMU. The sources are an ideal one, line cameras, optical-flow chips, wheel
+odometry, dead reckoning, and sources with delay or a low rate. The table shows where assistance
+does more harm than good.
 
-The lines of the cameras are rendered in the stops of the named experiments and in the first random
-stops. In all other stops an error model replaces the cameras.
+Camera lines are rendered in the stops of the named experiments and in the first random stops. In
+all other stops, an error model replaces the cameras.
 """
+
+from __future__ import annotations
 
 import dataclasses
 import json
@@ -51,13 +54,13 @@ class Options(CampaignOptions):
     runs: int = parameter(200, minimum=1, maximum=10000)
     """number of random stops of each vehicle"""
     rendered: int = parameter(20, minimum=0, maximum=10000)
-    """number of these stops in which the lines of cameras are rendered"""
+    """number of these stops in which camera lines are rendered"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
     """largest speed of the random stops"""
     named: bool = parameter(False)
-    """add the named experiments, each with its own vehicle and speed"""
+    """also run the named experiments, each with its own vehicle and speed"""
     without_imu: bool = parameter(False)
-    """remove the IMU, with which the assistant otherwise bridges gaps and detects faults"""
+    """remove the IMU, which the assistant otherwise uses to bridge gaps and to detect faults"""
 
 
 class Stop(NamedTuple):
@@ -66,7 +69,7 @@ class Stop(NamedTuple):
     Attributes:
         seed: number of the case.
         vehicle: name of the vehicle's file, or ``named`` for a named experiment.
-        stop: number of the stop, the same for all sources.
+        stop: number of the stop, equal for all sources.
         law: name of the control law, or ``unassisted``.
         source: source of the twist.
         distance: stopping distance [m].
@@ -82,6 +85,10 @@ class Stop(NamedTuple):
     rotation: float
 
 
+Table = Mapping[tuple[str, str, str], Mapping[str, float]]
+"""Quantities by vehicle, law and source."""
+
+
 @dataclass(frozen=True)
 class Cases:
     """The cases of the campaign, by number."""
@@ -91,9 +98,42 @@ class Cases:
     cameras: dict[str, Mapping[str, LineSensor]]
     options: Options
 
+    @classmethod
+    def of(cls, library: ExperimentLibrary, options: Options) -> Cases:
+        """Load the base stop of each vehicle, the named experiments, and the cameras."""
+        if len(set(options.vehicle)) != len(options.vehicle):
+            raise ConfigurationError("--vehicle", "names a vehicle twice")
+        changes = [
+            "feedback=velocity_sensor",
+            "simulation.render_lines=false",
+            "vehicle.brake.kind=proportional",
+            f"imu.enabled={str(not options.without_imu).lower()}",
+            # A longer time at rest would take a quarter of the computing time and change distances
+            # by 2 mm.
+            "simulation.settling_time=0.2",
+        ]
+        bases = {
+            name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
+                "straight_line", "assisted", [f"vehicle={name}", *changes]
+            )
+            for name in options.vehicle
+        }
+        named = [
+            library.load(name, overrides=changes)
+            for name in (_EXPERIMENTS if options.named else ())
+        ]
+        cameras = {
+            name: library.load(
+                "straight_line", "assisted", [f"sensors={name}", f"maneuver.speed={options.speed}"]
+            ).sensors
+            for name in (SOURCES[source].cameras for source in options.source)
+            if name
+        }
+        return cls(bases, tuple(named), cameras, options)
+
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Pairs of law and source with which each stop is run."""
+        """Combinations of law and source with which each stop is run."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 
@@ -169,7 +209,7 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 def _rendered(
     configuration: ExperimentConfiguration, cameras: Mapping[str, LineSensor]
 ) -> ExperimentConfiguration:
-    """Return an experiment with rendered cameras, placed in proportion to its chassis."""
+    """Return an experiment with rendered cameras, placed in proportion to the chassis."""
     # The positions in the files are for a chassis of the default size.
     along = configuration.vehicle.chassis_length / VehicleConfiguration.chassis_length
     across = configuration.vehicle.chassis_width / VehicleConfiguration.chassis_width
@@ -188,8 +228,10 @@ def _rendered(
 
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run all cases, and write table and figure."""
-    cases = Cases(*_bases(study.experiments, options), options)
-    prepare_grounds((*cases.bases.values(), *cases.named), TextureCache.of_user())
+    cases = Cases.of(study.experiments, options)
+    stops = (*cases.bases.values(), *cases.named)
+    rendered = (_rendered(stop, one) for stop in stops for one in cases.cameras.values())
+    prepare_grounds(rendered, TextureCache.of_user())
     fingerprint = (
         f"{cases.groups} {options.source} {options.runs} {options.rendered} {options.speed} "
         f"{options.without_imu}"
@@ -201,52 +243,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for law in _LAWS
         for source in options.source
     }
-    metrics = {}
-    for (vehicle, law, source), found in table.items():
-        for quantity, (value, unit) in found.items():
-            metrics[f"{quantity}.{vehicle}_{law}_{source}"] = Metric(value, unit)
+    metrics = {
+        f"{quantity}.{'_'.join(key)}": Metric(value, "deg" if "rotation" in quantity else "1")
+        for key, found in table.items()
+        for quantity, value in found.items()
+    }
     for vehicle in cases.groups:
         study.figure(f"{vehicle}.png", _figure(table, vehicle, options.source))
     return study.result(metrics, *_findings(table))
 
 
-def _bases(
-    library: ExperimentLibrary, options: Options
-) -> tuple[
-    dict[str, ExperimentConfiguration],
-    tuple[ExperimentConfiguration, ...],
-    dict[str, Mapping[str, LineSensor]],
-]:
-    """Return a stop of each vehicle by name, the named experiments, and the cameras."""
-    if len(set(options.vehicle)) != len(options.vehicle):
-        raise ConfigurationError("--vehicle", "names a vehicle twice")
-    changes = [
-        "feedback=velocity_sensor",
-        "simulation.render_lines=false",
-        "vehicle.brake.kind=proportional",
-        f"imu.enabled={str(not options.without_imu).lower()}",
-    ]
-    vehicles = {
-        name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
-            "straight_line", "assisted", [f"vehicle={name}", *changes]
-        )
-        for name in options.vehicle
-    }
-    names = _EXPERIMENTS if options.named else ()
-    named = (library.load(name, library.variants(name)[-1], changes) for name in names)
-    cameras = {
-        name: library.load(
-            "straight_line", "assisted", [f"sensors={name}", f"maneuver.speed={options.speed}"]
-        ).sensors
-        for name in (SOURCES[source].cameras for source in options.source)
-        if name
-    }
-    return vehicles, tuple(named), cameras
-
-
-def _results(
-    rows: Sequence[Stop], vehicle: str, law: str, source: str
-) -> dict[str, tuple[float, str]]:
+def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
     """Return statistics of distance and rotation, relative to the same stops without assistant."""
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
@@ -254,7 +261,7 @@ def _results(
         for row in rows
         if (row.vehicle, row.law, row.source) == (vehicle, law, source)
     ]
-    # A stop that never comes to rest counts as infinitely long.
+    # The distance of a stop that does not come to rest counts as infinite.
     ratios = [
         math.inf if math.isnan(row.distance) else row.distance / max(free.distance, 0.05)
         for row, free in stops
@@ -262,18 +269,18 @@ def _results(
     turned = [math.inf if math.isnan(row.rotation) else row.rotation for row, _ in stops]
     free = [free.rotation for _, free in stops]
     return {
-        "distance_ratio_median": (float(np.median(ratios)), "1"),
-        "distance_ratio_p95": (float(np.percentile(ratios, 95, method="higher")), "1"),
-        "rotation_median": (float(np.median(turned)), "deg"),
-        "rotation_p95": (float(np.percentile(turned, 95, method="higher")), "deg"),
-        "rotation_unassisted_p95": (float(np.percentile(free, 95, method="higher")), "deg"),
+        "distance_ratio_median": float(np.median(ratios)),
+        "distance_ratio_p95": float(np.percentile(ratios, 95, method="higher")),
+        "rotation_median": float(np.median(turned)),
+        "rotation_p95": float(np.percentile(turned, 95, method="higher")),
+        "rotation_unassisted_p95": float(np.percentile(free, 95, method="higher")),
     }
 
 
 def _harms(
-    found: dict[str, tuple[float, str]], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
+    found: Mapping[str, float], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
 ) -> bool:
-    """Return whether stops rotate more, are longer without less rotation, or far longer at worst.
+    """Return whether assistance increases rotation, or distance without a smaller rotation.
 
     Args:
         found: `_results` of a source.
@@ -281,33 +288,33 @@ def _harms(
         worst: largest 95th percentile of this ratio [1].
         turn: largest increase of the rotation's 95th percentile over that without assistant [deg].
     """
-    ratio, high = found["distance_ratio_median"][0], found["distance_ratio_p95"][0]
-    turned, free = found["rotation_p95"][0], found["rotation_unassisted_p95"][0]
+    ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
+    turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]
     return turned > free + turn or high > worst or (ratio > longer and turned > free)
 
 
-def _findings(table: dict[tuple[str, str, str], dict[str, tuple[float, str]]]) -> list[str]:
+def _findings(table: Table) -> list[str]:
     return [
         f"{vehicle}: {_sentence(law, source, found)}"
         for (vehicle, law, source), found in table.items()
         if _harms(found)
-    ] or ["No source makes assistance do more harm than good"]
+    ] or ["With no source, assistance does more harm than good"]
 
 
-def _sentence(law: str, source: str, found: dict[str, tuple[float, str]]) -> str:
+def _sentence(law: str, source: str, found: Mapping[str, float]) -> str:
     return (
         f"with {SOURCES[source].label} and {law}, assistance does more harm than good "
-        f"(95th percentile: {found['distance_ratio_p95'][0]:.2f} times the distance, "
-        f"{found['rotation_p95'][0]:.1f} deg; "
-        f"without {found['rotation_unassisted_p95'][0]:.1f} deg)"
+        f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
+        f"{found['rotation_p95']:.1f} deg; "
+        f"without {found['rotation_unassisted_p95']:.1f} deg)"
     )
 
 
 def warning(summary: Path, law: str, source: str) -> str:
-    """Return a sentence if assistance does more harm than good, else an empty text.
+    """Return a sentence if assistance does more harm than good, otherwise an empty text.
 
     Args:
-        summary: ``summary.json`` of this study with the vehicle and its IMU, or without one.
+        summary: ``summary.json`` of this study for the vehicle, with or without its IMU.
         law: name of the control law.
         source: source of the twist.
 
@@ -317,26 +324,23 @@ def warning(summary: Path, law: str, source: str) -> str:
     try:
         metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(str(summary), f"is not a summary of a study: {error}") from None
-    vehicles: dict[str, dict[str, tuple[float, str]]] = {}
+        problem = f"is no result of ./omni study feedback, which you must run first: {error}"
+        raise ConfigurationError(str(summary), problem) from None
+    vehicles: dict[str, dict[str, float]] = {}
     for key, metric in metrics.items():
         quantity, _, case = key.partition(".")
         vehicle = case.removesuffix(f"_{law}_{source}")
         if vehicle not in (case, _NAMED):
             value = math.inf if metric["value"] is None else metric["value"]
-            vehicles.setdefault(vehicle, {})[quantity] = value, metric["unit"]
+            vehicles.setdefault(vehicle, {})[quantity] = value
     if not vehicles:
         raise ConfigurationError(str(summary), f"has no {source} with {law}")
     sentences = (_sentence(law, source, found) for found in vehicles.values() if _harms(found))
     return next(sentences, "")
 
 
-def _figure(
-    table: dict[tuple[str, str, str], dict[str, tuple[float, str]]],
-    vehicle: str,
-    sources: Sequence[str],
-) -> Figure:
-    """Draw the 95th percentile of distance and rotation for each source."""
+def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
+    """Draw the 95th percentiles of distance and rotation for each source."""
     figure, grid = style.panels(
         f"{vehicle}: 95 of 100 stops are better than the end of the bar",
         1,
@@ -350,16 +354,16 @@ def _figure(
     for axes, (quantity, most) in zip(panels, quantities, strict=True):
         for shift, law, color in ((0.18, _LAWS[0], style.BLUE), (-0.18, _LAWS[1], style.ORANGE)):
             found = [table[vehicle, law, source] for source in sources]
-            values = [min(one[quantity][0], most) for one in found]
+            values = [min(one[quantity], most) for one in found]
             values = [value if math.isfinite(value) else 360.0 for value in values]
             edges = [style.VERMILLION if _harms(one) else color for one in found]
             axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
                       label=law)  # fmt: skip
     panels[0].axvline(1.0, color=style.GRAY)
     panels[0].set_xlabel("stopping distance over that without assistant [1]")
-    free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"][0]
+    free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"]
     panels[1].axvline(free, color=style.GRAY, label="without assistant")
     panels[1].set_xlabel("rotation [deg]")
     panels[0].set_yticks(places, [SOURCES[source].label for source in sources])
-    style.legend_below(figure, panels[1], 3)
+    style.legend_below(figure, 3)
     return figure

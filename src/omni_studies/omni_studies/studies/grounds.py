@@ -1,8 +1,8 @@
-"""All grounds with their spectra and the contrast of a wide view (Figures 59, 67).
+"""Pictures and spectra of all grounds, and the contrast in a wide view (Figures 59, 67).
 
-The plate shows 100 x 100 mm of each ground. For the generic camera (50 x 20 mm, 1024 px) the study
-computes the contrast of the lines, which average 20 mm across the axis, and the frequency below
-which half of the power is.
+The pictures show 100 x 100 mm of each ground. For the generic camera (50 x 20 mm, 1024 px), the
+study computes the contrast of the lines, which average 20 mm across the axis, and the frequency
+below which half of the power is found.
 """
 
 import math
@@ -21,7 +21,7 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials.options import TextureOptions, grounds_of, grounds_option
 from omni_studies.study import StudyResult, StudyRun
 
-_DECADES = (0.02, 10.0)  # drawn frequencies [cycles per mm]
+_DECADES = (0.02, 10.0)  # range of frequencies in the figure [cycles per mm]
 _PHOTOGRAPHED = {"asphalt": (1.9, 3.1), "worn_asphalt": (1.9, 3.1)}
 """Contrast of photographs of asphalt, averaged over 20 mm [gray levels]."""
 
@@ -40,15 +40,15 @@ class Options(TextureOptions):
 
 @dataclass(frozen=True)
 class Appearance:
-    """Picture, contrast and spectrum of a ground.
+    """Picture, contrast and spectrum of one ground.
 
     Attributes:
-        patch: gray levels of the shown section, shape (k, k).
-        contrast: mean standard deviation along lines of the camera [gray levels].
-        frequency: frequency of the spectrum [cycles per mm], shape (f,).
+        patch: gray levels of the section that is shown, shape (k, k).
+        contrast: mean standard deviation along the lines of the camera [gray levels].
+        frequency: frequencies of the spectrum [cycles per mm], shape (f,).
         spectrum: mean power density of the lines [gray levels^2 mm], shape (f,).
-        median_frequency: frequency below which half of the power is [cycles per mm].
-        texels_per_pixel: texels of the ground per pixel of the camera.
+        median_frequency: frequency below which half of the power is found [cycles per mm].
+        texels_per_pixel: number of texels of the ground per pixel of the camera.
     """
 
     patch: quantities.FloatArray
@@ -75,20 +75,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             f"median_frequency.{name}": Metric(appearance.median_frequency, "1/mm"),
             f"texels_per_pixel.{name}": Metric(appearance.texels_per_pixel, "1"),
         }
-    rows = (
-        (
-            name, appearance.contrast, *_PHOTOGRAPHED.get(name, (math.nan, math.nan)),
-            appearance.median_frequency, appearance.texels_per_pixel,
-        )
-        for name, appearance in appearances.items()
-    )  # fmt: skip
-    header = (
-        "ground", "contrast_gray_levels", "photographed_from", "photographed_to",
-        "median_frequency_per_mm", "texels_per_pixel",
-    )  # fmt: skip
     study.figure("grounds.png", _plate(appearances))
-    study.figure("spectra.png", _spectra(appearances))
-    study.table("grounds.csv", header, rows)
+    study.plot("spectra", _spectra(appearances))
     return study.result(metrics)
 
 
@@ -101,8 +89,8 @@ def _appearance(
         texture: the ground.
         seed: seed of the positions of the lines.
         lines: number of lines.
-        shown: edge of the picture [m].
-        dots: edge of the picture [px].
+        shown: edge of the picture on the ground [m].
+        dots: edge of the picture in the figure [px].
     """
     sensor = sensors.LineSensor(x=0.0, y=0.0, heading_deg=0.0)
     cameras = LineCameraArray(

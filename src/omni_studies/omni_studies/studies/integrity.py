@@ -1,12 +1,12 @@
 """Integrity of the line cameras: undetected errors on difficult textures and with camera faults.
 
-An undetected error is a batch of one camera that is reported as measured although its velocity
-along its axis is off by more than 4 of its stated standard deviations and by more than 0.05 m/s.
-`availability` is the share of batches that are measured at all, and `normalized_error` the mean of
-error squared over stated variance. Every drive begins with a new odometry without estimates of its
-cameras.
+An undetected error is a batch of one camera that is reported as measured although the error of its
+velocity exceeds both 4 of its stated standard deviations and 0.05 m/s. `availability` is the share
+of batches that are measured, and `normalized_error` is the mean ratio of squared error to stated
+variance. Every drive starts with a new odometry that has no estimates of its cameras.
 
-A run of the campaign is one drive: it is rendered once, and every fault is applied to its lines.
+Each run of the campaign is one drive with one fault. Runs that differ in the fault share the
+rendered drive.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import dataclasses
 import inspect
 import math
 import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -32,18 +32,12 @@ from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.line_trials.errors import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
+_KINDS = (
+    "asphalt", "worn_asphalt", "concrete", "wet_concrete", "gravel", "grass", "sand", "bark",
+    "brick", "cobble", "planks",
+)  # fmt: skip
 GROUNDS = {
-    "asphalt": trials.Ground("asphalt"),
-    "worn_asphalt": trials.Ground("worn_asphalt"),
-    "concrete": trials.Ground("concrete"),
-    "wet_concrete": trials.Ground("wet_concrete"),
-    "gravel": trials.Ground("gravel"),
-    "grass": trials.Ground("grass"),
-    "sand": trials.Ground("sand"),
-    "bark": trials.Ground("bark"),
-    "brick": trials.Ground("brick"),
-    "cobble": trials.Ground("cobble"),
-    "planks": trials.Ground("planks"),
+    **{kind: trials.Ground(kind) for kind in _KINDS},
     **{f"wood_{angle}": trials.Ground("wood", math.radians(angle)) for angle in _WOOD_ANGLES},
 }
 _ORIENTED = tuple(name for name in GROUNDS if name.startswith("wood_"))
@@ -73,24 +67,12 @@ class Options(CampaignOptions):
 
 
 class Drive(NamedTuple):
-    """One drive over one ground.
+    """One drive over one ground with one fault, or the sum of several.
 
     Attributes:
         seed: number of the drive in the campaign.
         ground: name of the ground.
-        counts: for each fault, its name and the fields of `Counts` as text, such as ``mud 144 2
-            ...``.
-    """
-
-    seed: int
-    ground: str
-    counts: str
-
-
-class Counts(NamedTuple):
-    """Statistics over batches.
-
-    Attributes:
+        fault: name of the fault.
         batches: number of batches of all cameras.
         undetected: number of batches with an undetected error.
         measured: number of measured batches.
@@ -99,19 +81,25 @@ class Counts(NamedTuple):
         energy: sum of errors squared [m^2/s^2].
     """
 
-    batches: int = 0
-    undetected: int = 0
-    measured: int = 0
-    squares: float = 0.0
-    covered: int = 0
-    energy: float = 0.0
+    seed: int
+    ground: str
+    fault: str
+    batches: int
+    undetected: int
+    measured: int
+    squares: float
+    covered: int
+    energy: float
 
     @classmethod
-    def of(cls, tally: trials.Tally) -> Counts:
+    def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> Drive:
         """Count the batches of a drive."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
         return cls(
+            seed,
+            ground,
+            fault,
             len(tally.ratio),
             int(np.count_nonzero(tally.undetected)),
             len(ratio),
@@ -120,24 +108,14 @@ class Counts(NamedTuple):
             float(error @ error),
         )
 
-    def __str__(self) -> str:
-        """Return the numbers as a text in a table."""
-        return " ".join(str(value) for value in self)
-
-    @classmethod
-    def read(cls, words: Sequence[str]) -> Counts:
-        """Read the text of `__str__`."""
-        kinds = (type(value) for value in cls())
-        return cls._make(kind(word) for kind, word in zip(kinds, words, strict=True))
-
-    def plus(self, other: Counts) -> Counts:
-        """Return the sum of both counts."""
-        return Counts._make(map(operator.add, self, other))
+    def plus(self, other: Drive) -> Drive:
+        """Return the sum of both drives."""
+        return Drive(*self[:3], *map(operator.add, self[3:], other[3:]))
 
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Runs the drives of a campaign by their numbers; consecutive numbers share a ground."""
+    """Runs the drives of a campaign by their numbers; consecutive drives share a ground."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -148,18 +126,26 @@ class _Drives:
 
     def __call__(self, number: int) -> Drive:
         """Run one drive."""
-        index, motion = divmod(number, len(trials.MOTIONS))
-        name = self.grounds[index]
-        chosen = {fault: trials.FAULTS[fault] for fault in self.faults_over(name)}
+        name, motion, fault = self.cells[number]
         drives = range(motion, motion + 1)
+        faults = {fault: trials.FAULTS[fault]}
         tallies = trials.drive_over(
-            GROUNDS[name], chosen, drives, self.batches, self.seed, method=self.method
+            GROUNDS[name], faults, drives, self.batches, self.seed, method=self.method
         )
-        counts = ";".join(f"{fault} {Counts.of(tally)!s}" for fault, tally in tallies.items())
-        return Drive(number, name, counts)
+        return Drive.of(number, name, fault, tallies[fault])
+
+    @property
+    def cells(self) -> list[tuple[str, int, str]]:
+        """Ground, motion and fault of every drive; consecutive drives share a rendered one."""
+        return [
+            (name, motion, fault)
+            for name in self.grounds
+            for motion in range(len(trials.MOTIONS))
+            for fault in self.faults_over(name)
+        ]
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
-        """Return the faults to inject on a ground: the chosen ones, or else its default faults."""
+        """Return the faults to inject on a ground: the chosen ones, or its default faults."""
         if self.chosen:
             return self.faults
         if ground in _ORIENTED:
@@ -168,7 +154,7 @@ class _Drives:
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything on which the drives depend."""
+        """Digest of all settings that determine the drives."""
         return digest(repr(self), inspect.getsource(trials), repr(GROUNDS))
 
 
@@ -179,8 +165,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     work = _Drives(
         grounds, faults, bool(options.faults), options.batches, options.seed, options.method
     )
-    numbers = range(len(grounds) * len(trials.MOTIONS))
-    drives = study.campaign(work, numbers, Drive, options, work.fingerprint, "drives.csv")
+    drives = study.campaign(
+        work, range(len(work.cells)), Drive, options, work.fingerprint, "drives.csv"
+    )
     tallies = _added_up(drives)
     cells = [(name, fault) for name in grounds for fault in faults if (name, fault) in tallies]
     study.figure("integrity.png", _draw(grounds, faults, tallies))
@@ -193,19 +180,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return study.result(metrics, *_findings(cells, metrics))
 
 
-def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Counts]:
-    """Return the counts of every ground and fault."""
-    tallies: dict[tuple[str, str], Counts] = {}
+def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
+    """Return the sums of the drives with every ground and fault."""
+    tallies: dict[tuple[str, str], Drive] = {}
     for drive in drives:
-        for entry in drive.counts.split(";"):
-            fault, *words = entry.split()
-            cell = drive.ground, fault
-            tallies[cell] = tallies.get(cell, Counts()).plus(Counts.read(words))
+        cell = drive.ground, drive.fault
+        tallies[cell] = tallies[cell].plus(drive) if cell in tallies else drive
     return tallies
 
 
 def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in an option, all names if it is empty."""
+    """Return the names in an option; all names if the option is empty."""
     chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
     for word in chosen:
         if word not in names:
@@ -213,8 +198,8 @@ def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
     return chosen
 
 
-def _numbers(counts: Counts) -> tuple[float, ...]:
-    """Return the values of a row of integrity.csv, without ground and fault."""
+def _numbers(counts: Drive) -> tuple[float, ...]:
+    """Return the values of a row of integrity.csv, after ground and fault."""
     measured = counts.measured or math.nan
     return (
         counts.batches,
@@ -227,7 +212,7 @@ def _numbers(counts: Counts) -> tuple[float, ...]:
 
 
 def _metrics(
-    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Counts]
+    cells: list[tuple[str, str]], tallies: Mapping[tuple[str, str], Drive]
 ) -> dict[str, Metric]:
     metrics = {}
     for name, fault in cells:
@@ -263,7 +248,7 @@ def _findings(cells: list[tuple[str, str]], metrics: Mapping[str, Metric]) -> tu
 
 
 def _draw(
-    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Counts]
+    grounds: tuple[str, ...], faults: tuple[str, ...], tallies: Mapping[tuple[str, str], Drive]
 ) -> Figure:
     title = "Undetected errors in 1000 batches (left); measured batches in % (right)"
     size = (13.0, 0.36 * len(grounds) + 2.6)

@@ -1,6 +1,7 @@
-"""Comparison of the control laws: chapter 3, directions of travel, and unknown conditions.
+"""Comparison of the control laws: stops of chapter 3, directions of motion, unknown conditions.
 
-Feedback is ideal unless the case states otherwise. A case is ``<experiment>_<law>_<brakes>``.
+The feedback is ideal unless the case states otherwise. A case is named
+``<experiment>_<law>_<brakes>``.
 """
 
 import math
@@ -27,13 +28,6 @@ _ALLOCATION = ("brake_assist.law=allocation",)
 _PROPORTIONAL = "vehicle.brake.kind=proportional"
 _LAG = (_PROPORTIONAL, "vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
 
-# Largest distance [m] and change of orientation [deg] by case.
-_TARGETS = {
-    "straight_line_allocation_proportional": (9.0, 0.7),
-    "straight_line_allocation_optical": (9.2, 1.0),
-    "straight_line_allocation_on_off": (10.0, 2.5),
-    "straight_line_allocation_lag": (10.2, 2.0),
-}
 _VARIANTS = {
     "straight_line": ("assisted",),
     "three_wheel_diagonal": ("assisted",),
@@ -42,8 +36,8 @@ _VARIANTS = {
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
 _NEVER = (1.05, 5.0)  # limits in unknown conditions: distance over unassisted [1], rotation [deg]
-# Changes of the vehicle and ground. Only kind and lag of the brakes are also configured in the
-# assistant.
+# Changes of vehicle and ground. Of these, only the kind and the lag of the brakes are also
+# configured in the assistant.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -86,23 +80,23 @@ _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 
 class Options(CampaignOptions):
-    """Runs to make, and workers."""
+    """Runs of the study, and workers."""
 
     without_optical: bool = parameter(False)
-    """leave out the stop with line cameras, which takes longest"""
+    """leave out the stop with line cameras, which takes the longest time"""
     law: tuple[str, ...] = parameter(())
-    """your own law, as module:Class, compared with the built-in ones on every experiment"""
+    """your own law as module:Class, which is compared with the built-in laws in every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
     """number of random stops to run instead of the experiments; every --law is compared with the
     first one (default: allocation alone)"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)
-    """set each parameter of the law allocation to half, double and neutral on two independent sets
-    of --random stops"""
+    """set each parameter of the law allocation to half, double and a neutral value, on two
+    independent sets of --random stops"""
 
     def check_consistency(self) -> None:
-        """Raise an error for an ablation without random stops or with named laws.
+        """Check that an ablation has random stops and names no laws.
 
         Raises:
             ConfigurationError: there are no random stops, or laws are named.
@@ -113,9 +107,9 @@ class Options(CampaignOptions):
 
 
 class _Case(NamedTuple):
-    """A run with experiment, variant and overrides, or a bound of such runs.
+    """A run given by experiment, variant and overrides, or a bound of such runs.
 
-    Its name consists of the maneuver, the law or bound, and the condition, if it has one.
+    The name of a case consists of the maneuver, the law or bound, and the condition, if any.
     """
 
     maneuver: str
@@ -137,9 +131,9 @@ class LawStop(NamedTuple):
     Attributes:
         seed: number of the case.
         case: name of the case.
-        distance: stopping distance, or its bound [m].
+        distance: stopping distance, or the bound of it [m].
         rotation: change of orientation [deg], NaN for a bound.
-        note: reason why a number is missing, or the tolerance of a bound.
+        note: reason why a number is missing, or tolerance of a bound.
     """
 
     seed: int
@@ -152,7 +146,7 @@ class LawStop(NamedTuple):
 def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
     """Yield all cases."""
     straight = "straight_line"
-    if not options.without_optical:  # first, because these runs take longest
+    if not options.without_optical:  # first, because these runs take the longest time
         optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
         yield _Case(straight, "allocation_optical", straight, "assisted", optical)
     for name, variants in _VARIANTS.items():
@@ -175,7 +169,7 @@ def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
     yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
     yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
     turn = "turn_while_translate"
-    for rotation in _ROTATIONS:  # rotations allowed in the turn of Table 2
+    for rotation in _ROTATIONS:  # allowed rotations in the turn of Table 2
         spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
         yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
     for word, changes in _UNKNOWN.items():
@@ -199,14 +193,14 @@ def _label(law: str) -> str:
 
 
 class LawStops:
-    """Runs one case after the other; sent to the workers."""
+    """Runs single cases by their numbers; sent to the workers."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.
 
         Args:
             library: library with the experiments.
-            cases: cases, numbered by their index.
+            cases: cases to run; their number is their index.
         """
         self._library = library
         self.cases = tuple(cases)
@@ -236,8 +230,8 @@ class LawStops:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Run every case, compare the numbers with targets and bounds, and draw them."""
-    for law in options.law:  # raises before anything runs
+    """Run all cases, compare the results with targets and bounds, and draw them."""
+    for law in options.law:  # raises an error before anything runs
         changes = (f"brake_assist.law={law.partition('@')[0]}",)
         study.experiments.load("straight_line", "assisted", changes).check_drivable()
     if options.random:
@@ -247,11 +241,10 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     stops = study.campaign(work, numbers, LawStop, options, work.fingerprint)
     results = [(work.cases[stop.seed], stop) for stop in stops]
     metrics = _metrics(results)
-    study.columns("laws.csv", _columns(results))
     if len(stops) < len(numbers):
         return study.result(metrics, f"{len(stops)} of {len(numbers)} cases were run.")
     study.figure("laws.png", _front(results, options.law))
-    return study.result(metrics, *_findings(results, metrics))
+    return study.result(metrics, *_findings(results))
 
 
 def _run_random(options: Options, study: StudyRun) -> StudyResult:
@@ -271,8 +264,8 @@ def _run_random(options: Options, study: StudyRun) -> StudyResult:
     if not options.ablate:
         return study.result(law_trials.compare(trials, tuple(laws)))
     costs = law_trials.ablation_costs(trials, tuple(laws))
-    words = ", ".join(law_trials.unpaid(costs)) or "none"
-    return study.result(costs, f"Parameters that do not pay in both sets: {words}.")
+    words = ", ".join(law_trials.removable(costs)) or "none"
+    return study.result(costs, f"Parameters without a benefit in both sets: {words}.")
 
 
 Results = Sequence[tuple[_Case, LawStop]]
@@ -282,7 +275,7 @@ def _metrics(results: Results) -> dict[str, Metric]:
     free = {case.condition: stop.distance for case, stop in results if case.law == "unassisted"}
     metrics: dict[str, Metric] = {}
     for case, stop in results:
-        longest, most = _TARGETS.get(case.name, (None, None))
+        longest, most = None, None
         if case.condition in _UNKNOWN and case.law.startswith("allocation"):
             longest, most = _NEVER[0] * free.get(case.condition, math.nan), _NEVER[1]
         metrics[f"stopping_distance.{case.name}"] = Metric(
@@ -295,27 +288,8 @@ def _metrics(results: Results) -> dict[str, Metric]:
     return metrics
 
 
-def _bounded(results: Results) -> list[tuple[_Case, LawStop, float]]:
-    """Return case, result and bound of a stop that keeps its heading [m] (NaN if none)."""
-    bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
-    return [
-        (case, stop, math.nan if known else bounds.get(case.maneuver, math.nan))
-        for case, stop in results
-        for known in (case.law in _BOUNDS or case.condition in _UNKNOWN,)
-    ]
-
-
-def _columns(results: Results) -> dict[str, list[str] | list[float]]:
-    return {
-        "case": [stop.case for _, stop in results],
-        "stopping distance [m]": [stop.distance for _, stop in results],
-        "bound [m]": [bound for _, _, bound in _bounded(results)],
-        "orientation change [deg]": [stop.rotation for _, stop in results],
-    }
-
-
 def _front(results: Results, own: Sequence[str]) -> Figure:
-    """Draw distance against rotation for every experiment, with the bound that keeps heading."""
+    """Draw distance against rotation for every experiment, with the bound for a kept heading."""
     title = "Distance against rotation under every law"
     x = "stopping distance [m]"
     figure, grid = style.panels(title, 2, 2, size=(9.0, 6.4), x=x, y="orientation change [deg]")
@@ -343,25 +317,13 @@ def _front(results: Results, own: Sequence[str]) -> Figure:
     return figure
 
 
-def _findings(results: Results, metrics: Mapping[str, Metric]) -> tuple[str, ...]:
-    limited = {name: m for name, m in metrics.items() if m.status}
-    missed = [n for n, m in limited.items() if m.status == "missed"]
-    sentences = [f"{len(limited) - len(missed)} of {len(limited)} targets are met."]
-    if missed:
-        sentences.append(f"Missed: {', '.join(missed)}.")
-    distance = metrics["stopping_distance.straight_line_allocation_proportional"].value
-    bound = metrics["stopping_distance.straight_line_bound"]
-    sentences.append(
-        f"Proportional brakes stop straight_line in {distance:.2f} m; no stop that keeps its "
-        f"heading is shorter than {bound.value:.2f} m, {bound.note}."
-    )
-    shorter = [
-        f"{case.maneuver} ({stop.distance:.2f} m, bound {least:.2f} m)"
-        for case, stop, least in _bounded(results)
-        if case.law == "unassisted" and stop.distance < least
-    ]
-    sentences.append(
-        "With all brakes on the stop is shorter than any that keeps its heading: "
-        f"{', '.join(shorter) or 'nowhere'}."
-    )
-    return tuple(sentences)
+def _findings(results: Results) -> Iterator[str]:
+    """Yield a sentence for each maneuver in which unassisted braking is shorter than the bound."""
+    bounds = {case.maneuver: stop.distance for case, stop in results if case.law == "bound"}
+    for case, stop in results:
+        least = bounds.get(case.maneuver, math.nan)
+        if case.law == "unassisted" and not case.condition and stop.distance < least:
+            yield (
+                f"{case.maneuver}: with all brakes on the stop of {stop.distance:.2f} m is shorter "
+                f"than any that keeps its heading ({least:.2f} m)."
+            )

@@ -1,9 +1,9 @@
 """Rotation and stopping distance of the forklift in MuJoCo and in the simulator.
 
-The same vehicle brakes fully from the same motion on the single-roller wheel, on individual rollers
-and in MuJoCo, unassisted and with the brake assistant, whose feedback is the velocity sensor.
-`omni_sim.vehicle.mujoco_vehicle` describes the model in MuJoCo. MuJoCo is optional; without it the
-study prints how to install it. The study also shows why the wheels of the model in MuJoCo are
+The same vehicle brakes fully from the same motion on single-roller wheels, on individual rollers,
+and in MuJoCo, both unassisted and with the brake assistant, whose feedback is the velocity sensor.
+`omni_sim.vehicle.mujoco_vehicle` describes the model in MuJoCo. MuJoCo is optional; without it, the
+study explains how to install it. The study also shows why the wheels of the model in MuJoCo are
 sprung.
 """
 
@@ -44,7 +44,7 @@ _DIFFERENCES = {
 }
 
 Stops = Mapping[tuple[str, str, str], RunHistory]
-"""Stops by case, variant and engine."""
+"""Stops, by case, variant and engine."""
 
 
 class Options(Configuration):
@@ -80,13 +80,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         for found in (run_metrics(history),)
         for quantity in _QUANTITIES
     }
-    study.figure("paths.png", _draw(stops))
-    rows = [
-        (*key, *(metrics[f"{quantity}.{'_'.join(key)}"].value for quantity in _QUANTITIES))
-        for key in stops
-    ]
-    header = ("case", "variant", "engine", "orientation_change_deg", "stopping_distance_m")
-    study.table("stops.csv", header, rows, digits=6)
+    study.plot("paths", _draw(stops))
     vehicle = study.experiments.vehicle(options.vehicle)
     return study.result(metrics | _differences(metrics) | _mismounted(vehicle))
 
@@ -109,7 +103,7 @@ def _differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[str, Metric]:
-    """Return the load change when the first wheel is mounted `higher` [m], in both engines."""
+    """Return the load change if the first wheel is mounted `higher` [m], in both engines."""
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = higher
     metrics = {}
@@ -121,12 +115,9 @@ def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[st
             loads.append(machine.wheels["load"])
         high = {next(iter(vehicle.wheels)): WheelCondition(mounted=higher)}
         springs = SuspensionConfiguration(stiffness=stiffness)
-        ours = [
-            Vehicle(dataclasses.replace(vehicle, suspension=springs, conditions=conditions)).wheels[
-                "load"
-            ]
-            for conditions in ({}, high)
-        ]
+        sprung = dataclasses.replace(vehicle, suspension=springs)
+        tilted_ones = (dataclasses.replace(sprung, conditions=wheels) for wheels in ({}, high))
+        ours = [Vehicle(one).wheels["load"] for one in tilted_ones]
         for suffix, (level, tilted) in (("", loads), ("_ours", ours)):
             change = float(np.max(np.abs(tilted - level)))
             metrics[f"load_change_of_1_mm.{name}{suffix}"] = Metric(change, "N")

@@ -1,14 +1,13 @@
-"""Chapter 3 with the line-scan odometry in the loop, compared with ideal feedback.
+"""Experiments of chapter 3 with the line-scan odometry in the loop, against ideal feedback.
 
-The dissertation assumes ideal feedback in chapter 3 and treats the line camera of chapter 4
-separately; this study closes the loop with the line cameras. The velocity sensor for comparison is
-ideal, except in ``ice_patch_noisy``, which uses the sensor of Eqs. (60), (61).
+The dissertation assumes ideal feedback in chapter 3 and treats the line camera separately in
+chapter 4. This study closes the loop with the line cameras. The velocity sensor used for comparison
+is ideal, except in ``ice_patch_noisy``, which uses the sensor of Eqs. (60), (61).
 """
 
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -49,8 +48,8 @@ class Comparison:
     Attributes:
         experiment: name of the experiment.
         variant: name of its variant.
-        runs: runs on the velocity sensor as the experiment configures it, and on the line-scan
-            odometry, by ``sensor`` and ``optical``.
+        runs: the run with the experiment's velocity sensor as ``sensor``, and the run with the
+            line-scan odometry as ``optical``.
     """
 
     experiment: str
@@ -59,12 +58,12 @@ class Comparison:
 
     @property
     def case(self) -> str:
-        """Experiment and variant in one name."""
+        """Name of experiment and variant together."""
         return f"{self.experiment}_{self.variant}"
 
     @property
     def words(self) -> str:
-        """Experiment and variant for a reader."""
+        """Experiment and variant as text for a reader."""
         return f"{self.experiment.replace('_', ' ')}: {self.variant}"
 
 
@@ -72,10 +71,8 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     """Run every assisted variant with both kinds of feedback and report the differences."""
     comparisons = _compare(options, study)
     metrics = {key: m for one in comparisons for key, m in _metrics(one).items()}
-    study.columns("stops.csv", _columns(comparisons, metrics))
-    study.columns("orientations.csv", _orientation_columns(comparisons))
     study.figure("stops.png", _draw_stops(comparisons, metrics))
-    study.figure("orientations.png", _draw_orientations(comparisons))
+    study.plot("orientations", _draw_orientations(comparisons))
     return study.result(metrics)
 
 
@@ -119,7 +116,7 @@ def odometry_lag(history: RunHistory) -> float:
 
     A lag ``tau`` causes an error of ``-tau`` times the acceleration, from which ``tau`` is fitted.
     Noise that is independent of the acceleration does not affect the fit. The result is NaN if the
-    odometry never measured.
+    odometry has no measurement.
     """
     start = history.brake_start or 0
     acceleration = np.gradient(history.twist[:, :2], history.time, axis=0)[start:]
@@ -136,37 +133,8 @@ def _turned(history: RunHistory) -> FloatArray:
     return np.asarray((yaw - yaw[start]) * (180.0 / math.pi), dtype=np.float64)
 
 
-def _columns(
-    comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]
-) -> dict[str, Sequence[Any]]:
-    columns: dict[str, Sequence[Any]] = {
-        "experiment": [one.experiment for one in comparisons],
-        "variant": [one.variant for one in comparisons],
-    }
-    shown = {
-        f"{quantity}, {words}": f"{quantity}.{{}}_{feedback}"
-        for quantity in _DIFFERENCES
-        for feedback, words in _FEEDBACK.items()
-    }
-    shown |= {quantity: f"{quantity}.{{}}" for quantity in (*_ODOMETRY, "odometry_lag")}
-    for name, key in shown.items():
-        found = [metrics[key.format(one.case)] for one in comparisons]
-        columns[f"{name.replace('_', ' ')} [{found[0].unit}]"] = [m.value for m in found]
-    return columns
-
-
-def _orientation_columns(comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    runs = [(c.case, *run) for c in comparisons for run in c.runs.items()]
-    return {
-        "case": [case for case, _, history in runs for _ in history.stamp_ns],
-        "feedback": [feedback for _, feedback, history in runs for _ in history.stamp_ns],
-        "time since braking [s]": np.concatenate([h.braking_time for _, _, h in runs]),
-        "orientation [deg]": np.concatenate([_turned(h) for _, _, h in runs]),
-    }
-
-
 def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]) -> Figure:
-    """Draw the stop of every case with both kinds of feedback, and their difference."""
+    """Draw the stops of all cases with both kinds of feedback, and their differences."""
     title = "Assisted braking on either feedback"
     inches = (10.0, 1.6 + 0.45 * len(comparisons))
     x = ("orientation change [deg]", "stopping distance [m]")
@@ -186,12 +154,12 @@ def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]
         axes.set_xlim(left=0.0)
     panels[0].set_yticks(range(len(comparisons)), [one.words for one in comparisons])
     panels[0].invert_yaxis()
-    style.legend_below(figure, panels[0], 2)
+    style.legend_below(figure, 2)
     return figure
 
 
 def _draw_orientations(comparisons: Sequence[Comparison], most: int = 4) -> Figure:
-    """Draw the orientation of every case over time with both kinds of feedback."""
+    """Draw the orientation over time, for all cases with both kinds of feedback."""
     columns = min(most, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
@@ -207,5 +175,5 @@ def _draw_orientations(comparisons: Sequence[Comparison], most: int = 4) -> Figu
         axes.set_title(comparison.words)
     figure.supxlabel("time since braking [s]")
     figure.supylabel("orientation [deg]")
-    style.legend_below(figure, panels[0], 2)
+    style.legend_below(figure, 2)
     return figure

@@ -1,7 +1,7 @@
-"""Brake thousands of random vehicles in random conditions, unassisted and assisted.
+"""Stops of thousands of random vehicles in random conditions, unassisted and assisted.
 
-Write a table of all runs, a table of violations with their causes, and experiment files of the
-worst runs, which ``./omni run`` repeats over the graph.
+The study writes a table of all runs, a table of violations with their causes, and experiment files
+of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 """
 
 import itertools
@@ -29,21 +29,21 @@ _COLUMNS = {
     "orientation_assisted": "deg",
     "distance_unassisted": "m",
     "distance_assisted": "m",
-    "distrusted": "1",
+    "rejected_share": "1",
     "tipping": "1",
 }
-"""Columns of the table of violations, without the cause, with their units."""
+"""Columns of the table of violations except the cause, with their units."""
 
 
 class Options(CampaignOptions, LoopOptions):
-    """Runs, and workers."""
+    """Runs of the campaign, and workers."""
 
     runs: int = parameter(1000, minimum=1, maximum=10_000_000)
     """number of runs"""
     seed: int = parameter(0, minimum=0)
     """seed of the first run; the others follow"""
-    worst: int = parameter(3, minimum=0)
-    """number of worst runs to replay, by orientation and by distance each"""
+    worst: int = parameter(3, minimum=0, maximum=1000)
+    """number of worst runs to replay, for orientation and for distance each"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -101,7 +101,7 @@ def _write_worst(
     folder: Path,
     count: int,
 ) -> list[Path]:
-    """Write an experiment file for each of the worst cases, and remove older ones."""
+    """Write an experiment file for each of the worst runs, and remove older files."""
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
     files = []
@@ -134,7 +134,7 @@ _QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping 
 
 
 def draw_runs(results: Sequence[Outcome]) -> Figure:
-    """Draw every run as assisted over unassisted value, with the limits.
+    """Draw the assisted value of each run over its unassisted value, with the limits.
 
     Args:
         results: results of the campaign.

@@ -1,14 +1,15 @@
-"""Highest sideways speed of the two sensors of Tables 3 and 4, computed and simulated.
+"""Highest sideways speeds of the two sensors of Tables 3 and 4, computed and simulated.
 
 Table 4 assumes 60 % overlap: ``v = 0.4 w f`` with the width w of the field of view and the line
-rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed is
-measurable if the median of ten consecutive displacements (section 4.6) is within 1.5 px of the
-truth at 95 % of random places, at this speed and all lower ones. The highest speed is the speed at
-60 % overlap if the simulation confirms it on every ground. On difficult grounds the study reports
-the share of right medians at this speed, and on all grounds the share of usable pairs.
+rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed counts
+as measurable if, at this speed and all lower speeds, the median of ten consecutive displacements
+(section 4.6) is within 1.5 px of the true value at 95 % of random positions. The highest speed is
+the speed at 60 % overlap if the simulation confirms it on every ground. On difficult grounds, the
+study reports the share of correct medians at this speed, and on all grounds the share of usable
+pairs.
 
-The whole odometry is then tested with three cameras of each type at its highest speed, in forward
-and sideways motion.
+The whole odometry is then tested with three cameras of each type at their highest speed, in forward
+and in sideways motion.
 """
 
 import dataclasses
@@ -21,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from linescan_odometry.configuration import METHODS, OdometryConfiguration
-from omni_figures.style import BLACK, note, panels, wheel_color
+from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
@@ -50,7 +51,7 @@ _PRESETS = {
     "lis770i": _Preset("lis_770i", "LIS-770i", 3.0, 0.15),
     "s3901": _Preset("s3901", "S3901", 120.0, 0.39),
 }
-_SHARES = np.arange(0.2, 2.301, 0.05)  # tried speeds over the computed speed
+_SHARES = np.arange(0.2, 2.301, 0.05)  # tested speeds relative to the computed speed
 _SECOND = "lis_770i_full"  # mode of Table 3
 _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
 
@@ -63,7 +64,7 @@ class Options(line_options.TextureOptions):
     runs: int = line_options.runs_option(40)
     noise: float = line_options.noise_option()
     needed: float = parameter(0.95, minimum=0.0, maximum=1.0)
-    """share of right medians at which a speed counts as measurable"""
+    """share of correct medians at which a speed counts as measurable"""
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
     """value of the parameter odometry.method"""
 
@@ -92,25 +93,21 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             f"usable_share.{name}_{ground}": _usable(matches[nearest])
             for (_, ground), matches in found.items()
         }
-        table, columns = study.folder / f"{name}.csv", ("sensor", "ground")
-        motions = _motions(sensor, speeds)
-        study.written.append(view_grid.write_matches(table, columns, motions, found))
+        table = view_grid.matches_table(("sensor", "ground"), _motions(sensor, speeds), found)
+        study.table(f"{name}.csv", *table, digits=6)
     hard = dataclasses.replace(options, ground=options.hard)
     for ground, texture in line_options.grounds_of(hard, study.experiments).items():
         for name, sensor in sensors.items():
             (matches,) = _move(sensor, np.array([sensor.sideways_speed]), texture, options)
-            metrics[f"right_median_share.{name}_{ground}"] = Metric(
-                matches.right_medians(view_grid.GROUP), "1", note="medians of 10 at 60 % overlap"
-            )
+            share, note = matches.right_medians(view_grid.GROUP), "medians of 10 at 60 % overlap"
+            metrics[f"right_median_share.{name}_{ground}"] = Metric(share, "1", note=note)
             metrics[f"usable_share.{name}_{ground}"] = _usable(matches)
     for ground, texture in grounds.items():
         for name, sensor in sensors.items():
             metrics |= _driven(f"{name}_{ground}", sensor, texture, options)
-    metrics["computed_speed.lis770i_full"] = Metric(
-        _sensor(study.experiments, _SECOND).sideways_speed, "m/s", note="770 px at 1300 lines/s"
-    )
-    figure = draw_speed_limits(tried, options.needed)
-    study.figure("sensor_presets.png", figure)
+    full = _sensor(study.experiments, _SECOND).sideways_speed
+    metrics["computed_speed.lis770i_full"] = Metric(full, "m/s", note="770 px at 1300 lines/s")
+    study.figure("sensor_presets.png", draw_speed_limits(tried, options.needed))
     return study.result(metrics)
 
 
@@ -121,27 +118,20 @@ def _speeds(
     right: Mapping[str, FloatArray],
     needed: float,
 ) -> dict[str, Metric]:
-    """Return computed and measurable speeds, from the shares of right medians by ground."""
+    """Return computed and measurable speeds, from the shares of correct medians by ground."""
     preset, computed = _PRESETS[name], sensor.sideways_speed
     limits = {ground: _highest(speeds, share, needed) for ground, share in right.items()}
+    slowest, along = min(computed, *limits.values()), sensor.length / 2.0 * sensor.line_rate
+    highest = "at 60 % overlap or more, confirmed on every ground"
+    straight = "at the shift limit n/2, moving along the axis"
+    measurable = "95 % of medians of 10 right, at any overlap"
     return {
-        f"max_speed.{name}": Metric(
-            min(computed, *limits.values()),
-            "m/s",
-            preset.speed,
-            note="at 60 % overlap or more, confirmed on every ground",
-        ),
+        f"max_speed.{name}": Metric(slowest, "m/s", preset.speed, note=highest),
         f"computed_speed.{name}": Metric(computed, "m/s", reference=preset.speed),
-        f"straight_speed.{name}": Metric(
-            sensor.length / 2.0 * sensor.line_rate,
-            "m/s",
-            note="at the shift limit n/2, moving along the axis",
-        ),
+        f"straight_speed.{name}": Metric(along, "m/s", note=straight),
         f"pixel_length.{name}": Metric(1e3 * sensor.pixel_pitch, "mm", reference=preset.pitch),
         **{
-            f"measurable_speed.{name}_{ground}": Metric(
-                value, "m/s", note="95 % of medians of 10 right, at any overlap"
-            )
+            f"measurable_speed.{name}_{ground}": Metric(value, "m/s", note=measurable)
             for ground, value in limits.items()
         },
     }
@@ -172,14 +162,14 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Drive three cameras at the largest sideways speed; return availability and error.
+    """Drive three cameras at their largest sideways speed; return availability and error.
 
     Args:
         case: name of sensor and ground.
         sensor: type of the cameras.
         texture: the ground.
         options: noise, number of starts and seed.
-        radius: radius of the circle along whose tangents the cameras look [m].
+        radius: radius of the circle on which the cameras are mounted tangentially [m].
         batches: number of batches of 10 ms from each random position.
     """
     speed, sensors = sensor.sideways_speed, tangential(radius, sensor)
@@ -194,35 +184,30 @@ def _driven(
         error = np.concatenate([trial.error[:, :2] for trial in trials])
         share = 100.0 * float(np.mean([trial.measured for trial in trials]))
         square = float(np.mean(np.sum(error**2, axis=1))) if len(error) else math.nan
-        metrics |= {
-            f"odometry_availability.{case}_{direction}": Metric(share, "%"),
-            f"odometry_rms_error.{case}_{direction}": Metric(
-                100.0 * math.sqrt(square) / speed, "%", note="of the speed"
-            ),
-        }
+        rms = Metric(100.0 * math.sqrt(square) / speed, "%", note="of the speed")
+        metrics[f"odometry_availability.{case}_{direction}"] = Metric(share, "%")
+        metrics[f"odometry_rms_error.{case}_{direction}"] = rms
     return metrics
 
 
 def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
-    variant = library.variants("straight_line")[0]
-    sensors = library.load("straight_line", variant, [f"sensors={preset}"]).sensors
-    return next(iter(sensors.values()))
+    return next(iter(library.sensors(preset).values()))
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
-    """Return the highest speed up to which every share is sufficient [m/s]; 0 if there is none."""
+    """Return the highest speed up to which all shares suffice [m/s]; 0 if there is none."""
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0
 
 
 class Tried(NamedTuple):
-    """Sideways speeds of a sensor.
+    """Tested sideways speeds of a sensor.
 
     Attributes:
         computed: speed at 60 % overlap [m/s].
-        speeds: speeds that were tried [m/s], shape (n,).
-        right: share of right measurements at each speed, by ground.
+        speeds: tested speeds [m/s], shape (n,).
+        right: share of correct measurements at each speed, by ground.
     """
 
     computed: float
@@ -231,27 +216,22 @@ class Tried(NamedTuple):
 
 
 def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
-    """Draw the share of right measurements over speed, a panel for each sensor.
+    """Draw the share of correct measurements over the speed, one panel for each sensor.
 
     Args:
-        sensors: tried speeds by title of the sensor.
+        sensors: tested speeds, by title of the sensor.
         needed: required share.
     """
-    figure, grid = panels(
-        "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)",
-        columns=len(sensors),
-        size=(5.2 * len(sensors), 4.2),
-        x="speed [m/s]",
-        y="right medians",
-        sharey=True,
-    )
+    title = "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)"
+    size, x, y = (5.2 * len(sensors), 4.2), "speed [m/s]", "right medians"
+    figure, grid = style.panels(title, 1, len(sensors), size=size, x=x, y=y, sharey=True)
     for axes, (title, (computed, speeds, right)) in zip(grid[0], sensors.items(), strict=True):
         for i, (ground, share) in enumerate(right.items()):
-            axes.plot(speeds, share, color=wheel_color(i), label=ground, linewidth=1.6)
-        axes.axvline(computed, color=BLACK, linewidth=1.0, linestyle="--")
-        axes.axhline(needed, color=BLACK, linewidth=0.8, linestyle=":")
+            axes.plot(speeds, share, color=style.wheel_color(i), label=ground, linewidth=1.6)
+        axes.axvline(computed, color=style.BLACK, linewidth=1.0, linestyle="--")
+        axes.axhline(needed, color=style.BLACK, linewidth=0.8, linestyle=":")
         words = f"60 % overlap:\n{computed:.3g} m/s"
-        note(axes, words, (computed, 0.06), (5, 0))
+        style.note(axes, words, (computed, 0.06), (5, 0))
         axes.set_title(title)
         axes.set_ylim(0.0, 1.03)
         axes.set_xlim(left=0.0)

@@ -1,13 +1,14 @@
-"""Sideslip angle of a wheel from one line camera along its axis of rotation (section 4.6).
+"""Sideslip angle of a wheel, measured by one line camera along its axis (section 4.6).
 
-A wheel rolls at constant angles of sideslip from -15 to 15 deg and several speeds over two
-grounds. The camera measures the sideways velocity. The forward velocity is either the true one
-or omega R of a wheel with 1 % longitudinal slip.
+A wheel rolls over two grounds with constant sideslip angles from -15 to 15 deg at several speeds.
+The camera measures the sideways velocity. The forward velocity is either the true one, or omega R
+of a wheel with 1 % longitudinal slip.
 """
 
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,18 +37,16 @@ class Angles:
 
     Attributes:
         speed: speed of the wheel over ground [m/s].
-        overlap: overlap of consecutive lines across the camera's axis at angle 0, 0..1.
+        overlap: overlap of consecutive lines across the camera's axis at the angle 0, 0 to 1.
         truth: sideslip angles [rad], shape (A,).
-        angle: measured angles, NaN if unmeasured [rad], shape (A, batches).
-        deviation: stated standard deviations, NaN if unmeasured [rad], shape (A, batches).
-        sideways: measured sideways velocities, NaN if unmeasured [m/s], shape (A, batches).
+        angle: measured angles [rad], NaN if unmeasured, shape (A, batches).
+        sideways: measured sideways velocities [m/s], NaN if unmeasured, shape (A, batches).
     """
 
     speed: float
     overlap: float
     truth: FloatArray
     angle: FloatArray
-    deviation: FloatArray
     sideways: FloatArray
 
     @property
@@ -57,7 +56,7 @@ class Angles:
 
     @property
     def measured_share(self) -> float:
-        """Share of the batches that gave an angle, 0..1."""
+        """Share of the batches that gave an angle, 0 to 1."""
         return float(np.mean(np.isfinite(self.angle)))
 
     @property
@@ -66,11 +65,11 @@ class Angles:
         return root_mean_square(self.error)
 
     def rms_error_with(self, wheel_speed: float) -> float:
-        """Return the RMS error [rad] if the forward velocity is wrong.
+        """Return the RMS error [rad] for an incorrect forward velocity.
 
         Args:
-            wheel_speed: wheel speed over the true forward velocity, such as 0.99 for a wheel that
-                slips.
+            wheel_speed: ratio of wheel speed to true forward velocity, such as 0.99 for a wheel
+                that slips.
         """
         forward = wheel_speed * self.speed * np.cos(self.truth)
         return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
@@ -83,7 +82,7 @@ def root_mean_square(values: FloatArray) -> float:
 
 
 def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
-    """Return a camera at the contact of a wheel, along the wheel's axis of rotation.
+    """Return the configuration of a camera at a wheel's contact, along the wheel's axis.
 
     Args:
         name: name of the camera.
@@ -123,18 +122,18 @@ class RollingWheel:
         batches: int,
         generator: np.random.Generator,
     ) -> Angles:
-        """Return measurements at every angle from random positions, with the true forward velocity.
+        """Return measurements at all angles from random positions, with the true forward velocity.
 
         Args:
             speed: speed of the wheel over ground [m/s].
-            angles: angles of sideslip [rad], shape (A,).
+            angles: sideslip angles [rad], shape (A,).
             places: number of random positions for each angle.
             batches: number of batches of 10 ms from each position.
             generator: random generator for the positions.
         """
-        found = np.full((3, len(angles), places * batches), math.nan)
+        found = np.full((2, len(angles), places * batches), math.nan)
         for i, angle in enumerate(angles):
-            # A positive angle is a slide to the right, -y.
+            # A positive angle is a slide to the right, towards -y.
             twist = speed * np.array([math.cos(angle), -math.sin(angle), 0.0])
             for place in range(places):
                 meter = SideslipMeter(self._configuration, _WHEEL)
@@ -143,9 +142,9 @@ class RollingWheel:
                     estimate = meter.update(seen[_CAMERA], float(twist[0]))
                     if estimate.measured:
                         column = place * batches + batch
-                        found[:, i, column] = estimate.angle, estimate.deviation, estimate.sideways
+                        found[:, i, column] = estimate.angle, estimate.sideways
         overlap = max(0.0, 1.0 - speed / self._sensor.line_rate / self._sensor.width)
-        return Angles(speed, overlap, np.array(angles), found[0], found[1], found[2])
+        return Angles(speed, overlap, np.array(angles), *found)
 
 
 _SENSORS = ("generic", "s3901")
@@ -164,7 +163,7 @@ class Options(line_options.TextureOptions):
     """a file of config/sensors/ whose first camera is used"""
     noise: float = line_options.noise_option()
     slipping: float = parameter(0.99, above=0.0, maximum=2.0)
-    """wheel speed over forward velocity of the wheel that slips"""
+    """ratio of wheel speed to forward velocity for the wheel that slips"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -179,29 +178,13 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             trials[ground, name] = [
                 wheel.measure(speed, _ANGLES, options.runs, 4, generator) for speed in _SPEEDS
             ]
-    figure = draw_sideslip(
-        trials,
-        {name: camera.sideways_speed for name, camera in cameras.items()},
-        options.slipping,
-    )
+    fastest = {name: camera.sideways_speed for name, camera in cameras.items()}
+    note = "forward, at 60 % overlap across the camera's axis"
     metrics = _metrics(trials, options.slipping) | {
-        f"overlap_limited_speed.{name}": Metric(
-            camera.sideways_speed, "m/s", note="forward, at 60 % overlap across the camera's axis"
-        )
-        for name, camera in cameras.items()
+        f"overlap_limited_speed.{name}": Metric(speed, "m/s", note=note)
+        for name, speed in fastest.items()
     }
-    study.figure("sideslip.png", figure)
-    header = (
-        "ground", "sensors", "speed_m_per_s", "overlap", "true_angle_deg", "mean_error_deg",
-        "rms_error_deg", "stated_deviation_deg", "measured_share",
-    )  # fmt: skip
-    rows = (
-        (ground, name, angles.speed, angles.overlap, *_row(*values))
-        for (ground, name), found in trials.items()
-        for angles in found
-        for values in zip(angles.truth, angles.error, angles.deviation, strict=True)
-    )
-    study.table("sideslip.csv", header, rows, digits=6)
+    study.plot("sideslip", draw_sideslip(trials, fastest, options.slipping))
     return study.result(metrics)
 
 
@@ -210,38 +193,24 @@ def _camera(library: ExperimentLibrary, name: str) -> LineSensor:
     if not cameras:
         raise ConfigurationError("sensors", f"{name} names no camera")
     place, camera = next(iter(cameras.items()))
-    camera_at_a_wheel(place, camera)  # raises before anything is rendered
+    camera_at_a_wheel(place, camera)  # raises an error before anything is rendered
     return camera
 
 
 def _metrics(trials: Mapping[Case, Sequence[Angles]], slipping: float) -> dict[str, Metric]:
     metrics: dict[str, Metric] = {}
+    slip = f"wheel slip of {100.0 * (1.0 - slipping):g} %"
     for (ground, name), found in trials.items():
         for angles in found:
             case = f"{ground}_{name}_{angles.speed:g}"
             note = "" if angles.measured_share else f"the overlap is {angles.overlap:.0%}"
+            error = math.degrees(angles.rms_error), math.degrees(angles.rms_error_with(slipping))
             metrics |= {
-                f"rms_error.{case}": Metric(math.degrees(angles.rms_error), "deg", note=note),
-                f"rms_error_slipping.{case}": Metric(
-                    math.degrees(angles.rms_error_with(slipping)),
-                    "deg",
-                    note=f"wheel slip of {100.0 * (1.0 - slipping):g} %",
-                ),
+                f"rms_error.{case}": Metric(error[0], "deg", note=note),
+                f"rms_error_slipping.{case}": Metric(error[1], "deg", note=slip),
                 f"measured_share.{case}": Metric(angles.measured_share, "1"),
             }
     return metrics
-
-
-def _row(truth: float, error: FloatArray, deviation: FloatArray) -> tuple[float, ...]:
-    """Return angle, mean and RMS error, stated deviation [deg], and the measured share [1]."""
-    seen = np.isfinite(error)
-    return (
-        math.degrees(truth),
-        math.degrees(float(np.mean(error[seen]))) if seen.any() else math.nan,
-        math.degrees(root_mean_square(error)),
-        math.degrees(root_mean_square(deviation[seen])),
-        float(np.mean(seen)),
-    )
 
 
 _MARKERS = ("o", "s", "^", "D")
@@ -253,26 +222,21 @@ def draw_sideslip(
     slipping: float,
     speed: float = 10.0,
 ) -> Figure:
-    """Draw RMS errors over the speed and, for one speed, errors over the true angle.
+    """Draw RMS errors over the speed and, at one speed, errors over the true angle.
 
     Args:
-        trials: trials of ground and sensor, by increasing speed.
+        trials: trials for each ground and sensor, by increasing speed.
         fastest: speed at 60 % overlap by sensor [m/s].
-        slipping: wheel speed over forward velocity of a wheel that slips, such as 0.99.
-        speed: speed at which errors are drawn over the angle [m/s].
+        slipping: ratio of wheel speed to forward velocity of a wheel that slips, such as 0.99.
+        speed: speed at which errors are drawn as a function of the angle [m/s].
     """
+    title = "Sideslip angle of a wheel from one line camera along its axis of rotation"
+    x = ("speed of the wheel [m/s]", "true sideslip angle [deg]")
     figure, ((left, right),) = style.panels(
-        "Sideslip angle of a wheel from one line camera along its axis of rotation",
-        1,
-        2,
-        size=(12.0, 5.6),
-        x=("speed of the wheel [m/s]", "true sideslip angle [deg]"),
-        width_ratios=(1.15, 1.0),
+        title, 1, 2, size=(12.0, 5.6), x=x, width_ratios=(1.15, 1.0)
     )
-    grounds = list(dict.fromkeys(ground for ground, _ in trials))
-    sensors = list(dict.fromkeys(sensor for _, sensor in trials))
-    _draw_speeds(left, trials, grounds, sensors, fastest)
-    _draw_angles(right, trials, grounds, sensors, speed)
+    _draw_speeds(left, trials, fastest)
+    _draw_angles(right, trials, speed)
     truth = next(iter(trials.values()))[0].truth
     fine = np.linspace(truth[0], truth[-1], 201)
     slip = np.degrees(np.arctan(np.tan(fine) / slipping) - fine)
@@ -286,26 +250,30 @@ def draw_sideslip(
     return figure
 
 
+def _looks(trials: Mapping[Case, Sequence[Angles]]) -> dict[Case, dict[str, Any]]:
+    """Return the color of each ground and the marker of each sensor, with the label of both."""
+    grounds = list(dict.fromkeys(ground for ground, _ in trials))
+    sensors = list(dict.fromkeys(sensor for _, sensor in trials))
+    return {
+        (ground, sensor): {
+            "color": style.wheel_color(grounds.index(ground)),
+            "marker": _MARKERS[sensors.index(sensor) % len(_MARKERS)],
+            "label": f"{ground}, {sensor}",
+        }
+        for ground, sensor in trials
+    }
+
+
 def _draw_speeds(
-    axes: Axes,
-    trials: Mapping[Case, Sequence[Angles]],
-    grounds: Sequence[str],
-    sensors: Sequence[str],
-    fastest: Mapping[str, float],
+    axes: Axes, trials: Mapping[Case, Sequence[Angles]], fastest: Mapping[str, float]
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    for (ground, sensor), found in trials.items():
-        axes.plot(
-            [angles.speed for angles in found],
-            [math.degrees(angles.rms_error) for angles in found],
-            color=style.wheel_color(grounds.index(ground)),
-            marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
-            linestyle="-" if sensor == sensors[0] else ":",
-            linewidth=1.6,
-            markersize=5.0,
-            label=f"{ground}, {sensor}",
-        )
+    for case, look in _looks(trials).items():
+        errors = [math.degrees(angles.rms_error) for angles in trials[case]]
+        dashes = "-" if case[1] == next(iter(fastest)) else ":"
+        speeds = [angles.speed for angles in trials[case]]
+        axes.plot(speeds, errors, dashes, linewidth=1.6, markersize=5.0, **look)
     for sensor, speed in fastest.items():
         axes.axvline(speed, color=style.GRAY, linewidth=1.0)
         words, units = f"{sensor}: 60 %\noverlap", ("data", "axes fraction")
@@ -320,27 +288,13 @@ def _draw_speeds(
     axes.set_ylabel("RMS error [deg]")
 
 
-def _draw_angles(
-    axes: Axes,
-    trials: Mapping[Case, Sequence[Angles]],
-    grounds: Sequence[str],
-    sensors: Sequence[str],
-    speed: float,
-) -> None:
+def _draw_angles(axes: Axes, trials: Mapping[Case, Sequence[Angles]], speed: float) -> None:
     width = 0.9 / len(trials)
-    for i, ((ground, sensor), found) in enumerate(trials.items()):
-        angles = min(found, key=lambda a: abs(a.speed - speed))
+    for i, (case, look) in enumerate(_looks(trials).items()):
+        angles = min(trials[case], key=lambda a: abs(a.speed - speed))
         error = np.degrees(angles.error)
         spread = np.repeat(np.degrees(angles.truth)[:, None], error.shape[1], axis=1)
-        axes.plot(
-            (spread + width * (i - 0.5 * (len(trials) - 1))).ravel(),
-            error.ravel(),
-            color=style.wheel_color(grounds.index(ground)),
-            marker=_MARKERS[sensors.index(sensor) % len(_MARKERS)],
-            markersize=3.0,
-            linestyle="",
-            alpha=0.6 if sensor == sensors[0] else 0.3,
-            label=f"{ground}, {sensor}",
-        )
+        spread += width * (i - 0.5 * (len(trials) - 1))
+        axes.plot(spread.ravel(), error.ravel(), linestyle="", alpha=0.5, ms=3.0, **look)
     axes.set_title(f"every batch at {speed:g} m/s")
-    axes.set_ylabel("measured less true angle [deg]")
+    axes.set_ylabel("measured minus true angle [deg]")

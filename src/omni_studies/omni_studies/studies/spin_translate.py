@@ -1,10 +1,10 @@
-"""Spin while translating on both platforms by inverse kinematics, Figures 19 to 22.
+"""Combined rotation and translation of both platforms by inverse kinematics, Figures 19 to 22.
 
-This is the validation of section 2.5.3: a constant velocity along x of the world, a sinusoidal
-velocity along y and a constant yaw rate are converted to wheel speeds by Eqs. (34) and (35). The
-commands come from the reference alone, without any feedback of position or heading. Therefore the
-tracking error is the accumulated slip of the tires. The vehicle starts in motion without slip, with
-its configured load.
+This study repeats the validation of section 2.5.3. A constant velocity along x of the world, a
+sinusoidal velocity along y and a constant yaw rate are converted to wheel speeds by Eqs. (34) and
+(35). The commands depend on the reference alone, without feedback of position or heading. The
+tracking error is therefore the accumulated slip of the tires. The vehicle starts in motion without
+slip, with its configured load.
 """
 
 import dataclasses
@@ -13,14 +13,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.patheffects import Normal, Stroke
 
 from omni_figures import style
 from omni_figures.run_figures import scene_of
 from omni_figures.scene import Scene
-from omni_figures.top_view_drawing import draw_snapshot, mass_handles
+from omni_figures.top_view import top_view
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
@@ -72,15 +69,15 @@ class SpinTranslate:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Tracking:
-    """A driven maneuver and its reference, T stamps and N wheels.
+    """A driven maneuver and its reference, with T stamps and N wheels.
 
     Attributes:
         wheel_names: wheel names in the order of the columns.
         time: time of each stamp [s], shape (T,).
-        reference: desired x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
-        pose: driven x, y [m], yaw [rad] in the world frame, shape (T, 3).
+        reference: reference x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
+        pose: actual x, y [m], yaw [rad] in the world frame, shape (T, 3).
         twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
-        wheel_command: wheel speeds by inverse kinematics [rad/s], shape (T, N).
+        wheel_command: wheel speeds from inverse kinematics [rad/s], shape (T, N).
         wheel_speed: actual wheel speeds [rad/s], shape (T, N).
     """
 
@@ -100,12 +97,12 @@ class Tracking:
 
     @property
     def heading_error(self) -> FloatArray:
-        """Yaw minus yaw of the reference [rad], shape (T,)."""
+        """Actual minus reference yaw [rad], shape (T,)."""
         return np.asarray(self.pose[:, 2] - self.reference[:, 2], dtype=np.float64)
 
     @property
     def wheel_error(self) -> FloatArray:
-        """Wheel speeds minus their commands [rad/s], shape (T, N)."""
+        """Actual minus commanded wheel speeds [rad/s], shape (T, N)."""
         return np.asarray(self.wheel_speed - self.wheel_command, dtype=np.float64)
 
     def history(self) -> RunHistory:
@@ -144,7 +141,7 @@ def track(
     start = maneuver.twist(time[:1], reference[:1, 2])[0]
     vehicle = Vehicle(configuration, pose=reference[0], twist=start)
     steps = round(_PERIOD / vehicle.physics_step)
-    # During a period the drive holds the reference velocity of the middle of the period.
+    # In each period, the drive keeps the reference velocity of the middle of the period.
     command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])
     released = np.zeros(len(configuration.wheels))
     pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheels["speed"]]
@@ -190,12 +187,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         tracking = track(experiment.vehicle, maneuver, options.duration)
         title, snapshots, commands = _TITLES[name]
         words = f"{title}: spin while translating (as {snapshots})"
-        study.figure(
-            f"snapshots_{name}.png", _draw_snapshots(scene_of(experiment), tracking, words)
-        )
+        study.plot(f"snapshots_{name}", _draw_snapshots(scene_of(experiment), tracking, words))
         words = f"{title}: wheel speeds of the maneuver (as {commands}) and tracking error"
-        study.figure(f"commands_{name}.png", _draw_commands(tracking, words))
-        study.table(f"{name}.csv", *_table(tracking))
+        study.plot(f"commands_{name}", _draw_commands(tracking, words))
         metrics |= _metrics(name, tracking)
     return study.result(metrics)
 
@@ -218,106 +212,34 @@ def _rms(values: FloatArray) -> float:
     return math.sqrt(float(np.mean(values**2)))
 
 
-def _table(tracking: Tracking) -> tuple[list[str], list[list[float]]]:
-    """Return the header and one row per control stamp, angles in rad."""
-    wheels = tracking.wheel_names
-    header = ["time_s", "x_ref_m", "y_ref_m", "yaw_ref_rad", "x_m", "y_m", "yaw_rad"]
-    header += [f"{wheel}_command_rad_s" for wheel in wheels]
-    header += [f"{wheel}_speed_rad_s" for wheel in wheels]
-    reached = tracking.pose, tracking.wheel_command, tracking.wheel_speed
-    return header, np.column_stack((tracking.time, tracking.reference, *reached)).tolist()
-
-
-def _draw_snapshots(
-    scene: Scene, tracking: Tracking, title: str, most: int = 12, arrow: float = 0.9
-) -> Figure:
-    """Draw the platform at regular intervals on its path, as Figures 19 and 21.
-
-    Args:
-        scene: the vehicle.
-        tracking: drive of the vehicle.
-        title: title of the figure.
-        most: largest number of snapshots.
-        arrow: length of the arrow of the fastest snapshot, in lengths of the chassis.
-    """
-    history = tracking.history()
-    traveled = float(np.sum(np.hypot(*np.diff(tracking.pose[:, :2], axis=0).T)))
-    size = math.hypot(scene.chassis_length, scene.chassis_width)
-    count = min(max(int(1.05 * traveled / size) + 1, 2), most)
-    indices = np.unique(np.linspace(0, len(tracking.time) - 1, count).round().astype(int))
-    fastest = float(np.max(np.hypot(tracking.twist[:, 0], tracking.twist[:, 1])))
-    arrow_scale = arrow * scene.chassis_length / max(fastest, 1e-9)
-
-    margin = 0.5 * size + 0.5
-    low = np.min(tracking.pose[:, :2], axis=0) - margin
-    high = np.max(tracking.pose[:, :2], axis=0) + margin
-    width = style.PAGE_WIDTH
-    height = width * (high[1] - low[1]) / (high[0] - low[0]) + 1.2  # for title and legend
-    figure, ((axes,),) = style.panels(title, size=(width, height), x="x [m]", y="y [m]")
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-    axes.plot(*tracking.pose[:, :2].T, color=style.BLACK, zorder=8)
-    axes.plot(*tracking.reference[:, :2].T, color=style.SKY, linewidth=4.0, zorder=7.9)
-    for index in indices.tolist():
-        draw_snapshot(axes, scene, history, index, arrow_scale, 0.5)
-        x, y = tracking.pose[index, :2]
-        axes.text(
-            x,
-            y - 0.62 * size,
-            f"{tracking.time[index]:.3g} s\n{math.degrees(tracking.pose[index, 2]):.0f}°",
-            ha="center",
-            va="center",
-            zorder=20,
-            path_effects=[Stroke(linewidth=3, foreground="white"), Normal()],
-        )
-    handles: list[Line2D | Patch] = [
-        Patch(facecolor="white", edgecolor=style.wheel_color(row), label=name.replace("_", " "))
-        for row, name in enumerate(tracking.wheel_names)
-    ]
-    handles += [
-        Line2D([], [], color=style.BLACK, marker="^", linestyle="", label="front"),
-        *mass_handles(scene),
-        Line2D([], [], color=style.SKY, linewidth=4.0, label="reference path"),
-        Line2D([], [], color=style.BLACK, label="path driven"),
-        Line2D([], [], color=style.VERMILLION, label=f"velocity (up to {fastest:.1f} m/s)"),
-    ]
-    _legend(figure, handles)
+def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
+    """Draw the platform at several times on its path, as Figures 19 and 21."""
+    figure = top_view(scene, {"": tracking.history()}, title=title)
+    (axes,) = figure.axes
+    axes.set_title("")
+    look: dict[str, Any] = {"color": style.SKY, "linewidth": 4.0, "zorder": 7.9}
+    axes.plot(*tracking.reference[:, :2].T, label="reference path", **look)
+    axes.legend(loc="upper left")
     return figure
 
 
 def _draw_commands(tracking: Tracking, title: str) -> Figure:
-    """Draw wheel-speed commands over time, as Figures 20 and 22, and the tracking errors.
-
-    Args:
-        tracking: the drive.
-        title: title of the figure.
-    """
+    """Draw wheel-speed commands over time, as Figures 20 and 22, and the tracking errors."""
     y = ("wheel speed [rad/s]", "position\nerror [mm]", "heading\nerror [deg]")
+    size, heights = (style.PAGE_WIDTH, 8.5), (3.0, 1.0, 1.0)
     figure, ((commands,), (position,), (heading,)) = style.panels(
-        title,
-        3,
-        size=(style.PAGE_WIDTH, 8.5),
-        x="time [s]",
-        y=y,
-        sharex=True,
-        height_ratios=(3.0, 1.0, 1.0),
+        title, 3, size=size, x="time [s]", y=y, sharex=True, height_ratios=heights
     )
-    handles: list[Line2D | Patch] = []
     for row, name in enumerate(tracking.wheel_names):
         look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 2.2}
-        dashes = _WHEEL_LINES[row % len(_WHEEL_LINES)]
-        commands.plot(tracking.time, tracking.wheel_command[:, row], linestyle=dashes, **look)
-        label = f"command {row + 1}, {name.replace('_', ' ')}"
-        handles.append(Line2D([], [], linestyle=dashes, label=label, **look))
-    measured: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8}
-    commands.plot(tracking.time, tracking.wheel_speed, **measured)
-    handles.append(Line2D([], [], label="wheel speed reached", **measured))
+        look["label"] = f"command {row + 1}, {name.replace('_', ' ')}"
+        look["linestyle"] = _WHEEL_LINES[row % len(_WHEEL_LINES)]
+        commands.plot(tracking.time, tracking.wheel_command[:, row], **look)
+        reached = None if row else "wheel speed reached"
+        thin: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8, "zorder": 3}
+        commands.plot(tracking.time, tracking.wheel_speed[:, row], label=reached, **thin)
     position.plot(tracking.time, 1000.0 * tracking.position_error, color=style.BLACK)
     heading.plot(tracking.time, np.degrees(tracking.heading_error), color=style.BLACK)
     heading.set_xlim(tracking.time[0], tracking.time[-1])
-    _legend(figure, handles)
+    style.legend_below(figure, 6)
     return figure
-
-
-def _legend(figure: Figure, handles: list[Line2D | Patch]) -> None:
-    columns = min(len(handles), 6)
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, handlelength=3.0)

@@ -1,9 +1,9 @@
-"""Cause of the rotation: the forces of locked wheels, and the sliding manifold.
+"""Cause of the rotation: forces of locked wheels, and the sliding manifold that prevents it.
 
-A simulated vehicle slides straight ahead on locked wheels, with its load in the middle and at its
-configured position, and the forces of the wheels are drawn. The study also draws the manifold of
-section 3.4: the weighting functions (Figure 28), and the wheels that may brake as a function of
-sideways velocity and yaw rate.
+A simulated vehicle slides straight ahead on locked wheels, with its load in the middle and at the
+configured position, and the study draws the wheel forces. It also draws the manifold of section
+3.4: the weighting functions (Figure 28), and the wheels that may brake as a function of sideways
+velocity and yaw rate.
 """
 
 import dataclasses
@@ -119,12 +119,12 @@ def _with_load_in_the_middle(vehicle: VehicleConfiguration) -> VehicleConfigurat
 
 
 def locked(configuration: VehicleConfiguration, speed: float, after: float = 0.15) -> LockedWheels:
-    """Return the forces of a vehicle that has begun to slide straight ahead.
+    """Return the forces on a vehicle that has begun to slide straight ahead.
 
     Args:
         configuration: the vehicle, on dry level ground.
-        speed: speed before the brakes act on all wheels [m/s].
-        after: time after the pedal goes down at which the forces are taken [s]; the wheels are then
+        speed: speed before all brakes act [m/s].
+        after: time from pressing the pedal to the evaluation of the forces [s]; the wheels are then
             locked and the loads have settled.
     """
     vehicle = Vehicle(configuration, twist=np.array([speed, 0.0, 0.0]))
@@ -139,7 +139,7 @@ def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figu
     """Draw the vehicle from above with the force of each locked wheel and their sum.
 
     Args:
-        arrow: length of the arrow of the largest force, in lengths of the chassis.
+        arrow: length of the longest arrow, as a multiple of the chassis length.
         cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
     """
     title = "Locked wheels push along their rollers (the vehicle slides upwards)"
@@ -155,12 +155,12 @@ def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figu
         turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
         words = turn if abs(one.moment) > 1.0 else "nothing turns it"
         axes.set_title(f"{_TITLES[case]}\n{words}")
-    style.legend_below(figure, panels[0], 3)
+    style.legend_below(figure, 3)
     return figure
 
 
 def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
-    """Draw one case; `scale` is the length of an arrow over its force [m/N]."""
+    """Draw one case; `scale` is the ratio of arrow length to force [m/N]."""
     vehicle = one.vehicle
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     axes.add_patch(Polygon(ahead_up(scene.chassis), facecolor="#F2EBDD", edgecolor=style.GRAY))
@@ -176,7 +176,7 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
         place = (x + side * 0.35 * vehicle.chassis_width, y + 0.08 * vehicle.chassis_length)
         axes.annotate(f"{plain(load)} N\nof load", place, ha="center")
     center = ahead_up(one.center[None])[0]
-    # The arrow of the sum has half the scale of the wheels' arrows.
+    # The arrow of the sum is drawn at half the scale of the wheels' arrows.
     total = 0.5 * scale * ahead_up(one.total[None])[0]
     axes.quiver(
         *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
@@ -190,11 +190,11 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
 
 
 def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Figure:
-    """Draw the zero lines of each wheel's error, and the number of wheels that may brake.
+    """Draw the lines of zero error for each wheel, and the number of wheels that may brake.
 
     Args:
         manifolds: manifolds of one vehicle by weighting; the line of motion is straight ahead.
-        speed: speed of the vehicle along it [m/s].
+        speed: speed of the vehicle along this line [m/s].
     """
     title = f"Which wheels may brake at {speed:g} m/s along the line"
     x = "velocity to the left of it [m/s]"
@@ -210,7 +210,7 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
         shades, ax=list(panels), ticks=range(count + 1), label="wheels that brake"
     )
     bar.ax.set_ylim(-0.5, count + 0.5)
-    style.legend_below(figure, panels[0], 5)
+    style.legend_below(figure, 5)
     return figure
 
 

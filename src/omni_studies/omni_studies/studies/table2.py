@@ -1,4 +1,4 @@
-"""Table 2: orientation change and stopping distance under every control law.
+"""Table 2: orientation change and stopping distance with each control law.
 
 Without options the study brakes the identified vehicle of ``config/``. ``--identify`` repeats the
 search for this vehicle; ``--assumptions`` changes one assumption at a time.
@@ -11,16 +11,8 @@ import numpy as np
 
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
-from omni_studies.identification import figures, identification, table_2
+from omni_studies.identification import figures, identification, sensitivity, table_2
 from omni_studies.identification.files import write_files
-from omni_studies.identification.sensitivity import (
-    ASSUMPTIONS,
-    EXPERIMENT,
-    OTHERS,
-    Sensitivity,
-    sensitivities,
-    under,
-)
 from omni_studies.study import StudyResult, StudyRun
 
 
@@ -28,24 +20,24 @@ class Options(Configuration):
     """Identification and assumptions."""
 
     identify: bool = parameter(False)
-    """search the vehicle that gives Table 2 (minutes) and write its configuration files next to the
-    results"""
+    """identify a vehicle that reproduces Table 2 (takes minutes), and write its configuration
+    files next to the results"""
     sound: bool = parameter(False)
-    """search only vehicles whose load is between the wheels and whose wheel loads are within the
-    range of the tire model"""
+    """consider only vehicles whose load is between the wheels and whose wheel loads are within
+    the range of the tire model"""
     assumptions: bool = parameter(False)
-    """also brake this vehicle, and two others that fit, with other tires, wheels and patches, one
-    change at a time"""
+    """also vary the assumptions on tires, wheels and patches, one at a time, for this vehicle
+    and two others that reproduce the table"""
     seed: int = parameter(1, minimum=0)
     """seed of the search"""
-    generations: int = parameter(250, minimum=1)
+    generations: int = parameter(250, minimum=1, maximum=100_000)
     """largest number of generations of the search"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Compute the ten numbers and their sensitivities."""
+    """Compute the ten numbers of the table and their sensitivities."""
     bases = {
-        case: study.experiments.load(EXPERIMENT, case, [table_2.TWIST_ALONE])
+        case: study.experiments.load(sensitivity.EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
     }
     if options.identify:
@@ -65,11 +57,16 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             on_generation=on_generation,
         )
         bases = {case: identification.configure(base, found) for case, base in bases.items()}
-        study.written.extend(write_files(bases[table_2.CASES[0]], study.folder))
+        config = study.experiments.folder
+        study.written.extend(write_files(bases[table_2.CASES[0]], config, study.folder))
     measured = identification.measure(bases)
     parameters = identification.parameters_of(bases[table_2.CASES[0]])
-    sensitivity = sensitivities(bases, parameters)
-    _write(measured, sensitivity, study)
+    slopes = sensitivity.sensitivities(bases, parameters)
+    columns = slopes.columns()
+    study.table("sensitivity.csv", columns, zip(*columns.values(), strict=True), 6)
+    study.figure("trade_off.png", figures.trade_off(measured))
+    study.figure("weighting.png", figures.weighting_functions())
+    study.figure("sensitivity.png", figures.sensitivity_map(slopes))
     metrics = table_2.metrics(measured)
     if options.assumptions:
         metrics |= _change_assumptions(study, parameters)
@@ -83,46 +80,23 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
     """Write the numbers of all vehicles and assumptions; return the first vehicle's ranges."""
-    vehicles = {"identified": parameters, **OTHERS}
-    names, changed = list(table_2.REFERENCES), [each.name for each in ASSUMPTIONS]
+    vehicles = {"identified": parameters, **sensitivity.OTHERS}
+    names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))
     for i, vehicle in enumerate(vehicles.values()):
-        for j, numbers in enumerate(under(study.experiments, vehicle)):
+        for j, numbers in enumerate(sensitivity.under(study.experiments, vehicle)):
             share = (i * len(changed) + j) / (len(vehicles) * len(changed))
             study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
             found[i, j] = [numbers[name] for name in names]
     tables = {"": found[0], "low ": found.min(axis=0), "high ": found.max(axis=0)}
-    columns = {
-        end + name: table[:, k] for end, table in tables.items() for k, name in enumerate(names)
-    }
-    study.columns("assumptions.csv", {"changed": changed, **columns})
-    study.columns(
-        "vehicles.csv",
-        {"number": [*parameters, *names]}
-        | {
-            name: [*vehicle.values(), *found[i, 0]]
-            for i, (name, vehicle) in enumerate(vehicles.items())
-        },
-    )
+    heads = ["changed", *(end + name for end in tables for name in names)]
+    rows = zip(changed, *np.hstack(list(tables.values())).T, strict=True)
+    study.table("assumptions.csv", heads, rows, 6)
+    columns = [[*vehicle.values(), *found[i, 0]] for i, vehicle in enumerate(vehicles.values())]
+    rows = zip([*parameters, *names], *columns, strict=True)
+    study.table("vehicles.csv", ("number", *vehicles), rows, 6)
     return {
         f"{name.replace('.', f'_{end}.')}": Metric(float(values[k]), table_2.unit(name))
         for k, name in enumerate(names)
         for end, values in (("low", found[0].min(axis=0)), ("high", found[0].max(axis=0)))
     }
-
-
-def _write(measured: Mapping[str, float], sensitivity: Sensitivity, study: StudyRun) -> None:
-    names = list(table_2.REFERENCES)
-    table = {
-        "number": names,
-        "unit": [table_2.unit(name) for name in names],
-        "value": [measured[name] for name in names],
-        "dissertation": [table_2.REFERENCES[name] for name in names],
-        "deviation": [measured[name] - table_2.REFERENCES[name] for name in names],
-        "tolerance": [table_2.tolerance(name) for name in names],
-    }
-    study.columns("table_2.csv", table)
-    study.columns("sensitivity.csv", sensitivity.columns())
-    study.figure("trade_off.png", figures.trade_off(measured))
-    study.figure("weighting.png", figures.weighting_functions())
-    study.figure("sensitivity.png", figures.sensitivity_map(sensitivity))

@@ -1,10 +1,11 @@
-"""Draw the tire models (Figures 4 to 6) and check convergence, rest and zero slip of vehicles."""
+"""Curves of the tire models (Figures 4 to 6), with checks of convergence, rest and zero slip."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
 
-_EXPERIMENT = "straight_line"  # experiment whose vehicle is used
+_EXPERIMENT = "straight_line"  # experiment from which the vehicle is taken
 _TABLE_1 = "rill_table_1"
 _TIRES = (_TABLE_1, "linear", "magic_formula")
 
@@ -34,13 +35,13 @@ class Options(Configuration):
     tire: tuple[str, ...] = parameter(_TIRES)
     """a file of config/tires/, or a path that ends in .yaml"""
     vehicle: str = parameter("mecanum_forklift")
-    """vehicle that brakes, drives and is parked on these tires"""
+    """vehicle that brakes, drives and parks on these tires"""
     slope: float = parameter(0.05, minimum=0.0, maximum=0.5)
-    """rise over run of the slope on which the vehicle is parked"""
+    """grade of the slope on which the vehicle is parked"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Draw the characteristics, and try each tire under the vehicle."""
+    """Draw the characteristics, and test each tire on the vehicle."""
     table = _vehicle(study.experiments, options.vehicle, _TABLE_1).tire.tmeasy
     vehicles = {}
     for name in options.tire:
@@ -51,12 +52,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     tires = {name: Tire(vehicle.tire) for name, vehicle in vehicles.items()}
     loads = np.linspace(0.25, 1.0, 4) * table.nominal_load_2
     model = Tire(TireConfiguration(tmeasy=table))  # model of the longitudinal direction
-    study.figure("figure_4.png", _slip_figure(model, table))
-    study.figure("figure_5.png", _load_figure(model, loads))
-    study.figure("figure_6.png", _interpolation_figure(table))
-    study.figure("combined_slip.png", _combined_figure(table))
-    study.figure("models.png", _model_figure(tires, (table.nominal_load_1, table.nominal_load_2)))
-    _write(model, table, loads, tires, study)
+    study.plot("figure_4", _slip_figure(model, table))
+    study.plot("figure_5", _load_figure(model, loads))
+    study.plot("figure_6", _interpolation_figure(table))
+    study.plot("combined_slip", _combined_figure(table))
+    study.plot("models", _model_figure(tires, (table.nominal_load_1, table.nominal_load_2)))
     metrics = _characteristic_metrics(model)
     for name, vehicle in vehicles.items():
         give, creep = slope_creep(vehicle, options.slope)
@@ -75,42 +75,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 def _vehicle(library: ExperimentLibrary, vehicle: str, tire: str) -> VehicleConfiguration:
     overrides = (f"vehicle={vehicle}", f"vehicle.tire={tire}")
-    variant = library.variants(_EXPERIMENT)[0]
-    return library.load(_EXPERIMENT, variant, overrides).vehicle
-
-
-def _write(
-    model: Tire,
-    table: tmeasy.TMeasyConfiguration,
-    loads: FloatArray,
-    tires: Mapping[str, Tire],
-    study: StudyRun,
-) -> None:
-    slips = np.linspace(0.0, 0.6, 121)
-    overload = np.linspace(0.0, 2.5 * table.nominal_load_2, 101)
-    parabola = _parabola(table, overload)
-    rows: Iterable[tuple[Any, ...]] = (
-        (s, float(model.force(s, table.nominal_load_1))) for s in slips
-    )
-    study.table("figure_4.csv", ("slip", "force_N"), rows)
-    rows = ((load, s, float(model.force(s, load))) for load in loads for s in slips)
-    study.table("figure_5.csv", ("load_N", "slip", "force_N"), rows)
-    rows = (
-        (load, value, model.curve(load).slope, int(model.overloaded(load)))
-        for load, value in zip(overload, parabola, strict=True)
-    )
-    study.table("figure_6.csv", ("load_N", "parabola_N", "used_N", "overloaded"), rows)
-    rows = (
-        (name, tire.configuration.model, load, s, float(tire.force(s, load)))
-        for name, tire in tires.items()
-        for load in loads
-        for s in slips
-    )
-    study.table("models.csv", ("tire", "model", "load_N", "slip", "force_N"), rows)
+    return library.load(_EXPERIMENT, overrides=overrides).vehicle
 
 
 def _characteristic_metrics(model: Tire) -> dict[str, Metric]:
-    """Return the values of Table 1 from the computed curves."""
+    """Return the values of Table 1, computed from the curves."""
     slips = np.linspace(0.0, 2.0, 20001)
     h = 1e-7
     metrics: dict[str, Metric] = {}
@@ -170,9 +139,9 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
     slip = np.linspace(0.0, 0.6, 700)
     for load, color in zip(loads, _shades(len(loads)), strict=True):
         force = 1e-3 * tire.force(slip, load)
-        axes.plot(slip, force, color=color, linewidth=2.0)
-        end = float(slip[-1]), float(force[-1])
-        style.note(axes, f"$F_z$ = {1e-3 * load:g} kN", end, (5, 0), va="center")
+        words = f"$F_z$ = {1e-3 * load:g} kN"
+        axes.plot(slip, force, color=color, linewidth=2.0, label=words)
+        style.note(axes, words, (float(slip[-1]), float(force[-1])), (5, 0), va="center")
     axes.set_xlim(0.0, float(slip[-1]))
     axes.set_ylim(bottom=0.0)
     axes.set_title("Load dependence of the force (Figure 5)")
@@ -180,7 +149,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
 
 
 def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the parabola (3) of the longitudinal slope [N], also at loads [N] beyond the model."""
+    """Return the parabola (3) of the longitudinal slope [N], also at loads [N] above the limit."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
@@ -213,7 +182,7 @@ def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
 
 
 def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:
-    """Draw force over slip of several tires at the same loads [N], one panel per load."""
+    """Draw force over slip for several tires at the same loads [N], one panel per load."""
     figure, (panels,) = style.panels(
         "", 1, len(loads), size=(11.0, 4.6), x="Slip s [1]", y="Force F [kN]", sharey=True
     )
@@ -231,7 +200,7 @@ def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:
 
 
 def _combined_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
-    """Draw lateral over longitudinal force under combined slip (section 2.3.1)."""
+    """Draw lateral force over longitudinal force under combined slip (section 2.3.1)."""
     load = tire.nominal_load_1
     figure, axes = _axes("Longitudinal force $F_x$ [kN]", "Lateral force $F_y$ [kN]")
     figure.set_size_inches(7.6, 6.0)
@@ -251,13 +220,9 @@ def _axes(x: str, y: str) -> tuple[Figure, Axes]:
     return figure, grid[0, 0]
 
 
-def _shades(count: int) -> list[tuple[float, float, float]]:
-    """Return blues from light to dark."""
-    light, dark = np.array([0.55, 0.76, 0.92]), np.array([0.0, 0.22, 0.42])
-    return [
-        (float(c[0]), float(c[1]), float(c[2]))
-        for c in (light + (dark - light) * k / max(count - 1, 1) for k in range(count))
-    ]
+def _shades(count: int) -> Any:
+    """Return colors from light to dark blue."""
+    return matplotlib.colormaps["Blues"](np.linspace(0.4, 1.0, count))
 
 
 _DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
@@ -267,7 +232,7 @@ _PERIOD = SimulationConfiguration.control_period  # period of the drive's comman
 def stopping_distance(
     vehicle: VehicleConfiguration, direction: float, step: float, speed: float = 4.0
 ) -> float:
-    """Return the stopping distance with all brakes on [m], measured after 4 s.
+    """Return the stopping distance with all brakes on [m], from a simulation of 4 s.
 
     Args:
         vehicle: the vehicle.
@@ -281,7 +246,7 @@ def stopping_distance(
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
-    """Return the largest relative change of a stopping distance by halving the physics step [1]."""
+    """Return the largest relative change of a stopping distance with half the physics step [1]."""
     changes = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         whole, half = (
@@ -295,12 +260,12 @@ def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
 def slope_creep(
     vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
 ) -> tuple[float, float]:
-    """Return the largest movements of a vehicle parked with its brakes on a slope.
+    """Return how far a vehicle moves that is parked with its brakes on a slope.
 
     Args:
         vehicle: the vehicle.
-        slope: rise over run of the slope [1].
-        settling: time in which the tires deflect [s].
+        slope: grade of the slope [1].
+        settling: time in which the tires reach their deflection [s].
 
     Returns:
         Initial deflection of the tires [m], and displacement in the following minute [m].
@@ -318,7 +283,7 @@ def slope_creep(
 
 
 def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the largest displacement [m] in the minute after a stop of 6 s from `speed` [m/s]."""
+    """Return the largest displacement [m] in a minute, 6 s after braking from `speed` [m/s]."""
     creep = []
     for direction in map(math.radians, _DIRECTIONS_DEG):
         twist = (speed * math.cos(direction), speed * math.sin(direction), 0.3)
@@ -331,12 +296,12 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
 def zero_crossing(
     vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
 ) -> FloatArray:
-    """Return the speed of a vehicle whose commanded speed decreases linearly to its negative.
+    """Return the speed of a vehicle whose commanded speed decreases linearly through zero.
 
     Args:
         vehicle: the vehicle.
         direction: unit body twist, shape (3,).
-        speed: first commanded speed [m/s or rad/s]; its negative is reached after 2 s.
+        speed: initial commanded speed [m/s or rad/s]; the command reaches its negative after 2 s.
 
     Returns:
         Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
@@ -356,8 +321,8 @@ def zero_crossing(
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
     """Return the largest change of acceleration from one period to the next near zero [1].
 
-    The change is relative to the commanded acceleration, in the second around the change of sign,
-    in any direction. If the speed stuck at zero, it would be about 1.
+    The change is relative to the commanded acceleration, within one second around the change of
+    sign, in any direction. If the speed stayed at zero for some time, the change would be about 1.
     """
     worst = []
     for angle in map(math.radians, _DIRECTIONS_DEG):

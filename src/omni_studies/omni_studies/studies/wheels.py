@@ -1,21 +1,20 @@
-"""The single-roller wheel compared with a wheel of individual rollers: forces, motion, cost.
+"""Comparison of the single-roller wheel with individual rollers: forces, motion, computing time.
 
-Both platforms drive, brake and are pushed sideways with the single-roller wheel (section 2.4.2),
-with the single-roller wheel and the contact of rollers (section 2.3.2), and with individual rollers
-(section 2.4.1). Forces and motions on individual rollers are compared with those on the
-single-roller wheel, in the mean over the wheel angles. The study also refines the time step,
-measures the movement of a parked vehicle on a slope and after a stop, and measures the computing
-time of a wheel.
+Both platforms drive, brake and are pushed sideways with three wheel models: the single-roller wheel
+(section 2.4.2), the single-roller wheel with the moving contact of rollers (section 2.3.2), and
+individual rollers (section 2.4.1). Forces and motions on individual rollers are compared with those
+on the single-roller wheel, as means over the wheel angles. The study also refines the time step,
+measures how far a vehicle moves while parked on a slope and after a stop, and measures the
+computing time per wheel.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_figures.data_table import write_records
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -32,9 +31,9 @@ _MODELS = {
     ROLLERS: "individual rollers",
 }
 _COUNTS = (6, 8, 12, 16, 24)
-_COMPARED = 12  # number of rollers of the wheels in figures and metrics
-_COSTED = 6  # number of rollers for the measured cost, as in section 2.4.1
-# The first wheel of a figure is the reference. Its dashed line is drawn over the others.
+_COMPARED = 12  # number of rollers per wheel in figures and metrics
+_COSTED = 6  # number of rollers per wheel for the computing time, as in section 2.4.1
+# The first wheel of a figure is the reference; the dashed line of the second is drawn over it.
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": style.BLACK, "linestyle": "--", "zorder": 3.0},
     {"color": style.SKY},
@@ -47,25 +46,25 @@ class Options(Configuration):
     """Extent of the averages."""
 
     starts: int = parameter(16, minimum=2, maximum=1000)
-    """number of start angles of the wheels to average over"""
+    """number of initial wheel angles to average over"""
     seed: int = parameter(1, minimum=0)
-    """seed of the start angles"""
+    """seed of the initial wheel angles"""
     repeats: int = parameter(40, minimum=1, maximum=10_000)
     """number of runs whose computing time is measured"""
 
 
 class Difference(NamedTuple):
-    """Relative differences between the wheels with individual rollers and a single roller."""
+    """Relative differences between individual rollers and a single roller."""
 
     vehicle: str
     trial: str
     rollers: int
-    motion: Annotated[float, "1"]
-    force: Annotated[float, "1"]
+    motion: float
+    force: float
 
 
 Outcomes = Mapping[tuple[str, str, str, int], trials.Outcome]
-"""Outcomes by vehicle, trial, wheel model and number of rollers."""
+"""Outcomes, by vehicle, trial, wheel model and number of rollers."""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -91,8 +90,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     study.figure("contact.png", _draw_contact(vehicles["mecanum"]))
     study.figure("forces.png", _draw_forces(vehicles))
     study.figure("motions.png", _draw_motions(outcomes))
-    study.figure("differences.png", _draw_differences(rows))
-    study.written.append(write_records(study.folder / "differences.csv", rows))
+    study.plot("differences", _draw_differences(rows))
     return study.result(metrics)
 
 
@@ -116,7 +114,7 @@ def _agreement(rows: Sequence[Difference]) -> dict[str, Metric]:
         if row.rollers == _COMPARED:
             metrics[f"force_difference.{case}"] = Metric(row.force, "1")
             metrics[f"motion_difference.{case}"] = Metric(row.motion, "1")
-        # The largest difference of all wheels with at least as many rollers.
+        # The largest difference for any wheel with at least as many rollers.
         if row.rollers >= _COMPARED:
             name = f"worst_difference.{case}"
             before = metrics[name].value if name in metrics else 0.0
@@ -132,8 +130,8 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
             wheeled = with_wheels(vehicle, model, _COMPARED)
             coarse = trials.stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
             fine = trials.stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
-            # At wheel angles at which one roller carries the load, and at which two rollers share
-            # it.
+            # Use one wheel angle at which a single roller carries the load and one at which two
+            # rollers share it.
             crept = max(trials.creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
             moved = trials.movement_after_stop(wheeled)
             case = f"{name}_{model}"
@@ -216,7 +214,7 @@ def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
         panels[0, column].set_title(_TITLES[name])
     for axes in panels[0]:
         axes.set_ylim(0.0, None)
-    style.legend_below(figure, panels[0, 0], 4)
+    style.legend_below(figure, 4)
     return figure
 
 
@@ -247,12 +245,12 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
                 axes.plot(result.time, values.mean(axis=0), label=label, **look)
             axes.set_ylabel(words)
         row[0].set_ylabel(f"{title}\n\n{shown[0][3]}")
-    style.legend_below(figure, panels[0, 0], 4)
+    style.legend_below(figure, 4)
     return figure
 
 
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
-    """Draw the differences over the number of rollers, with the limit that counts as agreement."""
+    """Draw the differences over the number of rollers, with the limit of agreement."""
     heading = "Individual rollers against the single roller, in the mean over the wheel angles"
     x = "rollers of a wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")
@@ -271,5 +269,5 @@ def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Fi
         panels[0, column].set_title(title)
     panels[0, 0].set_xticks(list(_COUNTS))
     panels[0, 0].set_ylim(0.0, None)
-    style.legend_below(figure, panels[0, 0], 3)
+    style.legend_below(figure, 3)
     return figure

@@ -1,23 +1,27 @@
 """Trials of settings of the brake assistant for a vehicle: trade-off of rotation and distance.
 
-A *setting* is the weighting with its k, Eqs. (58), (59), and the minimum dwell time of the valves.
-It is run with the brakes of the vehicle and with slower brakes. Because of switching, a single run
-is sensitive to small deviations, especially with long dwell times. Each setting is therefore
-evaluated by the worst of several *situations*: the maneuver and slight deviations from it. The
-situations are the same for all settings.
+A *setting* consists of the weighting with its k, Eqs. (58), (59), and the minimum dwell time of the
+valves. It is run with the vehicle's own brakes and with slower brakes. Because of switching, a
+single run is sensitive to small deviations, especially with long dwell times. Each setting is
+therefore evaluated by its worst result in several *situations*: the maneuver and slight deviations
+from it. All settings are run in the same situations.
 """
 
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration
 from omni_platform.quantities import FloatArray
+from omni_sim.configuration import GroundConfiguration
+from omni_sim.ground.friction import FrictionPatch
 from omni_tools.campaign.runner import digest
+
+Part = TypeVar("Part", GroundConfiguration, FrictionPatch)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Setting:
 
     Attributes:
         weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
-        k: odd constant k of the enhanced weighting; not used by other weightings.
+        k: odd constant k of the enhanced weighting; other weightings ignore it.
         dwell_time: shortest time between two switchings of a valve [s].
     """
 
@@ -49,7 +53,7 @@ class Setting:
 
 
 OFF = Setting("off")
-"""Setting of the vehicle without its assistant."""
+"""Setting without the assistant."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,12 +70,9 @@ class BrakeLag:
 
     @property
     def label(self) -> str:
-        """Text with both times in milliseconds, ``ideal`` if both are zero."""
-        return (
-            "ideal"
-            if self == BrakeLag()
-            else f"{1e3 * self.dead_time:g}_{1e3 * self.time_constant:g}_ms"
-        )
+        """Text with both times in milliseconds, or ``ideal`` if both are zero."""
+        times = f"{1e3 * self.dead_time:g}_{1e3 * self.time_constant:g}_ms"
+        return "ideal" if self == BrakeLag() else times
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,12 +95,12 @@ class Trial:
 
     @property
     def worst_rotation(self) -> float:
-        """Largest change of orientation of all situations [deg]."""
+        """Largest change of orientation in all situations [deg]."""
         return float(np.max(self.rotation))
 
     @property
     def worst_distance(self) -> float:
-        """Longest stopping distance of all situations [m]."""
+        """Longest stopping distance in all situations [m]."""
         return float(np.max(self.distance))
 
 
@@ -109,10 +110,10 @@ def situations(
     seed: int,
     largest: tuple[float, float, float, float] = (0.03, 3.0, 0.05, 0.05),
 ) -> tuple[ExperimentConfiguration, ...]:
-    """Return a maneuver and slight deviations from it.
+    """Return a maneuver together with slight deviations from it.
 
     Args:
-        base: the maneuver itself, the first situation.
+        base: undisturbed maneuver, the first situation.
         count: number of situations.
         seed: seed of the deviations.
         largest: largest deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
@@ -121,33 +122,27 @@ def situations(
     result = [base]
     drawn = random.uniform(-1.0, 1.0, (max(count - 1, 0), 4))
     for speed, turn, yaw_rate, grip in (np.array(largest) * drawn).tolist():
-        maneuver, ground = base.maneuver, base.ground
-        factor = 1.0 + grip
-        patches = {
-            name: dataclasses.replace(patch, friction=min(patch.friction * factor, 2.0))
-            for name, patch in ground.patches.items()
-        }
-        result.append(
-            dataclasses.replace(
-                base,
-                maneuver=dataclasses.replace(
-                    maneuver,
-                    speed=maneuver.speed * (1.0 + speed),
-                    direction_deg=maneuver.direction_deg + turn,
-                    yaw_rate_deg=maneuver.yaw_rate_deg * (1.0 + yaw_rate),
-                ),
-                ground=dataclasses.replace(
-                    ground, friction=min(ground.friction * factor, 2.0), patches=patches
-                ),
-            )
+        maneuver = dataclasses.replace(
+            base.maneuver,
+            speed=base.maneuver.speed * (1.0 + speed),
+            direction_deg=base.maneuver.direction_deg + turn,
+            yaw_rate_deg=base.maneuver.yaw_rate_deg * (1.0 + yaw_rate),
         )
+        patches = {name: _with_grip(patch, grip) for name, patch in base.ground.patches.items()}
+        ground = dataclasses.replace(_with_grip(base.ground, grip), patches=patches)
+        result.append(dataclasses.replace(base, maneuver=maneuver, ground=ground))
     return tuple(result)
+
+
+def _with_grip(part: Part, grip: float) -> Part:
+    """Return a ground or patch whose friction is increased by a relative amount `grip` [1]."""
+    return dataclasses.replace(part, friction=min(part.friction * (1.0 + grip), 2.0))
 
 
 def configured(
     base: ExperimentConfiguration, setting: Setting, lag: BrakeLag
 ) -> ExperimentConfiguration:
-    """Return an experiment with a setting and with the lag of the brakes."""
+    """Return an experiment with a setting and a lag of the brakes."""
     changes: dict[str, Any] = {"enabled": setting.weighting != OFF.weighting}
     if changes["enabled"]:
         changes |= {
@@ -167,7 +162,7 @@ class Numbers(NamedTuple):
     """Result of one setting in one situation.
 
     Attributes:
-        seed: number of the run; it counts situations first, then settings, then lags.
+        seed: number of the run; situations vary fastest, then settings, then lags.
         rotation: change of orientation [deg], infinite without a stop.
         distance: stopping distance [m].
         switchings: switchings of all valves together [1].
@@ -210,7 +205,7 @@ class Trials:
         return digest(self.bases, pairs)
 
     def run(self, number: int) -> Numbers:
-        """Run the experiment of a number."""
+        """Run the experiment with this number."""
         pair, situation = divmod(number, len(self.bases))
         run = run_fast_loop(configured(self.bases[situation], *self.pairs[pair]))
         enable = run.record.enable[max(run.brake_start - 1, 0) :]
@@ -220,7 +215,7 @@ class Trials:
         return Numbers(number, run.orientation_change, run.stopping_distance, switchings)
 
     def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
-        """Return the trials from all runs, in the order of `pairs`."""
+        """Return the trials from the results of all runs, in the order of `pairs`."""
         table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
         return tuple(
             Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)
@@ -242,7 +237,7 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
 
 
 def distance_at(trials: Iterable[Trial], rotation: float) -> float:
-    """Return the stopping distance for an allowed change of orientation.
+    """Return the stopping distance at an allowed change of orientation.
 
     Args:
         trials: trials whose Pareto front is interpolated linearly between settings.
@@ -264,10 +259,10 @@ def recommended(
     max_distance: float | None,
     equal: float = 0.01,
 ) -> tuple[Trial | None, str]:
-    """Choose a setting that keeps within limits in every situation.
+    """Choose a setting that meets the limits in every situation.
 
-    With a limit of the rotation, this is the setting with the shortest stop, otherwise the setting
-    with the smallest rotation. Among about equally good settings, the one with the fewest
+    If the rotation is limited, this is the setting with the shortest stop, otherwise the one with
+    the smallest rotation. Among settings that are about equally good, the one with the fewest valve
     switchings is chosen.
 
     Args:
@@ -277,57 +272,40 @@ def recommended(
         equal: relative difference up to which settings count as equally good [1].
 
     Returns:
-        The chosen trial (None if no setting meets the limits), and a sentence about it.
+        The chosen trial (None if no setting meets the limits), and a sentence that describes it.
     """
-    allowed = [
-        trial
-        for trial in trials
-        if trial.worst_rotation <= (math.inf if max_rotation is None else max_rotation)
-        and trial.worst_distance <= (math.inf if max_distance is None else max_distance)
-        and math.isfinite(trial.worst_distance)
-    ]
-    limits = " and ".join(
-        f"{quantity} of at most {limit:g} {unit}"
-        for quantity, limit, unit in (
-            ("an orientation change", max_rotation, "deg"),
-            ("a stopping distance", max_distance, "m"),
-        )
-        if limit is not None
-    )
-    if not allowed:
-        return None, _refusal(trials, limits, max_rotation, max_distance)
+    rotation, distance = max_rotation or math.inf, max_distance or math.inf
+
+    def excess(trial: Trial) -> float:
+        return max(trial.worst_rotation / rotation, trial.worst_distance / distance)
 
     def price(trial: Trial) -> float:
         return trial.worst_rotation if max_rotation is None else trial.worst_distance
 
-    bound = (1.0 + equal) * min(price(trial) for trial in allowed)
+    words = (
+        ("an orientation change", max_rotation, "deg"),
+        ("a stopping distance", max_distance, "m"),
+    )
+    limits = " and ".join(
+        f"{quantity} of at most {limit:g} {unit}" for quantity, limit, unit in words if limit
+    )
+    stopping = [trial for trial in trials if math.isfinite(trial.worst_distance)]
+    if not stopping:
+        return None, f"No setting gives {limits}: the vehicle never stops."
+    allowed = [trial for trial in stopping if excess(trial) <= 1.0]
+    if not allowed:
+        nearest = min(front(stopping), key=excess)
+        return None, (
+            f"No setting gives {limits}; the nearest, {' '.join(nearest.setting.overrides)}, "
+            f"comes to {_numbers(nearest)}."
+        )
+    bound = (1.0 + equal) * min(map(price, allowed))
     choice = min(
         (trial for trial in allowed if price(trial) <= bound),
         key=lambda trial: (float(np.mean(trial.switchings)), price(trial)),
     )
     return choice, (
         f"For {limits}: {' '.join(choice.setting.overrides)}; at worst {_numbers(choice)}."
-    )
-
-
-def _refusal(
-    trials: Sequence[Trial], limits: str, max_rotation: float | None, max_distance: float | None
-) -> str:
-    """Return the sentence that no setting meets the limits and which is the nearest one."""
-    stopping = front(trials)
-    if not stopping:
-        return f"No setting gives {limits}: the vehicle never stops."
-    nearest = stopping[-1]  # smallest rotation
-    if max_rotation is None:
-        nearest = stopping[0]  # shortest stop
-    elif max_distance is not None:
-        rotation, distance = max_rotation, max_distance
-        nearest = min(
-            stopping, key=lambda t: max(t.worst_rotation / rotation, t.worst_distance / distance)
-        )
-    return (
-        f"No setting gives {limits}; the nearest, {' '.join(nearest.setting.overrides)}, "
-        f"comes to {_numbers(nearest)}."
     )
 
 

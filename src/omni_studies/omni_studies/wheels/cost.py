@@ -1,7 +1,7 @@
-"""CPU time of simulating a vehicle; the only module of this package that reads a clock.
+"""CPU time of the simulation of a vehicle; only this module of the package reads a clock.
 
-CPU time is used because elapsed time depends on the load of the machine. The vehicles are run in
-turns, so that a slow processor affects all of them.
+CPU time is used because elapsed time depends on the load of the machine. The vehicles are run
+alternately, so that changes of the processor speed affect all of them.
 """
 
 import dataclasses
@@ -25,14 +25,14 @@ DURATION = sum(trial.duration for trial in _TRIALS)
 def processor_times(
     configurations: Mapping[str, VehicleConfiguration], repeats: int
 ) -> dict[str, FloatArray]:
-    """Return the CPU time of each vehicle, driving a curve and braking.
+    """Return the CPU time for each vehicle, which drives a curve and then brakes.
 
     Args:
         configurations: the vehicles by name.
         repeats: number of runs.
 
     Returns:
-        CPU time of each run [s], shape (repeats,), in the order of the turns.
+        CPU time of each run by vehicle [s], shape (repeats,), in the order of the runs.
     """
     times: dict[str, list[float]] = {name: [] for name in configurations}
     for _ in range(repeats):

@@ -1,7 +1,7 @@
 """Trials that compare two wheel models.
 
-The forces of individual rollers depend on the wheel angle. Every trial therefore runs from several
-random start angles, and the means of forces and motions are compared.
+The forces of individual rollers depend on the wheel angle. Every trial is therefore repeated from
+several random initial angles, and the means of forces and motions are compared.
 """
 
 import dataclasses
@@ -24,11 +24,11 @@ class Trial:
     Attributes:
         title: title for figures.
         twist: initial body twist, without slip [m/s, m/s, rad/s].
-        command: body twist that the drive follows while the pedal is up [m/s, m/s, rad/s].
-        pedal: position of the brake pedal, 0..1.
+        command: body twist that the drive follows as long as the pedal is up [m/s, m/s, rad/s].
+        pedal: position of the brake pedal, 0 to 1.
         released: whether the brakes are released.
-        push: force at the center of gravity over the weight of the vehicle [1], in the body frame
-            at the start.
+        push: force at the center of gravity, as a multiple of the vehicle's weight [1], in the
+            initial body frame.
         duration: duration of the trial [s].
     """
 
@@ -59,13 +59,15 @@ TRIALS = {
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """Results of a trial, one row for each start.
+    """Results of a trial, one row for each initial wheel angle.
 
     Attributes:
         time: time of the samples [s], shape (T,).
-        motion: pose and velocity of base_link in the world, as `Log.trajectory`, (S, T, 6).
-        force: mean force of all wheels on the vehicle over the trial, in the world [N], (S, 2).
-        force_scale: mean magnitude of the wheels' force, or that of the push if larger [N].
+        motion: pose and velocity of base_link in the world, as in `Log.trajectory`,
+            shape (S, T, 6).
+        force: mean force of all wheels on the vehicle over the trial, in the world [N],
+            shape (S, 2).
+        force_scale: mean magnitude of the wheels' force, or of the push if this is larger [N].
     """
 
     time: FloatArray
@@ -98,12 +100,12 @@ def start(
     wheel_angle: FloatArray | float = 0.0,
     physics_step: float = DEFAULT_PHYSICS_STEP,
 ) -> Vehicle:
-    """Return the vehicle at the start of a trial.
+    """Return the vehicle in the initial state of a trial.
 
     Args:
         configuration: the vehicle.
         trial: the trial.
-        wheel_angle: start angle of the wheels [rad], a number or shape (N,).
+        wheel_angle: initial angle of the wheels [rad], a number or shape (N,).
         physics_step: step of the physics [s].
     """
     vehicle = Vehicle(
@@ -127,20 +129,20 @@ def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
 def outcome(
     configuration: VehicleConfiguration, trial: Trial, angles: FloatArray, thinning: int = 10
 ) -> Outcome:
-    """Run a trial from several start angles of the wheels.
+    """Run a trial from several initial wheel angles.
 
     Args:
         configuration: the vehicle.
         trial: the trial.
-        angles: start angles of the wheels [rad], shape (S, N).
+        angles: initial wheel angles [rad], shape (S, N).
         thinning: number of steps between two samples of the motion.
     """
     motion, force, scale = [], [], []
     for start_angle in angles:
         vehicle = start(configuration, trial, start_angle)
         path = advance(vehicle, trial, trial.duration)
-        # The wheels' impulse is the change of momentum of the center of gravity minus that of the
-        # push.
+        # The impulse of the wheels is the change of momentum of the center of gravity, minus the
+        # impulse of the push.
         center = vehicle.masses.center
         gained = _center_velocity(path[-1], center) - _center_velocity(path[0], center)
         push = np.array(trial.push) * vehicle.masses.mass * GRAVITY
@@ -165,7 +167,7 @@ def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
 
 
 def motion_difference(one: Outcome, other: Outcome) -> float:
-    """Return the difference of the mean final positions relative to the path [1]."""
+    """Return the difference of the mean final positions, relative to the path length [1]."""
     a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
@@ -177,7 +179,7 @@ def force_difference(one: Outcome, other: Outcome) -> float:
 
 
 def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
-    """Return random start angles over a whole turn [rad], shape (starts, wheels)."""
+    """Return random initial wheel angles over a full turn [rad], shape (starts, wheels)."""
     return np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (starts, wheels))
 
 
@@ -189,7 +191,7 @@ def stopping_distance(configuration: VehicleConfiguration, physics_step: float) 
 
 
 def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
-    """Return the displacement of a braked vehicle on a slope of 5 % in a minute [m]."""
+    """Return the displacement of a braked vehicle on a 5 % slope within a minute [m]."""
     trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
     vehicle = start(configuration, trial, wheel_angle)
     advance(vehicle, trial, 3.0)  # initial deflection of the tires
@@ -198,7 +200,7 @@ def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
 
 
 def movement_after_stop(configuration: VehicleConfiguration) -> float:
-    """Return the largest displacement of a stopped vehicle in a minute [m]."""
+    """Return the largest displacement of a stopped vehicle within a minute [m]."""
     trial = TRIALS["brake"]
     vehicle = start(configuration, trial, 0.1)
     advance(vehicle, trial, 4.0)
@@ -208,7 +210,7 @@ def movement_after_stop(configuration: VehicleConfiguration) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class ForceTrace:
-    """Force of a wheel over its angle, driving steadily against a push.
+    """Force of a wheel as a function of its angle, in steady motion against a push.
 
     Attributes:
         angle: angle of the wheel [rad], shape (T,).

@@ -10,11 +10,10 @@ import signal
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from distributed import Client, LocalCluster
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
@@ -31,6 +30,9 @@ from omni_tools.campaign.runner import (
     run_campaign,
 )
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 # A seed whose vehicle turns farther because its sensor fails, without fault detection.
 SENSOR_FAILS = 328
@@ -45,6 +47,8 @@ def braking() -> RandomBraking:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
+    from distributed import Client, LocalCluster  # slow import, for one process of all tests only
+
     with (
         LocalCluster(
             n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
@@ -210,9 +214,9 @@ def test_a_table_that_was_cut_off_loses_its_last_line_only(tmp_path: Path) -> No
     path = tmp_path / "runs.csv"
     exact = FINE._replace(distance_assisted=float(np.nextafter(6.0, 7.0)), orientation="noise")
     table: ResultTable[Outcome] = ResultTable(path, Outcome, "abc", resume=False)
-    with table:
-        table.add([exact._replace(seed=2), FINE])
-        assert len(path.read_text().splitlines()) == 4
+    table.add([exact._replace(seed=2), FINE])
+    assert len(path.read_text().splitlines()) == 4
+    table.save()
     whole = path.read_text()
     assert ResultTable(path, Outcome, "abc", resume=True).results == {
         1: FINE,

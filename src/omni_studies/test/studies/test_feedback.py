@@ -71,7 +71,11 @@ def test_wheels_measure_until_the_pedal_goes_down() -> None:
     assert dataclasses.asdict(SOURCES["encoders"])["kind"] == "wheels"
 
 
-def test_lines_are_rendered_in_the_first_stops_only(tmp_path: Path) -> None:
+def test_lines_are_rendered_in_the_first_stops_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepared: list[Any] = []
+    monkeypatch.setattr(feedback, "prepare_grounds", lambda runs, _cache: prepared.extend(runs))
     library = ExperimentLibrary(Path(__file__).parents[4] / "config")
     found = {}
     for rendered in (0, 1):
@@ -90,3 +94,5 @@ def test_lines_are_rendered_in_the_first_stops_only(tmp_path: Path) -> None:
         found[rendered] = [row for row in rows if "allocation" in row]
     assert found[0][0] != found[1][0]
     assert found[0][1] == found[1][1]
+    # Before the workers start: they would all render the same ground.
+    assert [one.simulation.render_lines for one in prepared] == [True, True]

@@ -13,6 +13,7 @@ from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
 from omni_studies.campaign.law_trials import NEUTRAL, LawTrials, compare
+from omni_studies.claims import limited
 from omni_studies.studies import laws
 from omni_studies.study import StudyRun
 from omni_tools.limit.bounds import maneuver_of, straight_bound
@@ -76,7 +77,7 @@ def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
     untouched = _stop("straight_line", "assisted", PROPORTIONAL, alone)
     assert run.stopping_distance < untouched.stopping_distance + 0.4
     # The heading of the law leaves out what the vehicle turns in the gap.
-    assert run.orientation_change < 2.2
+    assert run.orientation_change < 2.4
 
 
 @pytest.mark.parametrize("brakes", ["proportional", "on_off"])
@@ -153,8 +154,8 @@ def test_three_wheels_keep_their_heading_along_a_diagonal() -> None:
     assert run.stopping_distance < 1.8
     moving = np.hypot(run.twist[:, 0], run.twist[:, 1]) > 0.5
     turned = np.degrees(np.abs(run.pose[:, 2] - run.pose[run.brake_start, 2]))
-    assert np.max(turned[moving]) < 0.6
-    assert run.orientation_change < 1.2  # the last wheels lock while the path bends
+    assert np.max(turned[moving]) < 0.7
+    assert run.orientation_change < 0.9  # the last wheels lock while the path bends
 
 
 def test_some_rotation_makes_it_as_short_as_the_shortest_stop_of_2013_with_less_rotation() -> None:
@@ -168,9 +169,10 @@ def test_some_rotation_makes_it_as_short_as_the_shortest_stop_of_2013_with_less_
 def test_a_piece_of_the_study_holds_its_numbers_against_their_limits(tmp_path: Path) -> None:
     options = laws.Options(without_optical=True, seeds="2:4", workers=1)
     result = laws.run(options, StudyRun(LIBRARY, tmp_path))
-    short = result.metrics["stopping_distance.straight_line_allocation_proportional"]
+    case = "straight_line_allocation_proportional"
+    short = result.metrics[f"stopping_distance.{case}"]
     assert short.value == _stop("straight_line", "assisted", PROPORTIONAL).stopping_distance
-    assert short.at_most == 9.0
+    assert limited("laws", result.metrics)["stopping_distance." + case].at_most == 9.0
     assert len(result.metrics) == 4  # two stops, each with distance and rotation
     assert (tmp_path / "stops.csv").read_text().count("\n") >= 3
 
@@ -191,10 +193,10 @@ def test_an_ablation_changes_every_parameter_of_the_law_in_two_sets(tmp_path: Pa
     assert set(NEUTRAL) == {field.name for field in dataclasses.fields(AllocationConfiguration)}
     options = laws.Options(random=1, seed=3, workers=1, ablate=True)
     metrics = laws.run(options, StudyRun(LIBRARY, tmp_path)).metrics
-    work = LawTrials(LIBRARY, ("allocation", "allocation@heading_weight=0"), 4)
+    work = LawTrials(LIBRARY, ("allocation", "allocation@deviation_weight=0"), 4)
     stops = [work(number) for number in range(len(work.cases))]  # the second set is seed 4
     expected = compare(stops, ("allocation", "free"))["rotation_change.free_on_off"].value
-    assert metrics["rotation_change.heading_weight_neutral_on_off_second"].value == expected
+    assert metrics["rotation_change.deviation_weight_neutral_on_off_second"].value == expected
     assert metrics["distance_change.target_slip_half_proportional_first"].value != 0.0
 
 

@@ -100,17 +100,18 @@ def test_maneuver_beyond_the_grip_is_not_followed() -> None:
 def test_study_writes_figures_data_and_errors_within_limits(tmp_path: Path) -> None:
     options = spin_translate.Options(duration=2.0)
     result, _ = run_study("spin_translate", options, StudyRun(LIBRARY, tmp_path))
-    assert sorted(path.name for path in result.files) == sorted(
-        f"{what}{name}.{kind}"
+    assert {path.name for path in result.files} == {"metrics.csv"} | {
+        f"{what}_{name}.{kind}"
         for name in ("mecanum", "three_wheel")
-        for what, kind in (("snapshots_", "png"), ("commands_", "png"), ("", "csv"))
-    )
+        for what in ("snapshots", "commands")
+        for kind in ("png", "csv")
+    }
     for name, metric in result.metrics.items():
         assert metric.status != "missed", name
-    with (tmp_path / "three_wheel.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
+    with (tmp_path / "snapshots_three_wheel.csv").open(encoding="utf-8") as stream:
+        rows = [row for row in csv.DictReader(stream) if row["line"] == "reference path"]
     assert len(rows) == 201
-    assert float(rows[-1]["x_ref_m"]) == pytest.approx(2.0)
+    assert float(rows[-1]["x"]) == pytest.approx(2.0)
 
 
 def test_option_out_of_range_is_refused() -> None:

@@ -1,11 +1,11 @@
 """Recorded stops as data for the fit of the brakes: motion, wheel speeds and commands."""
 
-import dataclasses
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.recorded_run import Stream, ordered, planar_twist, read_streams
+from omni_loop.recorded_run import Stream, measured_twist, ordered, read_streams
 from omni_platform import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
@@ -15,12 +15,11 @@ TWIST_TOPICS = {topic.name: topic for topic in _TWISTS}
 
 
 class BrakeDataError(configuration.InputError):
-    """The recordings do not determine the brakes; the message names what is missing."""
+    """The recordings do not determine the brakes; the message states what is missing."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class BrakeData:
-    """One recorded stop; K instants, C changes of command, N wheels.
+class BrakeData(NamedTuple):
+    """One recorded stop with K samples, C changes of the command and N wheels.
 
     Attributes:
         time: time of the samples [s], increasing, shape (K,).
@@ -43,15 +42,15 @@ def read_brake_data(
     """Read a recorded stop.
 
     Args:
-        folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal`, a twist, and
-            `brake/enable` unless the pedal alone braked.
+        folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal` and a twist;
+            also `brake/enable`, unless the stop was made without an assistant.
         wheel_names: wheel names of the vehicle, in the order of the columns.
-        brake: brakes, with the resolution of the valves.
+        brake: configuration of the brakes, which gives the resolution of the valves.
         twist_topic: one of `TWIST_TOPICS`.
 
     Raises:
         BagError: the recording cannot be read or lacks a topic.
-        BrakeDataError: the recording has other wheels than the vehicle.
+        BrakeDataError: the wheels of the recording differ from those of the vehicle.
     """
     required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)
@@ -67,7 +66,7 @@ def read_brake_data(
         except ValueError as error:
             raise BrakeDataError(f"{error}; is it a recording of this vehicle?") from None
 
-    moved = np.array([planar_twist(message.twist.twist) for message in twists.messages])
+    moved = np.array([measured_twist(message.twist) for message in twists.messages])
     measured = np.all(np.isfinite(moved), axis=1)
     time = seconds(wheels)
     inside = (time >= seconds(twists)[measured][0]) & (time <= seconds(twists)[measured][-1])
@@ -79,8 +78,8 @@ def read_brake_data(
         enable = by_wheel(streams[_ENABLE], "effort")
         if brake.kind == brakes.ON_OFF:
             enable = (enable >= 0.5).astype(np.float64)
-        # An enable belongs to the pedal with the same stamp. Before the first enable all brakes are
-        # on.
+        # An enable is combined with the pedal of the same stamp. Before the first enable, all
+        # brakes are on.
         row = np.searchsorted(seconds(streams[_ENABLE]), command_time, side="right") - 1
         shares[row >= 0] = np.clip(enable[row[row >= 0]], 0.0, 1.0)
     return BrakeData(

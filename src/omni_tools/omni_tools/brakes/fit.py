@@ -1,58 +1,60 @@
-"""Fit the brakes' torque, dead time and lag to recorded stops, without a tire.
+"""Fit of the brakes' torque, dead time and lag to recorded stops, without a tire model.
 
 While a wheel turns under its brake, its speed gives the tire force. ``I d(omega)/dt = g F -
 sign(omega) T`` with ``g = R cos(gamma)`` yields the force ``F`` on the vehicle along the roller's
 axis. The changes of momentum and angular momentum between two samples then depend only on the brake
-torques:
+torques and wheel speeds:
 
     sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
 
-where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity, and the mean
+where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity. The mean
 pressure ``p_i`` follows the command with dead time and first-order lag, in closed form. The tire
 force of a locked or reversing wheel is unknown, so the equations are projected onto the directions
-that such wheels cannot affect. The fit needs masses and the wheels' inertia, but neither wheel
-loads nor tires. The rolling radius is estimated before the pedal goes down.
+that such wheels cannot affect. The fit needs masses and the inertia of the wheels, but neither
+wheel loads nor tires. The rolling radius is estimated before the pedal is pressed. It depends on
+the load of a wheel, which braking changes. The standard errors of the torques therefore include the
+scatter of the wheels' radii.
 
-While the same wheels turn, the equations are summed over the intervals, so that the error of a
-measured speed occurs in one row instead of two rows with opposite signs.
+While the same wheels turn, the equations are summed over the intervals. The error of a measured
+speed then occurs in one row, instead of in two rows with opposite signs.
 """
 
 from __future__ import annotations
 
-import dataclasses
+import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from omni_figures import style
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.configuration import WorkError
+from omni_platform.geometry import PlatformGeometry, cross, turned
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray, IntArray
 from omni_sim.vehicle import configuration, loads
 from omni_tools.brakes.data import BrakeData, BrakeDataError
 
 _SLOWEST = 0.5  # wheel speed below which a wheel counts as locked [rad/s]
-_DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # start values of the search [s]
-_TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # start values [s]
+_DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # initial values of the search [s]
+_TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # initial values of the search [s]
 _SHORTEST = 1e-4  # smallest time constant [s]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class BrakeFit:
+class BrakeFit(NamedTuple):
     """Brakes fitted to recorded stops.
 
     Attributes:
         values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
-        standard_errors: standard errors of the values, NaN for a time that ended on its bound,
+        standard_errors: standard errors of the values, NaN for a time at a bound of the search,
             shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
-        residual: root mean square of the differences of speed [m/s].
+        residual: root mean square difference between fitted and measured changes of speed [m/s].
         intervals: number of intervals in which a wheel turned under its brake.
-        stops: the data of each recording, for the figure.
+        stops: equations of each recording, for the figure.
     """
 
     values: FloatArray
@@ -64,14 +66,14 @@ class BrakeFit:
     stops: tuple[StopEquations, ...]
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class StopEquations:
-    """The equations of one stop per unit of mass; K intervals, N wheels.
+class StopEquations(NamedTuple):
+    """Equations of one stop, divided by the vehicle's mass; K intervals, N wheels.
 
     Attributes:
         data: data of the stop.
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
+        lever_error: relative error of the mean lever arm of the brake forces [1].
         segment: number of the time span in which the same wheels turn, shape (K,).
         change: projected impulse of the brakes [m/s], shape (K, 3).
         per_torque: impulse per torque of each brake [m/s per N m], shape (K, 3, N).
@@ -80,6 +82,7 @@ class StopEquations:
     data: BrakeData
     time: FloatArray
     step: FloatArray
+    lever_error: float
     segment: IntArray
     change: FloatArray
     per_torque: FloatArray
@@ -89,23 +92,24 @@ def fit_brakes(
     stops: Sequence[BrakeData],
     vehicle: configuration.VehicleConfiguration,
     fewest: int = 10,
-    most_left: float = 0.3,
-    vaguest: float = 0.5,
+    largest_residual: float = 0.3,
+    largest_error: float = 0.5,
 ) -> BrakeFit:
-    """Fit one torque, dead time and time constant to all wheels of all stops.
+    """Fit one torque, dead time and time constant for all wheels of all stops.
 
     Args:
         stops: recorded stops.
-        vehicle: vehicle, of which masses, wheels and wheel inertia are used.
-        fewest: smallest number of intervals with a wheel that turns under its brake.
-        most_left: largest residual over the effect of the brakes [1].
-        vaguest: largest standard error of the torque over the torque [1].
+        vehicle: vehicle, which gives masses, wheels and wheel inertia.
+        fewest: smallest number of intervals in which a wheel turns under its brake.
+        largest_residual: largest ratio of the residual to the effect of the brakes [1].
+        largest_error: largest ratio of the torque's standard error to the torque [1].
 
     Raises:
-        BrakeDataError: the stops do not determine the brakes; the message names what is missing.
+        BrakeDataError: too few intervals contain information on the brakes.
+        WorkError: the stops do not determine the brakes; the message states what is missing.
     """
     equations = tuple(_equations(stop, vehicle) for stop in stops)
-    shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _asked(e) for e in equations]
+    shown = [np.any(e.per_torque != 0.0, axis=(1, 2)) & _commanded(e) for e in equations]
     intervals = int(sum(np.count_nonzero(rows) for rows in shown))
     if intervals < fewest:
         raise BrakeDataError(
@@ -116,18 +120,20 @@ def fit_brakes(
     found = _search(equations)
     torque, dead_time, time_constant = found.x
     errors = _standard_errors(found.jac.reshape(-1, 3, 3), found.fun.reshape(-1, 3))
+    lever_error = max(e.lever_error for e in equations)
+    errors[0] = np.hypot(errors[0], lever_error * torque)
     errors[1:][np.array([dead_time, time_constant]) < 1.01 * _SHORTEST] = np.nan
     dead_time = 0.0 if dead_time < 1.01 * _SHORTEST else dead_time
     residual = float(np.sqrt(np.mean(found.fun**2)))
     size = float(np.sqrt(np.mean(_differences(equations, np.array([0.0, 0.0, 1.0])) ** 2)))
-    if residual > most_left * size:
-        raise BrakeDataError(
+    if residual > largest_residual * size:
+        raise WorkError(
             f"the fitted brakes do not explain the stops: RMS error of {residual:.2g} m/s where "
             f"they changed the speed by {size:.2g} m/s (RMS); check that the recordings are of "
             "this vehicle, and brake with less pedal, so that the wheels do not lock"
         )
-    if not errors[0] < vaguest * torque:
-        raise BrakeDataError(
+    if not errors[0] < largest_error * torque:
+        raise WorkError(
             f"the torque of {torque:.3g} N m is uncertain by {errors[0]:.2g} N m: record more "
             "stops, with the pedal halfway so that the wheels turn on under their brakes"
         )
@@ -136,7 +142,7 @@ def fit_brakes(
         values=np.array([torque, dead_time, time_constant]),
         standard_errors=errors,
         wheel_torque=wheel_torque,
-        wheel_error=wheel_error,
+        wheel_error=np.hypot(wheel_error, lever_error * wheel_torque),
         residual=residual,
         intervals=intervals,
         stops=equations,
@@ -144,7 +150,7 @@ def fit_brakes(
 
 
 def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> FloatArray:
-    """Return the mean pressure of each brake over each interval as a share of the largest.
+    """Return the mean pressure of each brake in each interval, as a share of the full pressure.
 
     Args:
         stop: equations of a stop, with its commands.
@@ -160,7 +166,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Integrate the response to all commands up to given times [s], shape (K, N)."""
+        """Integrate the response to all commands from 0 to the given times [s], shape (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -169,8 +175,8 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     return np.asarray(stop.data.command[0] + rise / stop.step[:, np.newaxis])
 
 
-def _asked(stop: StopEquations) -> NDArray[np.bool_]:
-    """Return whether a brake was commanded a torque in each interval, shape (K,)."""
+def _commanded(stop: StopEquations) -> NDArray[np.bool_]:
+    """Return in which intervals any brake was commanded a torque, shape (K,)."""
     row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
@@ -178,21 +184,23 @@ def _asked(stop: StopEquations) -> NDArray[np.bool_]:
 def _equations(
     stop: BrakeData, vehicle: configuration.VehicleConfiguration, longest: float = 0.1
 ) -> StopEquations:
-    """Return the equations of a stop, without gaps between samples of `longest` [s] and more."""
+    """Return the equations of a stop; intervals of `longest` [s] or more are omitted."""
     masses = loads.MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center
-    lever = geometry.radius * _rolling_share(stop, vehicle) * np.cos(geometry.roller_angle)
+    rolling = _rolling_share(stop, vehicle)
+    lever = geometry.radius * rolling * np.cos(geometry.roller_angle)
     length = np.sqrt(masses.yaw_inertia / masses.mass)  # converts yaw rates to speeds
     wrench = np.column_stack((geometry.active, cross(arm, geometry.active) / length))
     wrench /= masses.mass
 
     step = np.diff(stop.time)
-    # Velocity of the center of gravity at both ends of an interval, in axes with its mean heading.
+    # Velocity of the center of gravity at both ends of an interval, in axes with the mean heading
+    # of this interval.
     yaw_rate = stop.twist[:, 2]
     velocity = stop.twist[:, :2] + yaw_rate[:, np.newaxis] * [-masses.center[1], masses.center[0]]
     half = 0.25 * (yaw_rate[1:] + yaw_rate[:-1]) * step
-    change = _turned(velocity[1:], half) - _turned(velocity[:-1], -half)
+    change = turned(velocity[1:], half) - turned(velocity[:-1], -half)
     change = np.column_stack((change, length * np.diff(yaw_rate)))
 
     before, after = stop.wheel_speed[:-1], stop.wheel_speed[1:]
@@ -202,7 +210,7 @@ def _equations(
     factor = step[:, np.newaxis] * np.sign(before) * turning / lever
     per_torque = wrench.T * factor[:, np.newaxis, :]
 
-    # Before the pedal goes down, the drive also exerts torques.
+    # Before the pedal is pressed, the drive also exerts torques.
     pressed = stop.time[:-1] >= _pedal_down(stop)
     for k in np.flatnonzero(~np.all(turning, axis=1)):
         unknown = wrench[~turning[k]].T
@@ -214,6 +222,7 @@ def _equations(
         data=stop,
         time=0.5 * (stop.time[1:] + stop.time[:-1])[use],
         step=step[use],
+        lever_error=float(np.std(rolling) / np.sqrt(rolling.size)),
         segment=np.cumsum(np.r_[True, np.any(turning[1:] != turning[:-1], axis=1)])[use],
         change=change[use],
         per_torque=per_torque[use],
@@ -225,14 +234,8 @@ def _pedal_down(stop: BrakeData) -> float:
     return float(stop.command_time[asked[0]]) if asked.size else np.inf
 
 
-def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = vectors.T
-    return np.column_stack((cos * x - sin * y, sin * x + cos * y))
-
-
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return cumulated fitted minus measured impulses [m/s] as one vector."""
+    """Return the summed differences of fitted and measured impulses [m/s] as one vector."""
     torque, dead_time, time_constant = unknowns
     parts = [
         _summed(
@@ -246,7 +249,10 @@ def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> Fl
 
 
 def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
-    """Cumulate rows (K, ...) within each segment, and remove the unknown error at its start."""
+    """Return the cumulative sums of rows (K, ...) in each segment, minus the mean of these sums.
+
+    The mean is subtracted because the error of the speed at the start of a segment is unknown.
+    """
     sums = []
     for number in np.unique(stop.segment):
         steps = rows[stop.segment == number]
@@ -258,10 +264,10 @@ def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
 def _rolling_share(
     stop: BrakeData, vehicle: configuration.VehicleConfiguration, deflection: float = 0.2
 ) -> FloatArray:
-    """Return the rolling radius over the nominal radius of each wheel [1], shape (N,).
+    """Return the ratio of rolling to nominal radius of each wheel [1], shape (N,).
 
-    The ratio is 1 if the wheel does not turn or the estimate differs from 1 by `deflection` [1] or
-    more.
+    The ratio is set to 1 if the wheel does not turn, or if the estimate differs from 1 by at least
+    `deflection` [1].
     """
     rolling = stop.time < _pedal_down(stop)
     expected = PlatformKinematics(vehicle.wheels).wheel_speeds(stop.twist)[rolling]
@@ -273,21 +279,19 @@ def _rolling_share(
 
 
 def _search(equations: Sequence[StopEquations]) -> Any:
-    """Return the result of SciPy's search, which starts from the best point of a grid."""
+    """Return the result of SciPy's least-squares search from the best point of a grid."""
     # Imported here, because only fits need this slow import.
     from scipy.optimize import least_squares
 
-    def start(dead_time: float, time_constant: float) -> tuple[float, float]:
-        """Return the best torque for given times, and its residual."""
-        nothing = _differences(equations, np.array([0.0, dead_time, time_constant]))
-        one = _differences(equations, np.array([1.0, dead_time, time_constant])) - nothing
-        square = float(one @ one)
-        torque = max(-float(one @ nothing) / square, 0.0) if square > 0.0 else 0.0
-        return torque, float(np.sum((nothing + torque * one) ** 2))
+    def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
+        """Return the sum of squares with the best torque for given times, and all three."""
+        nothing = _differences(equations, np.array([0.0, *times]))
+        one = _differences(equations, np.array([1.0, *times])) - nothing
+        torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)
+        return float(np.sum((nothing + torque * one) ** 2)), max(torque, 1e-6), *times
 
-    grid = [(d, t) for d in _DEAD_TIMES for t in _TIME_CONSTANTS]
-    dead_time, time_constant = min(grid, key=lambda place: start(*place)[1])
-    torque = max(start(dead_time, time_constant)[0], 1e-6)
+    grid = itertools.product(_DEAD_TIMES, _TIME_CONSTANTS)
+    _, torque, dead_time, time_constant = min(map(start, grid))
     return least_squares(
         lambda unknowns: _differences(equations, unknowns),
         (torque, max(dead_time, 1e-4), time_constant),
@@ -303,12 +307,12 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Correlated residuals contain less information than as many independent ones. The influence of
-    each row on an unknown is summed with its autocovariance up to the first zero (White 1980,
-    Bartlett 1946).
+    Correlated residuals contain less information than the same number of independent ones. The
+    influence of each row on an unknown is therefore summed with its autocovariance up to the first
+    zero (White 1980, Bartlett 1946).
 
     Args:
-        jacobian: jacobian of the differences, shape (K, 3, P).
+        jacobian: Jacobian matrix of the differences, shape (K, 3, P).
         left: residuals, shape (K, 3).
     """
     rows, _, unknowns = jacobian.shape
@@ -327,7 +331,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torque of each wheel's brake and its standard error [N m], each (N,)."""
+    """Return the torque of each wheel's brake and its standard error [N m], each of shape (N,)."""
     columns = np.concatenate(
         [
             _summed(e, e.per_torque * mean_shares(e, dead_time, time_constant)[:, np.newaxis])
@@ -338,7 +342,7 @@ def _wheel_torques(
     n = columns.shape[2]
     flat = columns.reshape(-1, n)
     torque, error = np.full(n, np.nan), np.full(n, np.nan)
-    # Only three accelerations are measured, so four torques may not be observable.
+    # Only three accelerations are measured, so four torques may be impossible to determine.
     size = np.linalg.svd(flat, compute_uv=False)
     if size[-1] > 1e-3 * size[0]:
         torque = np.linalg.lstsq(flat, change.ravel(), rcond=None)[0]

@@ -1,1 +1,1 @@
-"""Many runs of one kind on all cores, seed by seed."""
+"""Many runs of one kind on all processor cores, one run per seed."""

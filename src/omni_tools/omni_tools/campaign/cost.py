@@ -1,4 +1,4 @@
-"""Duration of a chunk of a campaign; only this module of the package reads the clock."""
+"""Duration of a chunk of a campaign; only this module of the package reads a clock."""
 
 import time
 from collections.abc import Callable

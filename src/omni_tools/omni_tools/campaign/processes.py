@@ -1,8 +1,8 @@
-"""Worker processes of a campaign on this machine.
+"""Worker processes of a campaign on one machine.
 
-The workers are forks of the process that made the first run, so that they share its imports and
-data. A worker ends with its parent. If a worker dies, all workers are replaced, and the new ones
-take over their unfinished work.
+The workers are forks of the process that made the first run, so they share its imports and data. A
+worker ends when its parent ends. If a worker dies, all workers are replaced, and the new ones take
+over the unfinished work.
 """
 
 import ctypes
@@ -21,7 +21,7 @@ _run: Run  # set in each worker; not pickled
 
 
 class WorkerDiedError(RuntimeError):
-    """Several workers in turn died with the same seeds."""
+    """Several workers in a row died with the same seeds."""
 
 
 def share(
@@ -31,17 +31,17 @@ def share(
     take: Callable[[Any], None],
     most_deaths: int = 3,
 ) -> None:
-    """Run seeds on several cores.
+    """Run seeds on several processor cores.
 
     Args:
-        run: function that makes the runs of some seeds; called in the workers.
-        next_seeds: returns the next seeds; empty at the end.
+        run: function that makes the runs of a list of seeds; called in the workers.
+        next_seeds: function that returns the next seeds; an empty list at the end.
         workers: number of processes.
-        take: called with each result of `run`, in any order.
-        most_deaths: number of times in turn that workers may die without a result in between.
+        take: function called with each result of `run`, in any order.
+        most_deaths: number of workers that may die in a row, without a result in between.
 
     Raises:
-        WorkerDiedError: the same seeds ended several workers in turn.
+        WorkerDiedError: several workers in a row died with the same seeds.
     """
     left: list[Sequence[int]] = []  # unfinished work of workers that died
     deaths = 0
@@ -52,7 +52,7 @@ def share(
         try:
             while True:
                 while len(flying) < workers and (left or (seeds := next_seeds())):
-                    left = left or [seeds]  # kept until the pool has accepted the seeds
+                    left = left or [seeds]  # kept until the pool accepts the seeds
                     flying[pool.submit(_work, left[-1])] = left[-1]
                     left.pop()
                 if not flying:
@@ -66,7 +66,9 @@ def share(
             deaths += 1
             if deaths == most_deaths:
                 ends = min(map(min, left)), max(map(max, left))
-                raise WorkerDiedError("workers die of seeds {} to {}".format(*ends)) from None
+                raise WorkerDiedError(
+                    "several workers died with the seeds {} to {}".format(*ends)
+                ) from None
         finally:
             for process in multiprocessing.active_children():
                 process.kill()
@@ -76,7 +78,7 @@ def share(
 def _prepare(run: Run, parent: int) -> None:
     global _run  # noqa: PLW0603
     _run = run
-    # The parent handles Ctrl-C. The kernel ends a worker whose parent dies (PR_SET_PDEATHSIG).
+    # The parent handles Ctrl-C. If the parent dies, the kernel ends the worker (PR_SET_PDEATHSIG).
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)

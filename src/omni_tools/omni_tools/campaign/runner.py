@@ -1,8 +1,8 @@
-"""Runs a campaign on all cores or on a cluster; it can be interrupted, divided and merged.
+"""Campaigns of many runs on all cores or on a cluster; they can be resumed, divided and merged.
 
-A study with many runs defines one of them: a function of a seed (or of the number of a
-case) that returns a row, a NamedTuple whose first field is ``seed`` and whose others are of int,
-float or str. `run_campaign` does the rest::
+A study with many runs defines a function of a seed (or of the number of a case). The function makes
+one run and returns a row: a NamedTuple whose first field is ``seed`` and whose other fields are
+int, float or str. `run_campaign` does the rest::
 
     class Row(NamedTuple):
         seed: int
@@ -14,11 +14,11 @@ float or str. `run_campaign` does the rest::
 
     rows = run_campaign(work, range(1000), Row, options, folder / "runs.csv", fingerprint, report)
 
-Workers process chunks of seeds, each of which takes about a second. A chunk whose worker dies is
-given to another one. Finished rows are appended to a table; a resumed campaign (``--resume``) reads
-it and runs the missing seeds. The finished table is in the order of the seeds, so that it does not
-depend on the distribution of the work. The jobs of a job array run parts (``--seeds 0:500`` and
-``--seeds 500:1000``, each with its own folder); ``--merge`` combines them into one table.
+Workers process chunks of seeds that take about a second each. If a worker dies, its chunk is given
+to another worker. Finished rows are appended to a table; a resumed campaign (``--resume``) reads
+this table and runs the missing seeds. The finished table is in the order of the seeds, so it does
+not depend on the distribution of the work. The jobs of a job array run parts (``--seeds 0:500`` and
+``--seeds 500:1000``, each with its own folder); ``--merge`` combines the parts into one table.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ import math
 import os
 import re
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, TextIO, TypeVar, get_type_hints
+from typing import Any, Generic, TypeVar, get_type_hints
 
 from omni_platform import configuration
 from omni_platform.command_options import option
@@ -45,10 +45,10 @@ from omni_tools.campaign.processes import WorkerDiedError, share
 CHUNK_TIME = 1.0
 """Target duration of a chunk of runs [s]."""
 
-_ALONE = 2.0  # time of first runs in this process, for an estimate of the rest [s]
+_ALONE = 2.0  # duration of the first runs in this process, which estimate the rest [s]
 _FIRST_RUNS = 3  # smallest number of these first runs
-_WORTH = 1.0  # remaining work below which no worker is started [s]
-_IN_FLIGHT = 3  # queued chunks per worker of a cluster, so that no worker is idle
+_WORTH = 1.0  # estimated remaining work below which no worker is started [s]
+_IN_FLIGHT = 3  # number of queued chunks per cluster worker, so that no worker is idle
 
 Row = TypeVar("Row", bound=tuple[Any, ...])
 Work = Callable[[int], Row]
@@ -66,20 +66,22 @@ class CampaignOptions(Configuration):
     scheduler: str | None = option(None, metavar="tcp://HOST:PORT")
     """run on this dask.distributed cluster, whose workers have this workspace"""
     resume: bool = parameter(False)
-    """keep the finished runs of an interrupted or shorter campaign, and make the missing runs"""
+    """keep the finished runs of an interrupted or shorter campaign, and run the missing seeds"""
     seeds: str = option("", metavar="A:B")
     """run only seeds A to B - 1 of the campaign"""
     merge: tuple[Path, ...] = option((), metavar="DIR")
-    """take the finished runs of a part from its folder"""
+    """also read the finished runs of another part from its folder"""
 
     def check_consistency(self) -> None:
-        """Raise an error if options contradict each other.
+        """Check that no options contradict each other.
 
         Raises:
             ConfigurationError: options contradict each other; the message names them.
         """
         if self.workers is not None and self.scheduler is not None:
-            raise ConfigurationError("--workers", "does not go with --scheduler, which has its own")
+            raise ConfigurationError(
+                "--workers", "cannot be combined with --scheduler, which has its own workers"
+            )
         if self.seeds and not re.fullmatch(r"\d{1,18}:\d{1,18}", self.seeds):
             raise ConfigurationError("--seeds", f"{self.seeds!r} must be two numbers such as 0:500")
 
@@ -90,7 +92,7 @@ class CampaignOptions(Configuration):
             seeds: seeds of the whole campaign.
 
         Raises:
-            ConfigurationError: the part has none of these seeds.
+            ConfigurationError: the part contains none of these seeds.
         """
         if not self.seeds:
             return seeds
@@ -105,7 +107,7 @@ class CampaignOptions(Configuration):
 
 
 def digest(*parts: Any) -> str:
-    """Return a fingerprint of configurations and other JSON values on which runs depend."""
+    """Return a fingerprint of configurations and other JSON values on which the runs depend."""
     text = json.dumps(parts, default=to_mapping)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -122,21 +124,21 @@ def run_campaign(
     """Run the missing seeds of a campaign.
 
     Args:
-        work: function that makes a run; sent to the workers.
+        work: function that makes one run; sent to the workers.
         seeds: seeds of the whole campaign.
         row: type of the result of a run, a NamedTuple whose first field is ``seed``.
         options: the part of the campaign, the workers, and earlier results.
         path: path of the table of all runs, a CSV file.
-        fingerprint: digest of everything except the seeds on which the runs depend.
-        report: called with the completed share [0..1] and a text.
+        fingerprint: digest of all settings that determine the runs, except the seeds.
+        report: called with the completed share (0 to 1) and a text.
 
     Returns:
         The rows of this part in the order of their seeds.
 
     Raises:
         ConfigurationError: the options are invalid, or a table belongs to another campaign.
-        CampaignError: the same run ended several workers of the cluster in turn.
-        KeyboardInterrupt: after Ctrl-C; the message names the table that is kept.
+        CampaignError: several cluster workers in a row ended with the same run.
+        KeyboardInterrupt: Ctrl-C was pressed; the message names the table that is kept.
     """
     piece = options.piece(seeds)
     table: ResultTable[Row] = ResultTable(path, row, fingerprint, resume=options.resume)
@@ -151,14 +153,17 @@ def run_campaign(
 
     kept = len(table.results)
     try:
-        with _interruptible(), table:
+        with _interruptible():
             if missing:
-                # Compile all kernels first, or all workers would do it at the same time.
+                # The first run compiles all kernels. Otherwise all workers would compile them at
+                # the same time.
                 take([work(missing[0])])
                 _run(work, missing[1:], options, take)
     except KeyboardInterrupt:
         count = len(table.results)
         raise KeyboardInterrupt(f"{count} runs are kept; --resume continues") from None
+    finally:
+        table.save()
     return [table.results[seed] for seed in piece]
 
 
@@ -199,7 +204,7 @@ class _Chunks:
     def __init__(self, seeds: Sequence[int], lanes: int) -> None:
         self._left = list(reversed(seeds))
         self._lanes = lanes
-        self._size = 2  # until the cost of a run is known
+        self._size = 2  # until the duration of a run is known
 
     def next(self) -> list[int]:
         """Return the seeds of the next chunk; empty at the end."""
@@ -220,28 +225,22 @@ class _Chunks:
         return learn
 
 
-@contextmanager
-def connected(scheduler: str, patience: float = 10.0) -> Iterator[Any]:
-    """Connect to a cluster.
+def connected(scheduler: str, timeout: float = 10.0) -> Any:
+    """Return a `distributed.Client` that is connected to a cluster, as a context manager.
 
     Args:
         scheduler: address of the scheduler.
-        patience: longest wait for an answer [s].
-
-    Yields:
-        The `distributed.Client` of the connection.
+        timeout: longest time to wait for an answer [s].
 
     Raises:
         ConfigurationError: no scheduler answers at the address.
     """
-    from distributed import Client  # takes a second to import
+    from distributed import Client  # this import takes a second
 
     try:
-        client = Client(scheduler, timeout=patience)
+        return Client(scheduler, timeout=timeout)
     except (OSError, ValueError) as error:
         raise ConfigurationError("--scheduler", f"{scheduler}: {error}") from None
-    with client:
-        yield client
 
 
 def distribute(
@@ -253,10 +252,10 @@ def distribute(
         client: a `distributed.Client`.
         work: function that makes a run.
         seeds: seeds to run.
-        take: called with the rows of every chunk as it is finished, in any order.
+        take: function called with the rows of each chunk when it is finished, in any order.
 
     Raises:
-        CampaignError: the same chunk ended several workers of the cluster in turn.
+        CampaignError: several cluster workers in a row ended with the same chunk.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -268,8 +267,8 @@ def distribute(
 
     def submit() -> Iterator[Any]:
         if part := chunks.next():
-            # The function is sent with every chunk, because data on a single worker would be lost
-            # with it.
+            # The function is sent with every chunk. If it were stored on a single worker, it would
+            # be lost with this worker.
             yield client.submit(chunk, part, pure=False)
 
     flying = {future for _ in range(_IN_FLIGHT * lanes) for future in submit()}
@@ -282,7 +281,7 @@ def distribute(
                 flying.add(following)
                 completed.add(following)
     except KilledWorker as error:
-        raise CampaignError(f"workers die of these runs: {error}") from None
+        raise CampaignError(f"several workers died with these runs: {error}") from None
     finally:
         client.cancel(list(flying))
 
@@ -293,12 +292,12 @@ def _run_chunk(work: Work[Row], seeds: Sequence[int]) -> tuple[list[Row], float]
 
 
 class ResultTable(Generic[Row]):
-    """The table of a campaign on disk, one row per run.
+    """Table of a campaign on disk, one row per run.
 
     Args:
         path: path of the CSV file.
         row: type of the result of a run.
-        fingerprint: digest of everything except the seeds on which the runs depend.
+        fingerprint: digest of all settings that determine the runs, except the seeds.
         resume: whether to continue an existing table.
 
     Raises:
@@ -313,19 +312,9 @@ class ResultTable(Generic[Row]):
         if resume and path.exists():
             self._read(path, "--resume")
         self.save()
-        self._stream: TextIO | None = None
-
-    def __enter__(self) -> ResultTable[Row]:
-        self._stream = self._path.open("a", encoding="utf-8", newline="")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._stream is not None:
-            self._stream.close()
-        self.save()
 
     def take(self, path: Path) -> None:
-        """Add the runs of another table of the same campaign.
+        """Add the runs from another table of the same campaign.
 
         Raises:
             ConfigurationError: the table does not exist, or belongs to another campaign.
@@ -335,14 +324,11 @@ class ResultTable(Generic[Row]):
         self._read(path, "--merge")
         self.save()
 
-    def add(self, rows: Iterable[Row]) -> None:
+    def add(self, rows: Sequence[Row]) -> None:
         """Add finished runs, and write them to the file."""
-        if self._stream is None:
-            raise ValueError("the table is not open")
-        for result in rows:
-            self.results[result[0]] = result
-            self._stream.write(_line(result))
-        self._stream.flush()
+        self.results |= {result[0]: result for result in rows}
+        with self._path.open("a", encoding="utf-8") as stream:
+            stream.writelines(map(_line, rows))
 
     def save(self) -> None:
         """Rewrite the table in the order of the seeds."""
@@ -357,16 +343,17 @@ class ResultTable(Generic[Row]):
             raise ConfigurationError(
                 option_name, f"{path} is not of this campaign: what its runs depend on has changed"
             )
-        # The last line may have been cut off.
+        # The last line may be incomplete.
         body = text[len(self._head) : text.rfind("\n") + 1]
-        for entry in csv.DictReader(body.splitlines(), fieldnames=self._row._fields):
-            result = _parse(self._row, entry)
+        kinds = get_type_hints(self._row).values()
+        for cells in csv.reader(body.splitlines()):
+            result = self._row(*(kind(cell) for kind, cell in zip(kinds, cells, strict=True)))
             self.results[result[0]] = result
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt within the block."""
+    """Make Ctrl-C raise KeyboardInterrupt within the block."""
     previous = signal.getsignal(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -376,10 +363,5 @@ def _interruptible() -> Iterator[None]:
 
 
 def _line(result: tuple[Any, ...]) -> str:
-    # The repr of a float is exact, and a text that holds a comma would be two cells.
+    # The repr of a float is exact. A comma in a text would split the cell.
     return ",".join(str(value).replace(",", ";").replace("\n", " ") for value in result) + "\n"
-
-
-def _parse(row: Any, entry: Mapping[str, str]) -> Any:
-    kinds = get_type_hints(row)
-    return row(**{name: kinds[name](text) for name, text in entry.items()})

@@ -1,1 +1,1 @@
-"""Commissioning of a vehicle: mistakes in its description, found from a few slow motions."""
+"""Commissioning of a vehicle: errors in its description, found from a few slow motions."""

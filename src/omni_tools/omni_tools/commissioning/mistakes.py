@@ -1,9 +1,9 @@
-"""Mistakes in the description of a vehicle, by hypothesis tests on a commissioning drive.
+"""Errors in the description of a vehicle, found by hypothesis tests on a commissioning drive.
 
 Three known motions give three angles per wheel, Eq. (32). Each hypothesis changes one item of the
-description. The hypothesis whose prediction fits the measured angles is the mistake. Twist sensor,
-gyro and accelerometer are compared with the known motions directly, the brakes with the enables
-that they should follow.
+description. The hypothesis whose prediction fits the measured angles best identifies the error.
+Twist sensor, gyro and accelerometer are compared with the known motions directly, and the brakes
+with the enables that they should follow.
 """
 
 import dataclasses
@@ -13,28 +13,29 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from omni_platform import configuration, kinematics
-from omni_platform.brakes import BrakeConfiguration
+from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
 from omni_platform.geometry import WheelMount
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_tools.commissioning.signals import Motions, Signals
 
 
 class Tolerances(NamedTuple):
-    """Limits of the tests: errors up to which a description counts as right, and conditions.
+    """Tolerances of the tests, up to which a description counts as correct, and test conditions.
 
     Attributes:
-        misfit: largest error of a wheel's angles relative to the predicted angles [1].
+        misfit: largest error of a wheel's angles, relative to the predicted angles [1].
         heading: largest error of a twist sensor's mounting angle [rad].
         scale: largest relative error of the scale of twist sensor and gyro [1].
         offset: largest error of a twist sensor's position [m].
         force: smallest specific force with which the axes of an IMU are tested [m/s^2].
-        latest: time after which a brake must have responded [s].
-        response: smallest rise of the slip of a braking wheel [1].
-        braked: time for which a moving wheel must have been braked for a test [s].
-        exchange: smallest increase of the summed correlations with which brakes count as exchanged
-            [1].
+        latest: longest delay of a brake's response after its described dead time [s].
+        response: smallest ratio of the mean slip of a braked wheel to the largest mean slip [1].
+        braked: smallest integral of the demand while a wheel moves, for a test of its brake [s].
+        share: smallest mean demand that is also sufficient for this test [1].
+        gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
         delay: largest difference between measured and described dead time [s].
     """
 
@@ -44,24 +45,24 @@ class Tolerances(NamedTuple):
     offset: float = 0.03
     force: float = 0.05
     latest: float = 0.3
-    response: float = 0.03
-    braked: float = 0.2
-    exchange: float = 0.25
+    response: float = 0.04
+    braked: float = 0.5
+    share: float = 0.75
+    gain: float = 0.5
     delay: float = 0.03
 
 
 _ALLOWED = Tolerances()
 
 
-@dataclasses.dataclass(frozen=True)
-class Mistake:
-    """A mistake and its remedy.
+class Mistake(NamedTuple):
+    """An error in the description, and its remedy.
 
     Attributes:
-        name: name of the mistake, with the wheel or the sensor.
-        remedy: advice what to change.
-        wheels: corrected wheels, if the description of the wheels is wrong.
-        dead_time: corrected dead time of the brakes [s], if the described one is wrong.
+        name: name of the error, with the wheel or the sensor.
+        remedy: advice on what to change in the description.
+        wheels: corrected wheels, if the error is in the wheels.
+        dead_time: corrected dead time of the brakes [s], if the error is in the dead time.
     """
 
     name: str
@@ -78,9 +79,8 @@ def find_mistakes(
     distance: float,
     angle: float,
     brake: BrakeConfiguration,
-    allowed: Tolerances = _ALLOWED,
 ) -> list[Mistake]:
-    """Return the mistakes found in a drive.
+    """Return the errors found in a drive.
 
     Args:
         wheels: wheels as described in the vehicle's file.
@@ -89,26 +89,25 @@ def find_mistakes(
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
         brake: brakes as described in the vehicle's file.
-        allowed: tolerances of the tests.
     """
     known = np.diag([distance, distance, angle])
-    wheel = _wheel_mistake(wheels, motions.angle, known, allowed.misfit)
+    wheel = _wheel_mistake(wheels, motions.angle, known)
     found = [] if wheel is None else [wheel]
-    found += _twist_mistakes(motions.twist, known, allowed)
-    # The slip of a wheel needs a correct wheel speed and twist, so brakes are checked last.
-    slips = not found and np.any(np.isfinite(signals.enable)) and np.any(motions.twist)
-    found += _imu_mistakes(motions, angle, allowed)
+    found += _twist_mistakes(motions.twist, known)
+    # The slip of a wheel requires correct wheel speeds and twists, so brakes are checked last.
+    slips = not found and bool(np.any(np.isfinite(signals.twist[motions.stop])))
+    found += _imu_mistakes(motions, angle)
     if slips:
-        found += _brake_mistakes(wheels, signals, motions.stop, brake, allowed)
+        found += _brake_mistakes(wheels, signals, motions, brake)
     return found
 
 
 def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[str, Any]:
-    """Return the values of a vehicle's file with its mistakes corrected.
+    """Return the values of a vehicle's file after correction of the errors.
 
     Args:
         vehicle: values of the file.
-        mistakes: mistakes found; mistakes outside the file change nothing.
+        mistakes: errors found; those outside the file change nothing.
     """
     changed = dict(vehicle)
     for mistake in mistakes:
@@ -132,9 +131,9 @@ def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
 
 
 def _wheel_mistake(
-    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray, allowed: float
+    wheels: Mapping[str, WheelMount], angle: FloatArray, known: FloatArray
 ) -> Mistake | None:
-    if _misfit(angle, _predicted(wheels, known)) < allowed:
+    if _misfit(angle, _predicted(wheels, known)) < _ALLOWED.misfit:
         return None
     candidates = []
     for mistake in _hypotheses(wheels, angle, known):
@@ -144,7 +143,7 @@ def _wheel_mistake(
             continue
         candidates.append((misfit, mistake))
     misfit, best = min(candidates, key=lambda candidate: candidate[0])
-    if misfit < allowed:
+    if misfit < _ALLOWED.misfit:
         return best
     return Mistake(
         "wheels: no single mistake explains the wheel angles",
@@ -173,30 +172,26 @@ def _hypotheses(
 
 
 def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelMount]]:
-    """Yield possible single errors of a wheel: the wrong part, the remedy, and the corrected wheel.
+    """Yield possible single errors of a wheel: the wrong item, its remedy, and the corrected wheel.
 
     Args:
         mount: wheel as described.
-        scale: measured over predicted angle of the wheel [1].
+        scale: ratio of the measured to the predicted angle of the wheel [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
     radius = min(mount.radius / max(scale, 0.1), 10.0)  # largest valid radius
-    for part, remedy, field, value in (
-        ("direction", "negate the speed, or turn heading_deg by 180", "heading_deg", turned),
-        ("roller", "negate roller_angle_deg", "roller_angle_deg", -mount.roller_angle_deg),
-        ("x", "negate x", "x", -mount.x),
-        ("y", "negate y", "y", -mount.y),
-        (
-            "radius",
-            f"set radius to {radius:.4f}, or check the counts of the encoder",
-            "radius",
-            radius,
-        ),
+    other_radius = f"set radius to {radius:.4f}, or check the counts of the encoder"
+    for part, remedy, changed in (
+        ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
+        ("roller", "negate roller_angle_deg", {"roller_angle_deg": -mount.roller_angle_deg}),
+        ("x", "negate x", {"x": -mount.x}),
+        ("y", "negate y", {"y": -mount.y}),
+        ("radius", other_radius, {"radius": radius}),
     ):
-        yield part, remedy, dataclasses.replace(mount, **{field: value})
+        yield part, remedy, dataclasses.replace(mount, **changed)
 
 
-def _twist_mistakes(twist: FloatArray, known: FloatArray, allowed: Tolerances) -> Iterator[Mistake]:
+def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
     if not np.any(twist):
         return
     forward, left, turn = twist
@@ -209,53 +204,45 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray, allowed: Tolerances) -
         yield Mistake(f"twist sensor: {axis} has the wrong sign", f"negate v_{axis}")
         return
     mean = heading + 0.5 * difference
-    if abs(mean) > allowed.heading:
-        yield Mistake(
-            f"twist sensor: mounted {_degrees(mean)} deg off",
-            "subtract this angle from heading_deg of its sensors",
-        )
-    if turn[2] < 0.0:
-        yield Mistake("twist sensor: yaw rate has the wrong sign", "negate the yaw rate")
-    elif abs(turn[2] / angle - 1.0) > allowed.scale:
-        yield Mistake(
-            f"twist sensor: yaw rate is {turn[2] / angle:.3f} times the true one",
-            "check unit and lever of its sensors",
-        )
+    if abs(mean) > _ALLOWED.heading:
+        degrees = 180 - round(180.0 - math.degrees(mean)) % 360  # 180 instead of -180
+        remedy = "subtract this angle from heading_deg of its sensors"
+        yield Mistake(f"twist sensor: mounted {degrees} deg off", remedy)
+    remedies = "negate the yaw rate", "check unit and lever of its sensors"
+    yield from _scale_mistakes("twist sensor: yaw rate", *remedies, turn[2] / angle)
     scale = 0.5 * (math.hypot(*forward[:2]) + math.hypot(*left[:2])) / distance
-    if abs(scale - 1.0) > allowed.scale:
-        yield Mistake(
-            f"twist sensor: speed is {scale:.3f} times the true one",
-            "check height, scale and unit of its sensors",
-        )
+    remedy = "check height, scale and unit of its sensors"
+    yield from _scale_mistakes("twist sensor: speed", "", remedy, scale)
     # When the vehicle turns by an angle, a sensor at (x, y) moves by (-y, x) times the angle.
     x, y = turn[1] / angle, -turn[0] / angle
-    if math.hypot(x, y) > allowed.offset and abs(mean) <= allowed.heading:
+    if math.hypot(x, y) > _ALLOWED.offset and abs(mean) <= _ALLOWED.heading:
         yield Mistake(
             f"twist sensor: measures at ({x:.2f}, {y:.2f}) m instead of the center",
             "enter this position for its sensors",
         )
 
 
-def _degrees(angle: float) -> int:
-    degrees = round(math.degrees(angle))
-    return 180 if degrees == -180 else degrees
+def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) -> Iterator[Mistake]:
+    """Yield the error of a quantity from its ratio of measured to true [1], of sign or of scale."""
+    if scale < 0.0:
+        yield Mistake(f"{quantity} has the wrong sign", of_sign)
+    elif abs(scale - 1.0) > _ALLOWED.scale:
+        yield Mistake(f"{quantity} is {scale:.3f} times the true one", of_scale)
 
 
-def _imu_mistakes(motions: Motions, angle: float, allowed: Tolerances) -> Iterator[Mistake]:
+def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
     turned = float(motions.gyro[2])
     if np.isfinite(turned) and abs(turned) > 0.0:
-        if turned < 0.0:
-            yield Mistake("gyro: yaw rate has the wrong sign", "negate it, or mount it upright")
-        elif abs(turned / angle - 1.0) > allowed.scale:
-            yield Mistake(
-                f"gyro: yaw rate is {turned / angle:.3f} times the true one",
-                "check its unit (rad/s) and scale",
-            )
+        gyro = (
+            "gyro: yaw rate",
+            "negate it, or mount it upright",
+            "check its unit (rad/s) and scale",
+        )
+        yield from _scale_mistakes(*gyro, turned / angle)
     force = motions.force[:2]
-    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < allowed.force:
+    if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < _ALLOWED.force:
         return
-    along = np.array([force[0, 0], force[1, 1]])
-    across = np.array([force[0, 1], force[1, 0]])
+    along, across = np.diag(force), np.diag(force[:, ::-1])
     if np.all(np.abs(along) > np.abs(across)):
         for axis, value in zip("xy", along, strict=True):
             if value < 0.0:
@@ -264,73 +251,172 @@ def _imu_mistakes(motions: Motions, angle: float, allowed: Tolerances) -> Iterat
         yield Mistake("accelerometer: x and y are exchanged", "exchange them, or turn it by 90 deg")
 
 
+class _Response(NamedTuple):
+    """Response of the wheels to their brakes during the stops, T rows and N wheels.
+
+    Attributes:
+        slip: longitudinal slip [1], 0 for a wheel at rest, shape (T, N).
+        effect: quantity that follows the demand of a brake, shape (T, N): the slip [1], or the
+            deceleration [rad/s] per row of a velocity drive.
+        demand: predicted demand of each brake after its described delays [1], shape (T, N).
+        moving: whether each wheel turns fast enough for its slip to be defined, shape (T, N).
+        braking: whether the driver brakes, shape (T, 1).
+        near: whether a row is close to the beginning of a stop, shape (T,).
+    """
+
+    slip: FloatArray
+    effect: FloatArray
+    demand: FloatArray
+    moving: BoolArray
+    braking: BoolArray
+    near: BoolArray
+
+
+def _response(
+    wheels: Mapping[str, WheelMount],
+    signals: Signals,
+    motions: Motions,
+    brake: BrakeConfiguration,
+    slowest: float = 0.2,
+) -> _Response:
+    """Return the response of the wheels; `slowest` is the smallest share of the top speed [1]."""
+    predicted = _predicted(wheels, motions.twist)
+    # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
+    # cancels in the slip.
+    scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
+    rolling = scale * _predicted(wheels, signals.twist[motions.stop])
+    pedal = np.nan_to_num(signals.pedal[motions.stop])
+    moving = np.abs(rolling) > slowest * np.nanmax(np.abs(rolling))
+    speed = signals.wheel_speed[motions.stop]
+    slip = np.where(moving, 1.0 - speed / np.where(moving, rolling, 1.0), 0.0)
+    slower = -np.diff(np.abs(speed), axis=0, prepend=np.abs(speed[:1]))
+    # A brake without an enable is on.
+    demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
+    rows = np.arange(len(pedal))
+    begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int)) > 0) + 1
+    apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
+    return _Response(
+        slip,
+        slower if brake.kind == VELOCITY else slip,
+        _acting(demand, signals.period, brake),
+        moving,
+        pedal[:, np.newaxis] > 0.0,
+        apart * signals.period <= _ALLOWED.latest,
+    )
+
+
+def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
+    """Return the demand of each brake after the described dead time, release time and lag."""
+    applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
+    if brake.kind == ON_OFF:
+        demand = np.round(demand)
+    # A brake that releases late follows the largest of the demands in between.
+    later = [
+        np.concatenate((np.zeros((row, demand.shape[1])), demand[: len(demand) - row]))
+        for row in range(applied, max(applied, released) + 1)
+    ]
+    left = math.exp(-period / brake.time_constant) if brake.time_constant > 0.0 else 0.0
+    return np.asarray(lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0))
+
+
+def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
+    """Return the delay of the wheels after the predicted demand when stops begin, in rows.
+
+    The mean of all wheels neither depends on the order of the brakes nor on a single brake.
+    """
+    effect, demand = (
+        np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
+        for values in (response.effect, response.demand)
+    )
+    near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
+    rows = range(-round(brake.dead_time / period), round(_ALLOWED.latest / period))
+    return max(rows, key=lambda row: _correlation(effect[near], _earlier(demand, near, row)))
+
+
+def _gains(response: _Response, late: int) -> dict[tuple[int, int], float]:
+    """Return by how much the exchange of two brakes increases the sum of correlations, by indices.
+
+    Effect and demand of each brake are correlated relative to the mean of all wheels: the pedal
+    acts on all brakes at once, so wheels differ only in their deviation from the mean.
+    """
+    effect = _without_mean(response.effect, response.moving)
+    demand = _without_mean(response.demand, response.moving)
+    braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
+    score = _correlation(effect[braking], _earlier(demand, braking, late))
+    described = np.trace(score)
+    return {
+        (i, j): float(score[i, j] + score[j, i] - score[i, i] - score[j, j] + min(described, 0.0))
+        for i, j in itertools.combinations(range(len(score)), 2)
+    }
+
+
+def undistinguished_brakes(
+    wheels: Mapping[str, WheelMount],
+    signals: Signals,
+    motions: Motions,
+    *,
+    brake: BrakeConfiguration,
+) -> list[tuple[str, str]]:
+    """Return the pairs of brakes whose exchange could not be detected from the stops of a drive.
+
+    Args:
+        wheels: wheels as described in the vehicle's file.
+        signals: signals of the drive.
+        motions: motions of the drive.
+        brake: brakes as described in the vehicle's file.
+    """
+    response = _response(wheels, signals, motions, brake)
+    gains = _gains(response, _late(response, signals.period, brake))
+    names = list(wheels)
+    return [
+        (names[one], names[other]) for (one, other), gain in gains.items() if gain > -_ALLOWED.gain
+    ]
+
+
 def _brake_mistakes(
     wheels: Mapping[str, WheelMount],
     signals: Signals,
-    stop: slice,
+    motions: Motions,
     brake: BrakeConfiguration,
-    allowed: Tolerances,
 ) -> Iterator[Mistake]:
-    """Compare the slip of each wheel with each enable, both relative to the mean of all wheels.
-
-    The pedal acts on all brakes at once, so only differences to the mean distinguish the wheels.
-    """
-    names = list(wheels)
-    rolling = kinematics.PlatformKinematics.of(wheels).wheel_speeds(signals.twist[stop])
-    measured = signals.wheel_speed[stop]
-    pedal = np.nan_to_num(signals.pedal[stop])
-    demand = pedal[:, np.newaxis] * signals.enable[stop]
-    moving = np.abs(rolling) > 0.2 * np.nanmax(np.abs(rolling))
-    slip = np.where(moving, 1.0 - measured / np.where(moving, rolling, 1.0), 0.0)
-    for row, name in enumerate(names):
-        braked = (demand[:, row] > 0.0) & moving[:, row]
-        free = (pedal == 0.0) & moving[:, row]
-        if np.sum(braked) * signals.period < allowed.braked or not np.any(free):
-            continue
-        # A loaded wheel has a smaller rolling radius, so it seems to slip by some per cent.
-        rise = np.percentile(slip[braked, row], 95) - np.mean(slip[free, row])
-        if rise < allowed.response:
-            yield Mistake(f"brake {name} does not act", "check its wiring, valve and power")
-            return
-    braking = np.flatnonzero((pedal > 0.0) & np.any(moving, axis=1))
-    relative_slip, relative_demand = _without_mean(slip, moving), _without_mean(demand, moving)
-    own, exchanged = [], []  # by delay: fit of the described order; best fit of an exchange, which
-    for delay in range(round(allowed.latest / signals.period)):
-        late = braking[braking >= delay]
-        score = _correlation(relative_slip[late], relative_demand[late - delay])
-        fit = np.diagonal(score)
-        own.append(float(fit.sum()))
-        exchanged.append(
-            max(
-                (own[-1] + float(score[i, j] + score[j, i] - fit[i] - fit[j]), (i, j))
-                for i, j in itertools.combinations(range(len(names)), 2)
-            )
-        )
-    # Each hypothesis is judged at its best delay.
-    delay = int(np.argmax(own))
-    fit_exchanged, (one, other) = max(exchanged)
-    if fit_exchanged > max(own[delay], 0.0) + allowed.exchange:
-        yield Mistake(
-            f"brakes {names[one]} and {names[other]} are exchanged", "exchange their outputs"
-        )
+    names, response = list(wheels), _response(wheels, signals, motions, brake)
+    demand = np.where(response.moving, response.demand, 0.0)
+    braked, longest = np.sum(demand, axis=0), np.sum(response.moving & response.braking, axis=0)
+    tested = braked >= np.minimum(_ALLOWED.braked / signals.period, _ALLOWED.share * longest)
+    # A wheel whose brake does not act rolls freely: while the vehicle slows down, its inertia even
+    # makes it faster than the ground.
+    slip = np.sum(demand * response.slip, axis=0) / np.maximum(braked, 1e-9)
+    dead = tested & (slip < _ALLOWED.response * np.max(slip))
+    for row in np.flatnonzero(dead):
+        remedy = "check its wiring, valve and power, and the order of the outputs"
+        yield Mistake(f"brake {names[row]} does not act", remedy)
         return
-    # The delay was fitted to applying and releasing together.
-    found = signals.period * delay
-    longest = max(brake.dead_time, brake.release_time)
-    short, long = brake.dead_time - found, found - longest
-    if own[delay] > 0.0 and max(short, long) > allowed.delay:
+    late = _late(response, signals.period, brake)
+    gains = _gains(response, late)
+    pair = max(gains, key=lambda key: gains[key])
+    if gains[pair] > _ALLOWED.gain:
+        one, other = (names[row] for row in pair)
+        yield Mistake(f"brakes {one} and {other} are exchanged", "exchange their outputs")
+        return
+    # The wheels respond to a demand in the next row at the earliest.
+    delay = brake.dead_time + (late - 1) * signals.period
+    if abs(delay - brake.dead_time) > _ALLOWED.delay:
         yield Mistake(
-            f"brakes: dead time is about {1e3 * found:.0f} ms",
-            f"set brake.dead_time to {found:.2f}, or fit it by ./omni fit-brakes",
-            dead_time=found,
+            f"brakes: dead time is about {1e3 * delay:.0f} ms",
+            f"set brake.dead_time to {delay:.2f}, or fit it by ./omni fit-brakes",
+            dead_time=delay,
         )
 
 
-def _without_mean(values: FloatArray, used: FloatArray) -> FloatArray:
+def _earlier(values: FloatArray, rows: IntArray, by: int) -> FloatArray:
+    """Return the values some rows before the given rows."""
+    return np.asarray(values[np.clip(rows - by, 0, len(values) - 1)])
+
+
+def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
     """Subtract from each row the mean of its used values; unused values become 0."""
-    count = np.maximum(np.sum(used, axis=1, keepdims=True), 1)
-    mean = np.sum(np.where(used, values, 0.0), axis=1, keepdims=True) / count
-    return np.where(used, values - mean, 0.0)
+    chosen = np.ma.masked_array(values, ~used)
+    return np.asarray((chosen - chosen.mean(axis=1, keepdims=True)).filled(0.0))
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:

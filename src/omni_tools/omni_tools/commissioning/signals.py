@@ -1,31 +1,30 @@
-"""The recording of a commissioning drive: three slow motions and a stop.
+"""Signals of a recorded commissioning drive: three slow motions and some stops.
 
-The vehicle is driven forward, to the left and counter-clockwise, each from rest to rest over a
-measured distance or angle; then it is driven in any direction and braked.
+The vehicle is driven forward, to the left and counter-clockwise, each time from rest to rest over a
+measured distance or angle. It is then driven and braked in several directions.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
-from omni_loop.recorded_run import Stream, read_streams
-from omni_platform import configuration, quantities, signals, topics
+from omni_loop.recorded_run import Stream, measured_twist, read_streams
+from omni_platform import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
 TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
-"""Topics of a drive; wheel speeds and pedal are required."""
+"""Topics of the recording; wheel speeds and pedal are required."""
 
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Signals:
-    """Signals of a drive at T equally spaced times, N wheels; missing values are NaN.
+class Signals(NamedTuple):
+    """Signals of a drive at T equally spaced times with N wheels; missing values are NaN.
 
     Attributes:
         time: times of the rows [s], shape (T,).
@@ -33,7 +32,7 @@ class Signals:
         twist: measured body twist [m/s, m/s, rad/s], shape (T, 3).
         imu: yaw rate [rad/s] and specific force [m/s^2], shape (T, 3).
         pedal: braking demand [1], shape (T,).
-        enable: enable of the brakes [1], shape (T, N).
+        enable: brake enables [1], shape (T, N).
     """
 
     time: quantities.FloatArray
@@ -49,16 +48,15 @@ class Signals:
         return float(self.time[1] - self.time[0])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Motions:
-    """Quantities of the three motions, N wheels.
+class Motions(NamedTuple):
+    """Quantities measured in the three motions, N wheels.
 
     Attributes:
         angle: angle by which each wheel turned [rad], shape (3, N).
         twist: integral of the measured twist [m, m, rad], shape (3, 3).
         gyro: integral of the gyro's yaw rate [rad], shape (3,).
-        force: specific force along x and y while the motion begins [m/s^2], shape (3, 2).
-        stop: rows of the stop, from before the pedal to rest.
+        force: specific force along x and y at the start of each motion [m/s^2], shape (3, 2).
+        stop: rows of all stops, from the start of the fourth motion to the last time at rest.
     """
 
     angle: quantities.FloatArray
@@ -77,7 +75,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 
     Raises:
         BagError: the recording cannot be read.
-        ConfigurationError: the wheels are not those of the recording.
+        ConfigurationError: the wheels of the recording have other names.
     """
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
@@ -93,7 +91,7 @@ def signals_of(
         period: period of the rows [s].
 
     Raises:
-        ConfigurationError: the wheels are not those of the messages.
+        ConfigurationError: the wheels of the messages have other names.
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
@@ -120,39 +118,36 @@ def signals_of(
         ]
         return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
 
-    twists = [message.twist for message in streams[_TWIST].messages]
+    imu = [
+        (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
+        for message in streams[_IMU].messages
+    ]
+    twists = [measured_twist(message.twist) for message in streams[_TWIST].messages]
     return Signals(
         time=(time - time[0]) * 1e-9,
         wheel_speed=sampled(_WHEELS, by_wheel(_WHEELS, "velocity"), len(wheels)),
-        twist=sampled(_TWIST, [_measured(one) for one in twists], 3),
-        imu=sampled(
-            _IMU,
-            [
-                (m.angular_velocity.z, m.linear_acceleration.x, m.linear_acceleration.y)
-                for m in streams[_IMU].messages
-            ],
-            3,
-        ),
+        twist=sampled(_TWIST, twists, 3),
+        imu=sampled(_IMU, imu, 3),
         pedal=sampled(_PEDAL, [m.position[0] for m in streams[_PEDAL].messages], 1)[:, 0],
         enable=sampled(_ENABLE, by_wheel(_ENABLE, "effort"), len(wheels)),
     )
 
 
-def _measured(message: Any) -> tuple[float, float, float]:
-    """Return the twist of a TwistWithCovariance, NaN for unmeasured components."""
-    if not message.covariance[0] < signals.UNMEASURED_VARIANCE:
-        return math.nan, math.nan, math.nan
-    twist = message.twist
-    return twist.linear.x, twist.linear.y, twist.angular.z
+def unchecked(drive: Signals) -> dict[str, str]:
+    """Return what cannot be checked, by the topic that is missing for it."""
+    needs = {_TWIST: (drive.twist, "twist sensor and brakes"), _IMU: (drive.imu, "IMU")}
+    return {topic: what for topic, (values, what) in needs.items() if np.all(np.isnan(values))}
 
 
 def motions_of(drive: Signals) -> Motions:
-    """Find the three motions and the stop.
+    """Find the three motions and the stops.
 
     Raises:
-        ConfigurationError: the drive does not have three motions without the pedal and one stop.
+        ConfigurationError: the drive does not contain three motions without the pedal, and a stop.
     """
-    speed = np.nanmax(np.abs(drive.wheel_speed), axis=1)
+    # The mean over 0.1 s removes the steps of an encoder of a wheel that hardly moves.
+    smooth = uniform_filter1d(np.nan_to_num(drive.wheel_speed), round(0.1 / drive.period), axis=0)
+    speed = np.max(np.abs(smooth), axis=1)
     free = np.nan_to_num(drive.pedal) <= 0.0
     slow = speed[: int(np.argmax(~free))] if not np.all(free) else speed
     found = _runs(slow, drive.period)
@@ -177,7 +172,7 @@ def motions_of(drive: Signals) -> Motions:
 
 
 def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:
-    """Return the integral of each column; a missing value counts as the mean of its column."""
+    """Return the integral of each column; a missing value is replaced by the column's mean."""
     known = np.isfinite(values)
     sums = np.sum(np.where(known, values, 0.0), axis=0)
     return np.asarray(sums * dt * len(values) / np.maximum(known.sum(axis=0), 1))
@@ -189,14 +184,14 @@ def _runs(
     moves: tuple[float, float] = (0.01, 0.03),
     shortest: float = 0.3,
 ) -> list[slice]:
-    """Return the spans of motion; short rests are bridged, short or slow spans omitted.
+    """Return the spans of motion; short rests are included, short or slow spans are omitted.
 
     Args:
         speed: largest wheel speed [rad/s], shape (T,).
         period: period of the rows [s].
-        moves: speed above which a wheel moves, and the least peak speed of a motion, both over the
-            largest speed [1].
-        shortest: shortest motion, and shortest rest between two motions [s].
+        moves: speed above which a wheel counts as moving, and smallest peak speed of a motion, both
+            as a share of the largest speed [1].
+        shortest: shortest duration of a motion, and of a rest between two motions [s].
     """
     fastest = float(np.max(speed, initial=1e-9))
     moving = (speed > moves[0] * fastest).astype(int)
@@ -207,7 +202,7 @@ def _runs(
             joined[-1][1] = last
         else:
             joined.append([first, last])
-    # The threshold would cut off the beginning and the end of a motion.
+    # Without this margin, the threshold would cut off the start and the end of a motion.
     edge = round(0.1 / period)
     return [
         slice(max(first - edge, 0), last + edge)

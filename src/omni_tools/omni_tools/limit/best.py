@@ -1,18 +1,17 @@
-"""The shortest known stop: optimal control with full knowledge of the vehicle.
+"""Shortest known stop, by optimal control with full knowledge of the vehicle.
 
-The problem is transcribed directly into one nonlinear program, which IPOPT solves. The unknowns are
-pose, twist and wheel speeds at the points of a two-stage Radau rule, and brake torques that are
-constant over an interval. Wheel spin, slip and load transfer are modeled as in the simulator,
-except that functions are smooth: the tire's curve is a sine of an arctangent with the same slope,
-peak and sliding force, slip is divided by ``sqrt((r omega)^2 + 0.3^2)``, and loads and tires have
-no lag. The stop ends at `Transcription.end_speed`; the remaining distance is that of the mean
-deceleration up to there.
+The problem is transcribed into one nonlinear program, which IPOPT solves. The unknowns are pose,
+twist and wheel speeds at the points of a two-stage Radau rule, and brake torques that are constant
+over an interval. Wheel spin, slip and load transfer are modeled as in the simulator, but with
+smooth functions. The tire's curve is a sine of an arctangent with the same slope, peak and sliding
+force; slip is divided by ``sqrt((r omega)^2 + 0.3^2)``; loads and tires have no lag. The stop ends
+at `Transcription.end_speed`, and the remaining distance is computed with the mean deceleration of
+the stop.
 
-A local optimum is no proof that no shorter stop exists. `bounds` computes a certified lower bound;
-the true minimum is between the two.
+A local optimum does not prove that no shorter stop exists. `bounds` computes a certified lower
+bound; the true minimum is between the two.
 """
 
-import dataclasses
 import importlib
 import math
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ import numpy as np
 
 from omni_loop.history import RunHistory
 from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import cross
+from omni_platform.geometry import cross, turned
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import curve_at
@@ -34,17 +33,16 @@ _SOLVER = {"print_level": 0, "max_iter": 400, "tol": 1e-6, "sb": "yes"}
 _STAGES = np.array([[5.0 / 12.0, -1.0 / 12.0], [0.75, 0.25]])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Plan:
-    """A planned stop, at the ends of M intervals.
+class Plan(NamedTuple):
+    """A planned stop, described at the ends of M intervals.
 
     Attributes:
-        distance: straight line from start to rest [m]; NaN if no local optimum was found.
+        distance: straight-line distance from start to rest [m]; NaN if no local optimum was found.
         rotation: change of heading [deg].
         time: times of the interval ends [s], shape (M + 1,).
-        state: x, y of the center of gravity [m], yaw [rad], its velocity in the body frame [m/s],
-            yaw rate [rad/s] and wheel speeds, positive as at the start [rad/s], shape (M + 1, 6 +
-            N).
+        state: x, y of the center of gravity [m], yaw [rad], velocity in the body frame [m/s], yaw
+            rate [rad/s], and wheel speeds, positive in their initial direction [rad/s],
+            shape (M + 1, 6 + N).
         torque: torque of the brakes over the intervals [N m], shape (M, N).
     """
 
@@ -56,11 +54,11 @@ class Plan:
 
 
 class _Tire(NamedTuple):
-    """``F = P(N) sin(C atan(B x - E (B x - atan B x)))`` with the slip ``x`` over that of the peak.
+    """``F = P(N) sin(C atan(B x - E (B x - atan B x)))``, where ``x`` is slip over peak slip.
 
     Attributes:
-        peak: polynomial of the peak over the load, highest power first [N].
-        peak_slip: polynomial of the slip at the peak over the load, highest power first [1].
+        peak: polynomial of the peak force in the load, highest power first [N].
+        peak_slip: polynomial of the slip at the peak in the load, highest power first [1].
         shape: B, C, E.
     """
 
@@ -70,10 +68,10 @@ class _Tire(NamedTuple):
 
 
 def load_casadi() -> Any:
-    """Import CasADi, which set-up does not install.
+    """Import CasADi, which set-up does not install by default.
 
     Raises:
-        ConfigurationError: CasADi is missing; the message says how to install it.
+        ConfigurationError: CasADi is missing; the message explains how to install it.
     """
     try:
         return importlib.import_module("casadi")
@@ -86,16 +84,17 @@ def load_casadi() -> Any:
 
 
 class Transcription(NamedTuple):
-    """The nonlinear program of a stop.
+    """Parameters of the nonlinear program of a stop.
 
     Attributes:
         intervals: number of intervals.
         end_speed: speed at which a stop ends [m/s].
-        smooth_speed: smallest denominator in the slip, which makes the slip smooth [m/s].
-        rise_time: time of a brake from zero to full torque [s].
+        smooth_speed: smallest denominator of the slip, which makes the slip a smooth function
+            [m/s].
+        rise_time: time in which a brake rises from zero to full torque [s].
         released: rim speed below which the brake torque may have either sign [m/s].
         least_load: smallest load of a wheel [N].
-        calm: weight of torque changes in the objective, which makes the solution unique.
+        smoothing: weight of torque changes in the objective, which makes the solution unique.
     """
 
     intervals: int = 50
@@ -104,19 +103,19 @@ class Transcription(NamedTuple):
     rise_time: float = 0.02
     released: float = 0.1
     least_load: float = 20.0
-    calm: float = 1e-5
+    smoothing: float = 1e-5
 
 
 _USUAL = Transcription()
 
 
 class OptimalStop:
-    """Plans stops of a vehicle on even ground.
+    """Plans the shortest stops of a vehicle on even ground.
 
     Args:
-        vehicle: braking vehicle.
+        vehicle: vehicle that brakes.
         friction: friction factor of the ground [1].
-        maneuver: motion at the start of braking, with the full pedal.
+        maneuver: motion at the start of braking, with the pedal fully down.
         program: nonlinear program of the stop.
     """
 
@@ -141,16 +140,17 @@ class OptimalStop:
         self._transcribe()
 
     def plan(self, rotation: float, guess: RunHistory) -> Plan:
-        """Return the shortest stop found within an allowed rotation.
+        """Return the shortest stop that is found within an allowed rotation.
 
         Args:
             rotation: largest change of heading [deg].
-            guess: stop of any law from the same motion, the initial guess of the first plan; later
+            guess: stop of any law from the same motion, the initial value of the first plan; later
                 plans start from the previous plan.
         """
         opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))
-        # The adaptive barrier converges more often from a run, the monotone one from an optimum.
+        # The adaptive barrier strategy converges more often from a run, the monotone one from an
+        # optimum.
         for strategy in (
             ("adaptive", "monotone") if self._known is None else ("monotone", "adaptive")
         ):
@@ -175,7 +175,7 @@ class OptimalStop:
         )
 
     def _start_from(self, guess: RunHistory) -> None:
-        """Set a run as the initial guess."""
+        """Use a run as the initial value of the optimization."""
         opti, first = self._opti, guess.brake_start or 0
         ends = np.linspace(0.0, 1.0, self._intervals + 1)
         points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
@@ -199,17 +199,15 @@ class OptimalStop:
         """Convert pose and twist of base_link to those of the center of gravity, shape (6, K)."""
         x, y, yaw, v_x, v_y, rate = body
         c_x, c_y = self._masses.center
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        place = x + cos * c_x - sin * c_y, y + sin * c_x + cos * c_y
-        return np.array((*place, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
+        a_x, a_y = turned(np.array((c_x, c_y)), yaw).T
+        return np.array((x + a_x, y + a_y, yaw, v_x - rate * c_y, v_y + rate * c_x, rate))
 
     def _fit(self) -> _Tire:
         """Fit slope, peak and sliding force of the vehicle's tire over its loads."""
         tire = self._vehicle.tire
         loads = np.linspace(0.05, 1.0, 20) * tire.largest_load
         curves = [curve_at(tire.kernel_parameters, float(load), 1.0) for load in loads]
-        peak = np.array([curve.peak_force for curve in curves])
-        slip = np.array([curve.peak_slip for curve in curves])
+        peak, slip = np.array([(curve.peak_force, curve.peak_slip) for curve in curves]).T
         slope = float(np.mean([c.slope * c.peak_slip / c.peak_force for c in curves]))
         slide = float(np.mean([c.slide_force / c.peak_force for c in curves]))
         shape = 2.0 - 2.0 / math.pi * math.asin(min(slide, 0.999))
@@ -250,16 +248,16 @@ class OptimalStop:
         plane, reach = load_plane(arm), -masses.height / GRAVITY
         share = plane[:, 0] + reach * (plane[:, 1] * a_x + plane[:, 2] * a_y)
         cos, sin = ca.cos(x[2]), ca.sin(x[2])
-        turned = ca.dot(swing, force) / masses.yaw_inertia
+        twisted = ca.dot(swing, force) / masses.yaw_inertia
         spun = (-self._lever * force - torque) / self._vehicle.wheel_inertia
         path = (cos * u - sin * v, sin * u + cos * v, rate)
-        moved = ca.vertcat(*path, a_x + rate * v, a_y - rate * u, turned, spun)
+        moved = ca.vertcat(*path, a_x + rate * v, a_y - rate * u, twisted, spun)
         return ca.Function(
             "motion", [x, torque, load], [moved, load - masses.mass * GRAVITY * share]
         )
 
     def _transcribe(self) -> None:
-        """Build the program, with the allowed rotation as its parameter."""
+        """Build the nonlinear program, with the allowed rotation as its parameter."""
         ca, count, start = self._casadi, self._intervals, self._start
         wheels, size = len(self._lever), len(start)
         speed = max(math.hypot(start[3], start[4]), 1.0)
@@ -285,9 +283,9 @@ class OptimalStop:
             opti.subject_to(ca.vec(missing / 1e3) == 0)
         opti.subject_to(ca.vec(self._loads) >= self._program.least_load / 1e3)
         opti.subject_to(ca.vec(self._states[6:, :]) >= 0)
-        turned = ca.vec(states[2, :]) - start[2]
-        opti.subject_to(turned <= self._allowed)
-        opti.subject_to(turned >= -self._allowed)
+        rotation = ca.vec(states[2, :]) - start[2]
+        opti.subject_to(rotation <= self._allowed)
+        opti.subject_to(rotation >= -self._allowed)
         rim = ca.diag(self._geometry.radius / self._program.released) @ ends[6:, :]
         opti.subject_to(ca.vec(share + 1.0 / (1.0 + rim**2)) >= 0)
         opti.subject_to(opti.bounded(-1.0, ca.vec(share), 1.0))
@@ -299,11 +297,13 @@ class OptimalStop:
         reach = math.sqrt(self._masses.yaw_inertia / self._masses.mass)
         square = last[3] ** 2 + last[4] ** 2 + (reach * last[5]) ** 2
         opti.subject_to(square <= self._program.end_speed**2)
-        self._distance = self._way(last) / (1.0 - (self._program.end_speed / speed) ** 2)
-        opti.minimize(self._distance + self._program.calm * ca.sumsqr(change))
+        self._distance = self._straight_distance(last) / (
+            1.0 - (self._program.end_speed / speed) ** 2
+        )
+        opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
-    def _way(self, last: Any) -> Any:
-        """Return the straight distance of base_link at a state from its start [m]."""
+    def _straight_distance(self, last: Any) -> Any:
+        """Return the straight-line distance of base_link at a state from its start [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

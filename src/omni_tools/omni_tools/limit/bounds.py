@@ -1,27 +1,29 @@
 """Lower bound of the stopping distance, integrated along the path, with patches and brake lag.
 
-During a stop, pedal ramp, dead time and lag limit the brakes less and less. Friction depends on the
-positions of the wheels. The shortest distance therefore results from the strongest deceleration at
-every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position later, when at
-least as much torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no
-faster than rolling, so the impulse of its force is at most that of its brake.
+During a stop, the torque that pedal ramp, dead time and lag permit increases with time. Friction
+depends on the positions of the wheels. The shortest distance therefore results from the largest
+deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position
+later, when at least the same torque is available. Wheel spin cannot shorten the stop: a braked
+wheel turns no faster than in rolling, so the impulse of its tire force is at most that of its
+brake.
 
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
-of an edge the higher friction is used. For stops with any heading and path, a wheel may be anywhere
-within the distance traveled.
+of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel
+may be anywhere within the distance traveled.
 """
 
-import dataclasses
 import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.dynamics import in_turned_frame
 from omni_tools.limit.forces import Case, Deceleration, LimitVehicle
 
 EDGE_MARGIN = 0.02
@@ -31,17 +33,16 @@ KEPT = math.radians(0.5)
 """Allowed deviation of the heading and of the direction of motion [rad]."""
 
 _TIME_STEP = 2e-3  # time step during the torque build-up [s]
-_PLACES = 200  # positions along the path over patches
-_LEAST = 1e-6  # deceleration below which the vehicle does not stop [m/s^2]
-_LEVELS = 64  # levels of torque during build-up, rounded up
-_SKETCHED = 12  # the same for a sketch, rounded down, and its number of headings
+_PLACES = 200  # number of positions along the path over patches
+_LEAST = 1e-6  # smaller decelerations do not stop the vehicle [m/s^2]
+_LEVELS = 64  # number of torque levels during build-up, rounded up
+_SKETCHED = 12  # number of levels, rounded down, and of headings for a sketch
 _WEAK = "friction or brakes are too weak to stop the vehicle"
 _SLOPE = "the ground is not level, and the slope force is not modeled"
 _SPRUNG = "the chassis is sprung, and the resulting load oscillation is not modeled"
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Maneuver:
+class Maneuver(NamedTuple):
     """Motion at the start of braking, and the pedal.
 
     Attributes:
@@ -57,17 +58,16 @@ class Maneuver:
     ramp_time: float = 0.0
 
 
-@dataclasses.dataclass(frozen=True)
-class Bound:
+class Bound(NamedTuple):
     """A lower bound of the stopping distance.
 
     Attributes:
         distance: the bound [m], NaN if there is none.
-        gap: largest relative difference to a stop with feasible forces [1].
-        tolerance: amount by which a run may be shorter because of neglected effects [m]: lag of the
-            loads, elastic deflection of the tires at rest, and deviations of heading and direction
-            of up to `KEPT`.
-        reason: reason why there is no bound, else empty.
+        gap: largest relative difference between the bound and a stop with feasible forces [1].
+        tolerance: length by which a run may be shorter than the bound because of neglected effects
+            [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
+            heading and direction up to `KEPT`.
+        reason: reason why no bound was computed; otherwise empty.
     """
 
     distance: float
@@ -77,49 +77,43 @@ class Bound:
 
 
 def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
-    """Return the motion when the scripted driver's pedal goes down."""
+    """Return the motion at the time when the scripted driver presses the pedal."""
     driver = ScriptedDriver(configuration)
     pose, twist = driver.start_pose, driver.start_twist
     time, rate = configuration.brake_time, float(twist[2])
-    turned = rate * time
-    # Mean direction of the path: the velocity either turns with the body or keeps its direction.
-    half = 0.0 if configuration.hold_world_direction else 0.5 * turned
-    chord = 1.0 if half == 0.0 else math.sin(half) / half
-    cos, sin = math.cos(pose[2] + half), math.sin(pose[2] + half)
-    way = (
-        time * chord * np.array([cos * twist[0] - sin * twist[1], sin * twist[0] + cos * twist[1]])
-    )
+    rotation = rate * time
+    # The velocity either turns with the body or keeps its direction; this is its mean direction.
+    half = 0.0 if configuration.hold_world_direction else 0.5 * rotation
+    chord = time * np.sinc(half / math.pi)  # np.sinc(x) is sin(pi x) / (pi x)
+    moved = np.append(chord * turned(twist[:2], pose[2] + half), rotation)
     if configuration.hold_world_direction:
-        twist[:2] = in_turned_frame(float(twist[0]), float(twist[1]), turned)
-    return Maneuver(
-        np.array([pose[0] + way[0], pose[1] + way[1], pose[2] + turned]),
-        twist,
-        configuration.pedal,
-        configuration.pedal_ramp_time,
-    )
+        twist[:2] = turned(twist[:2], -rotation)
+    return Maneuver(pose + moved, twist, configuration.pedal, configuration.pedal_ramp_time)
 
 
 def straight_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the bound of stops that keep heading and line.
+    """Return the lower bound for stops that keep heading and line.
 
     Args:
         vehicle: the vehicle.
-        ground: ground below the vehicle.
+        ground: ground under the vehicle.
         maneuver: motion at the start of braking.
     """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     speed = math.hypot(maneuver.twist[0], maneuver.twist[1])
     if speed <= 0.0:
-        return Bound(math.nan, reason="the vehicle stands, or only spins")
+        return Bound(math.nan, reason="the vehicle is at rest or only spins")
     if maneuver.twist[2] != 0.0:
         return Bound(
             math.nan, reason="the vehicle turns when the pedal goes down: it has no heading to keep"
         )
     cases = _Straight(vehicle, ground, maneuver)
-    best, strict = cases.first, cases.first_strict
+    best = cases.first()
+    # Excludes the force of locked wheels that the motion does not drive.
+    strict = cases.first(torque=math.inf, standing=False)
     if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
         return Bound(
             math.nan,
@@ -130,18 +124,18 @@ def straight_bound(
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
     gap = best.bound / best.feasible - 1.0
-    lagging = max(cases.lagging(share) for share in (0.25, 0.5, 0.75, 1.0))
+    lagging = _strongest(cases.first(lag=share) for share in (0.25, 0.5, 0.75, 1.0))
     gain = max(lagging / best.bound - 1.0, 0.0)
-    turned = max(cases.turned(angle) for angle in cases.near)
-    leeway = distance * (1.0 - best.bound / max(turned, best.bound))
-    give = cases.limit.give(maneuver.twist[:2] / speed, best.bound)
-    return Bound(distance, gap, speed * vehicle.load_transfer_time * gain + leeway + give)
+    near = _strongest(cases.first(angle) for angle in cases.near)
+    leeway = distance * (1.0 - best.bound / max(near, best.bound))
+    rebound = cases.limit.rebound(maneuver.twist[:2] / speed, best.bound)
+    return Bound(distance, gap, speed * vehicle.load_transfer_time * gain + leeway + rebound)
 
 
 def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the bound of the center of gravity's path in any stop; see `straight_bound`."""
+    """Return the lower bound for the center of gravity in any stop; see `straight_bound`."""
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     cases = _AnyHeading(vehicle, ground, maneuver)
@@ -151,15 +145,15 @@ def any_heading_bound(
     distance = cases.distance(speed)
     if not math.isfinite(distance):
         return Bound(math.nan, reason=_WEAK)
-    # While the loads lag, they may have any distribution.
+    # While the loads lag, any load distribution is possible.
     first = cases.deceleration(0.0, 0.0, math.inf)
-    loose = cases.limit.loose(cases.friction(0.0, 0.0))
-    gain = max(loose / first - 1.0, 0.0) if first > 0.0 else 0.0
+    any_load_bound = cases.limit.any_load_bound(cases.friction(0.0, 0.0))
+    gain = max(any_load_bound / first - 1.0, 0.0) if first > 0.0 else 0.0
     return Bound(distance, cases.tolerance, speed * vehicle.load_transfer_time * gain)
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return why no bound can be computed; empty if one can."""
+    """Return the reason why no bound can be computed; empty if one can."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
@@ -170,11 +164,11 @@ def straight_sketch(
 ) -> float:
     """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    A run that is longer than the sketch is also longer than the bound, which is then not needed.
-    Torque during build-up is rounded down.
+    If a run is longer than the sketch, it is also longer than the bound, which is then not needed.
+    The torque during build-up is rounded down.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
-    if cases.first is None or cases.first.bound <= _LEAST:
+    if _strongest([cases.first()]) <= _LEAST:
         return math.inf
     return cases.distance(math.hypot(*maneuver.twist[:2]))
 
@@ -188,7 +182,7 @@ def any_heading_sketch(
 
 
 class _Cases:
-    """Decelerations of a stop by position and torque; each distinct case is solved once."""
+    """Decelerations in a stop by position and torque; each distinct case is solved once."""
 
     def __init__(
         self,
@@ -203,17 +197,16 @@ class _Cases:
         self._map = FrictionMap(ground.friction, ground.patches)
         self._maneuver = maneuver
         self._final = vehicle.brake.max_torque * maneuver.pedal
-        self._sketch = sketch
         self._solved: dict[tuple[object, ...], float] = {}
         top = max((self._map.base, *self._map.table[:, 6])) * float(np.max(self.limit.grip))
         weakest = max(float(np.min(self.limit.torque_force)), _LEAST)
         self._enough_torque: float = top * self.limit.strongest_peak / weakest
+        self._level = self._enough_torque / (_SKETCHED if sketch else _LEVELS)
+        self._rounded: Callable[[float], int] = math.floor if sketch else math.ceil
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
-        cos, sin = math.cos(maneuver.pose[2]), math.sin(maneuver.pose[2])
-        self._turn = np.array([[cos, -sin], [sin, cos]])
 
     def distance(self, speed: float) -> float:
-        """Return the distance [m] to rest with the strongest deceleration."""
+        """Return the distance [m] to rest with the largest deceleration."""
         enough, final = self._enough_torque, self._final
         distance = time = 0.0
         while speed > 0.0:
@@ -222,7 +215,8 @@ class _Cases:
             if settled:
                 torque = math.inf if torque >= enough else final
             else:
-                torque = min(self._level(torque), final)
+                # The number of cases is limited by rounding, up for a bound and down for a sketch.
+                torque = min(self._rounded(torque / self._level) * self._level, final)
             if settled and not len(self._map.table):
                 rate = self.deceleration(distance, distance, torque)
                 return distance + speed**2 / (2.0 * rate) if rate > _LEAST else math.inf
@@ -251,12 +245,6 @@ class _Cases:
             share = -math.expm1(-on / lag)
         return self._final * share
 
-    def _level(self, torque: float) -> float:
-        """Round a torque during build-up [N m], up for a bound, to limit the number of cases."""
-        step = self._enough_torque / (_SKETCHED if self._sketch else _LEVELS)
-        rounded = math.floor if self._sketch else math.ceil
-        return float(rounded(torque / step) * step)
-
     def deceleration(self, start: float, end: float, torque: float) -> float:
         """Return the strongest deceleration [m/s^2] between two positions along the path [m]."""
         friction = self.friction(start, end)
@@ -282,53 +270,36 @@ class _Straight(_Cases):
         return v / math.hypot(*v)
 
     def friction(self, start: float, end: float) -> FloatArray:
-        along = self._turn @ self._direction
-        wheels = self._maneuver.pose[:2] + self.limit.position @ self._turn.T
-        return self.limit.grip * [
-            _largest_friction(self._map, wheel + start * along, wheel + end * along)
-            for wheel in wheels
-        ]
+        middle = self.limit.position + 0.5 * (start + end) * self._direction
+        places = self._maneuver.pose[:2] + turned(middle, self._maneuver.pose[2])
+        near = 0.5 * (end - start) + EDGE_MARGIN
+        return self.limit.grip * [_largest_friction(self._map, place, near) for place in places]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
-        return self._strongest(self._direction, Case(friction, True, torque))
+        return _strongest([self.limit.strongest(self._direction, Case(friction, True, torque))])
 
-    def _strongest(self, direction: FloatArray, case: Case) -> float:
-        found = self.limit.strongest(direction, case)
-        return 0.0 if found is None else found.bound
+    def first(self, angle: float = 0.0, **changes: Any) -> Deceleration | None:
+        """Return the largest deceleration at the start, for a rotated direction of motion.
 
-    @property
-    def first(self) -> Deceleration | None:
-        case = Case(self.friction(0.0, 0.0), True, self._final)
-        return self.limit.strongest(self._direction, case)
-
-    @property
-    def first_strict(self) -> Deceleration | None:
-        """Like `first`, without the force of locked wheels that the motion does not drive."""
-        case = Case(self.friction(0.0, 0.0), True, standing=False)
-        return self.limit.strongest(self._direction, case)
+        Args:
+            angle: angle by which the direction of motion differs from that of the maneuver [rad].
+            **changes: fields of `Case` that differ from a straight stop with the full torque.
+        """
+        case = Case(self.friction(0.0, 0.0), True, self._final)._replace(**changes)
+        return self.limit.strongest(turned(self._direction, angle), case)
 
     @property
     def near(self) -> list[float]:
-        """Deviations of the direction of motion to check [rad].
+        """Deviations of the direction of motion for which the bound is computed [rad].
 
-        They are the limits and the directions in which the motion does not drive a wheel. There a
-        locked wheel may exert a force of either sign, but not in a slightly different direction.
+        They are the limits, and the directions in which the motion does not drive some wheel. A
+        locked wheel may then exert a force of either sign, but not in a slightly different
+        direction.
         """
         d, active = self._direction, self.limit.active
         away = np.arctan2(d[0] * active[:, 1] - d[1] * active[:, 0], active @ d)
         square = [float(a - side * 0.5 * math.pi) for a in away for side in (-1.0, 1.0)]
         return [-2.0 * KEPT, 2.0 * KEPT, *{a for a in square if abs(a) < 2.0 * KEPT}]
-
-    def turned(self, angle: float) -> float:
-        """Return the strongest deceleration if the motion is turned by an angle [m/s^2]."""
-        cos, sin = math.cos(angle), math.sin(angle)
-        direction = np.array([[cos, -sin], [sin, cos]]) @ self._direction
-        return self._strongest(direction, Case(self.friction(0.0, 0.0), True, self._final))
-
-    def lagging(self, lag: float) -> float:
-        """Return the strongest deceleration while the loads lag [m/s^2]."""
-        case = Case(self.friction(0.0, 0.0), True, self._final, lag)
-        return self._strongest(self._direction, case)
 
 
 class _AnyHeading(_Cases):
@@ -345,16 +316,17 @@ class _AnyHeading(_Cases):
     def friction(self, start: float, end: float) -> FloatArray:
         del start
         masses = self.limit.masses
-        center = self._maneuver.pose[:2] + self._turn @ masses.center
+        pose = self._maneuver.pose
+        center = pose[:2] + turned(np.asarray(masses.center), pose[2])
         arms = np.hypot(*(self.limit.position - masses.center).T)
-        return self.limit.grip * [_reachable_friction(self._map, center, end + arm) for arm in arms]
+        return self.limit.grip * [_largest_friction(self._map, center, end + arm) for arm in arms]
 
     def _solve(self, friction: FloatArray, torque: float) -> float:
         return self.limit.largest(Case(friction, False, min(torque, self._final)), self.tolerance)
 
 
 class _OneHeading(_AnyHeading):
-    """A stop with the best of a few headings at its start."""
+    """A stop at that one of `_SKETCHED` headings which has the largest initial deceleration."""
 
     _heading: FloatArray | None = None
 
@@ -368,30 +340,20 @@ class _OneHeading(_AnyHeading):
         return self.limit.at_least(self._heading, case)
 
 
-def _box_distances(table: FloatArray, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Return the distances of a point from each patch, along and across the patch [m]."""
-    d_x, d_y = x - table[:, 0], y - table[:, 1]
-    along = np.abs(d_x * table[:, 2] + d_y * table[:, 3]) - table[:, 4]
-    across = np.abs(d_y * table[:, 2] - d_x * table[:, 3]) - table[:, 5]
-    return along, across
+def _strongest(found: Iterable[Deceleration | None]) -> float:
+    """Return the largest of the decelerations [m/s^2]; 0 where the forces allow none."""
+    return max(0.0 if one is None else one.bound for one in found)
 
 
-def _largest_friction(friction: FrictionMap, start: FloatArray, end: FloatArray) -> float:
-    """Return the largest friction factor [1] within the margin of a segment [m]."""
-    middle = 0.5 * (start + end)
-    return _reachable_friction(friction, middle, 0.5 * math.hypot(*(end - start)) + EDGE_MARGIN)
-
-
-def _reachable_friction(friction: FrictionMap, center: FloatArray, radius: float) -> float:
+def _largest_friction(friction: FrictionMap, center: FloatArray, radius: float) -> float:
     """Return the largest friction factor [1] within a distance of a point [m]."""
     largest = -math.inf
-    if len(friction.table):
-        along, across = _box_distances(friction.table, float(center[0]), float(center[1]))
-        for row in reversed(range(len(friction.table))):  # the last patch counts
-            if max(along[row], across[row]) > radius:
-                continue
-            largest = max(largest, float(friction.table[row, 6]))
-            # The circle is within this patch. (Boxes stand for ellipses, which they contain.)
-            if max(along[row], across[row]) <= -radius and friction.table[row, 7] == 0.0:
-                return largest
+    for x, y, cos, sin, length, width, factor, ellipse in friction.table[::-1]:
+        d_x, d_y = center[0] - x, center[1] - y
+        # Distance from the patch. An ellipse is replaced by the rectangle that contains it.
+        away = max(abs(d_x * cos + d_y * sin) - length, abs(d_y * cos - d_x * sin) - width)
+        if away <= radius:
+            largest = max(largest, float(factor))
+        if away <= -radius and ellipse == 0.0:  # this patch contains the circle
+            return largest
     return max(largest, friction.base)

@@ -1,18 +1,18 @@
-"""The strongest deceleration that the wheels of a vehicle can produce: a small convex program.
+"""Largest deceleration that the wheels of a vehicle can produce, by convex optimization.
 
 Wheel ``i`` exerts a force only along its active direction, ``f_i n_wi`` with ``|f_i| <= P(N_i)``,
 where ``P`` is the peak of its tire's curve. The loads are affine in the forces
-(`omni_sim.vehicle.loads`) and ``P`` is concave, so the forces that friction allows are a convex
-set. Tangents of ``P`` enclose this set in a polyhedron, over which a linear program finds the
-largest deceleration. The dual solution is an upper bound for all forces; the primal forces, scaled
-down until they obey the true ``P``, are feasible.
+(`omni_sim.vehicle.loads`) and ``P`` is concave, so the admissible forces are a convex set. Tangents
+of ``P`` enclose this set in a polyhedron, over which a linear program finds the largest
+deceleration. The dual solution is an upper bound for all forces. The primal forces, scaled down
+until they obey the true ``P``, are feasible.
 
-Wheel spin and slip are neglected, and the result is still a bound: only the ground's forces act on
+Wheel spin and slip are neglected, and the result is still a bound. Only the ground's forces act on
 the body, however the wheels turn, and the peak force is assumed to act at once. Loads follow the
-acceleration without lag; `bounds` accounts for the lag. If a wheel lifts off, the loads leave their
-plane, and only weight and moments need to balance. Therefore stops in which the plane would give
-wheel ``j`` a negative load are computed in addition to stops with all wheels on the ground. If the
-vehicle could tip over, the loads only need to carry the weight.
+acceleration without lag; `bounds` accounts for the lag. If a wheel lifts off, the loads no longer
+form a plane, and only weight and moments must balance. Therefore stops in which the plane would
+give wheel ``j`` a negative load are computed in addition to stops with all wheels on the ground. If
+the vehicle could tip over, the loads must only carry the weight.
 """
 
 import math
@@ -30,25 +30,25 @@ from omni_sim.tire.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
-_FIRST = 16  # every 16th tangent is in the first program; others are added as needed
-# Height of a tangent that covers the error of the load grid, and the largest excess over an omitted
-# tangent [N].
+_FIRST = 16  # the first program has every 16th tangent; others are added as needed
+# Vertical offset of a tangent that covers the error of the load grid, and the largest violation of
+# an omitted tangent [N].
 _FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
 _STANDING = 1e-9
 
 PLANE, BALANCE, SUM = range(3)
-"""Load models: loads in a plane; balance of weight and moments; balance of weight alone."""
+"""Load models: load plane; balance of weight and moments; balance of weight alone."""
 
 
 class Deceleration(NamedTuple):
-    """The strongest deceleration along a direction.
+    """Largest deceleration along a direction.
 
     Attributes:
         bound: upper bound for all forces, from the dual program [m/s^2].
-        feasible: deceleration by feasible forces [m/s^2].
-        force: the feasible forces [N], shape (N,).
+        feasible: deceleration with feasible forces [m/s^2].
+        force: feasible forces [N], shape (N,).
         load: wheel loads under these forces [N], shape (N,).
     """
 
@@ -59,13 +59,13 @@ class Deceleration(NamedTuple):
 
 
 class Case(NamedTuple):
-    """Conditions under which the strongest deceleration is computed.
+    """Conditions under which the largest deceleration is computed.
 
     Attributes:
         friction: friction factor of the ground under each wheel [1], shape (N,).
-        straight: whether the stop must have no yaw moment, lateral force or driving force.
+        straight: whether the stop must be free of yaw moment, lateral force and driving force.
         torque: largest torque of every brake [N m].
-        lag: share of the acceleration that the loads do not follow yet [1].
+        lag: share of the acceleration that the loads do not yet follow [1].
         standing: whether locked wheels that the motion does not drive may exert a force.
     """
 
@@ -77,7 +77,7 @@ class Case(NamedTuple):
 
 
 class LimitVehicle:
-    """The properties of a vehicle on which the limit depends.
+    """Properties of a vehicle on which its limit depends.
 
     Attributes:
         masses: mass, center and inertia of body and load together.
@@ -85,8 +85,8 @@ class LimitVehicle:
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
         torque_force: largest wheel force per commanded brake torque [1/m], shape (N,).
-        grip: friction of each wheel over that of the ground [1], shape (N,).
-        strongest_peak: strongest peak of the tire at any load, on ground of friction 1 [N].
+        grip: ratio of the friction of each wheel to that of the ground [1], shape (N,).
+        strongest_peak: largest peak force of the tire at any load, on ground of friction 1 [N].
     """
 
     def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
@@ -109,6 +109,8 @@ class LimitVehicle:
         self._weight = self.masses.mass * loads.GRAVITY
         self._tire = tire
         self._plane = loads.load_plane(self._arm)
+        self._hull = self._arm[loads.support_polygon(self._arm)]
+        self._edge = np.roll(self._hull, -1, axis=0) - self._hull
         self._slope, self._offset = self._tangents()
         self.strongest_peak = float(self._offset[-1])
 
@@ -124,22 +126,21 @@ class LimitVehicle:
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
         slope = np.append(slope, 0.0)
-        # Smallest offset with which the line is above the curve, also if the curve is not concave.
+        # Smallest offset with which the line is above the curve, even if the curve is not
+        # concave.
         offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _FORCE_ERROR
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return rows and right-hand sides of the equations between loads and forces."""
+        """Return matrix rows and right-hand sides of the equations between loads and forces."""
         wheels = len(self.active)
         z = self._zero_moment_point(lag)
         if model == PLANE:
             rows = np.hstack((-self._weight * self._plane[:, 1:] @ z, np.eye(wheels)))
             return rows, self._weight * self._plane[:, 0]
-        rows = np.zeros((1 if model == SUM else 3, 3 * wheels))
-        rows[0, 2 * wheels :] = 1.0
-        if model == BALANCE:
-            rows[1:, 2 * wheels :] = self._arm.T
-            rows[1:, : 2 * wheels] = -self._weight * z
+        weight = np.repeat((0.0, 1.0), (2 * wheels, wheels))
+        moments = np.hstack((-self._weight * z, self._arm.T))
+        rows = np.vstack((weight, moments))[: 1 if model == SUM else 3]
         return rows, np.append(self._weight, np.zeros(len(rows) - 1))
 
     def _zero_moment_point(self, lag: float = 0.0) -> FloatArray:
@@ -148,11 +149,11 @@ class LimitVehicle:
         return -(1.0 - lag) * self.masses.height / self._weight * directions
 
     def strongest(self, direction: FloatArray, case: Case) -> Deceleration | None:
-        """Return the strongest deceleration along a direction, None if forces allow none.
+        """Return the largest deceleration along a direction; None if the forces allow none.
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).
-            case: conditions.
+            case: conditions of the stop.
         """
         if not case.straight:
             solutions = [self._solve(direction, case, *kind) for kind in self._kinds(case.friction)]
@@ -161,37 +162,32 @@ class LimitVehicle:
                 key=lambda found: found.bound,
                 default=None,
             )
-        # A straight stop shifts the loads only along its direction: do all wheels stay on the
-        # ground?
-        found = self._solve(direction, case, SUM)
-        if found is None:
-            return None
-        hull = self._arm[loads.support_polygon(self._arm)]
-        edge = np.roll(hull, -1, axis=0) - hull
-        z = self.masses.height / loads.GRAVITY * found.bound * direction
-        if np.min(cross(edge, z - hull)) <= 0.0:
-            return found
-        found = self._solve(direction, case, BALANCE)
-        if found is None:
-            return None
-        z = self.masses.height / loads.GRAVITY * found.bound * direction
-        if np.min(self._plane @ np.array([1.0, *z])) <= 0.0:
-            return found
+        # A straight stop shifts the loads only along its own direction. Check whether all wheels
+        # then remain on the ground.
+        for model in (SUM, BALANCE):
+            found = self._solve(direction, case, model)
+            if found is None:
+                return None
+            z = self.masses.height / loads.GRAVITY * found.bound * direction
+            hull_sides, wheel_loads = cross(self._edge, z - self._hull), self._plane @ [1.0, *z]
+            if np.min(hull_sides if model == SUM else wheel_loads) <= 0.0:
+                return found
         return self._solve(direction, case, PLANE)
 
     def at_least(
         self, direction: FloatArray, case: Case, iterations: int = 16, nearly: float = 1.02
     ) -> float:
-        """Return a lower estimate of `strongest` for a stop that may rotate [m/s^2].
+        """Return a lower estimate of `strongest` [m/s^2] for a stop that may include rotation.
 
-        Every wheel exerts its largest force against the direction. The loads follow by iteration,
-        and the forces are scaled down to the friction limit, as in `_solve`.
+        Every wheel exerts its largest force against the direction. The loads are computed by
+        iteration, and the forces are scaled down to the friction limit, as in `_solve`.
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).
             case: conditions.
-            iterations: iterations of the loads under the forces.
-            nearly: factor by which forces may exceed friction before they are scaled down [1].
+            iterations: number of iterations of the loads.
+            nearly: factor by which forces may exceed the friction limit before they are scaled down
+                [1].
         """
         along = self.active @ direction
         torque = case.torque * self.torque_force
@@ -205,23 +201,22 @@ class LimitVehicle:
         if np.min(carried) > 0.0:
             bearable = case.friction * self.peak(carried)
             excess = max(1.0, float(np.max(np.abs(force) / np.maximum(bearable, 1e-9))))
-        if excess > nearly:  # wheels are about to lift off
+        if excess > nearly:  # some wheel is about to lift off
             found = self._solve(direction, case, *self._kinds(case.friction)[0])
             return 0.0 if found is None else found.bound
         return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
-        """Return the load models to try, each with the wheel that lifts off in it."""
-        reach = self.masses.height / loads.GRAVITY * self.loose(friction)
-        hull = self._arm[loads.support_polygon(self._arm)]
-        edge = np.roll(hull, -1, axis=0) - hull
-        if reach >= np.min(cross(edge, -hull) / np.linalg.norm(edge, axis=1)):
+        """Return the load models to solve, each with the wheel that lifts off, if any."""
+        reach = self.masses.height / loads.GRAVITY * self.any_load_bound(friction)
+        sides = cross(self._edge, -self._hull) / np.linalg.norm(self._edge, axis=1)
+        if reach >= np.min(sides):
             return [(SUM, None)]
         stays = self._plane[:, 0] > reach * np.hypot(self._plane[:, 1], self._plane[:, 2])
         return [(PLANE, None), *((BALANCE, int(j)) for j in np.flatnonzero(~stays))]
 
-    def give(self, direction: FloatArray, deceleration: float) -> float:
-        """Return the distance by which elastic tires push a stopped vehicle back [m].
+    def rebound(self, direction: FloatArray, deceleration: float) -> float:
+        """Return the distance by which the elastic tires push a stopped vehicle back [m].
 
         Args:
             direction: direction of the motion, unit vector, shape (2,).
@@ -231,8 +226,8 @@ class LimitVehicle:
         stiffness = self._tire.stiffness * self.active.T @ self.active
         return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
 
-    def loose(self, friction: FloatArray) -> float:
-        """Return an upper bound of the deceleration for any distribution of the loads [m/s^2]."""
+    def any_load_bound(self, friction: FloatArray) -> float:
+        """Return an upper bound of the deceleration for any load distribution [m/s^2]."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
         return float(len(self.active) * mean[0] / self.masses.mass) + loads.GRAVITY * self._loss
 
@@ -245,7 +240,8 @@ class LimitVehicle:
             direction: direction of the motion in the body frame [1], shape (2,).
             case: friction, torque and constraints.
             model: PLANE, BALANCE or SUM.
-            lifted: a wheel whose load would be negative in the plane model.
+            lifted: index of a wheel whose load in the plane model would be negative; None for no
+                wheel.
         """
         wheels = len(self.active)
         along, passive_along = self.active @ direction, self._passive @ direction
@@ -254,9 +250,8 @@ class LimitVehicle:
         rows_eq, right_eq = self._loads(model, case.lag)
         if case.straight:
             across = np.array([-direction[1], direction[0]])
-            wrench = np.zeros((2, 3 * wheels))
-            wrench[0, : 2 * wheels] = np.append(self.active @ across, self._passive @ across)
-            wrench[1, : 2 * wheels] = np.append(self.lever, self._passive_lever)
+            lateral = [self.active @ across, self._passive @ across, np.zeros(wheels)]
+            wrench = np.block([lateral, [self.lever, self._passive_lever, np.zeros(wheels)]])
             rows_eq, right_eq = np.vstack((rows_eq, wrench)), np.append(right_eq, (0.0, 0.0))
             dragged = np.abs(along) > _STANDING
             high[(along > 0.0) & dragged] = 0.0
@@ -292,8 +287,8 @@ class LimitVehicle:
         dual = right @ found.ineqlin.marginals + right_eq @ found.eqlin.marginals
         dual += low @ found.lower.marginals + high @ found.upper.marginals
         bound = max(-float(dual), -float(found.fun))
-        # The forces at rest are admissible and the set is convex, so the forces divided by the
-        # worst excess are admissible too.
+        # The forces at rest are admissible, and the admissible set is convex. Therefore the forces
+        # divided by the largest excess are admissible too.
         excess_share = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
         feasible = -float(found.fun) / max(1.0, float(np.max(excess_share)))
         return Deceleration(bound, feasible, force, load)
@@ -315,10 +310,9 @@ class LimitVehicle:
         wheels = len(self.active)
         rows, right = np.zeros((0, 3 * wheels)), np.zeros(0)
         if self._loss > 0.0:
-            rows = np.zeros((2 * wheels, 3 * wheels))
-            rows[:, wheels : 2 * wheels] = np.vstack((np.eye(wheels), -np.eye(wheels)))
-            rows[:, 2 * wheels :] = -self._loss * np.vstack((np.eye(wheels),) * 2)
-            right = np.zeros(2 * wheels)
+            one = np.eye(wheels)
+            losses = [[0.0 * one, side * one, -self._loss * one] for side in (1.0, -1.0)]
+            rows, right = np.block(losses), np.zeros(2 * wheels)
         if lifted is not None:
             pull = np.zeros(3 * wheels)
             pull[: 2 * wheels] = self._plane[lifted, 1:] @ self._zero_moment_point()
@@ -326,10 +320,10 @@ class LimitVehicle:
         return rows, right
 
     def largest(self, case: Case, tolerance: float) -> float:
-        """Return a bound of the deceleration over all headings [m/s^2].
+        """Return an upper bound of the deceleration over all headings [m/s^2].
 
         Args:
-            case: conditions; the motion need not be straight.
+            case: conditions of the stop; the motion need not be straight.
             tolerance: largest relative excess of the bound [1].
         """
 
@@ -341,13 +335,13 @@ class LimitVehicle:
 
 
 def farthest(support: Callable[[float], float], tolerance: float) -> float:
-    """Return a bound of the largest distance of a convex set's points from the origin.
+    """Return an upper bound of the largest distance of a convex set from the origin.
 
-    Between two directions no point is farther than the intersection of their support lines; the
+    Between two directions, no point is farther than the intersection of the two support lines. The
     interval with the farthest intersection is halved until the bound is within the tolerance.
 
     Args:
-        support: function from a direction [rad] to the largest component of the points along it, at
+        support: function that returns the largest component of the set along a direction [rad], at
             least 0.
         tolerance: largest relative excess of the bound [1].
     """
@@ -369,11 +363,11 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return the largest distance of points between two directions with known supports."""
+    """Return the largest distance of a point between two directions whose supports are known."""
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)
-    # If the lines meet outside the interval, the farthest point is in one of its two directions.
+    # If the lines meet outside the interval, the farthest point is in one of the two directions.
     if across <= 0.0 or one <= other * cos:
         return max(one, other)
     return math.hypot(one, across)

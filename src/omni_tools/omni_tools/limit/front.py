@@ -1,4 +1,4 @@
-"""Pareto front of stopping distance and rotation: the shortest known stops, and the laws."""
+"""Pareto front of stopping distance and rotation, for the shortest known stops and the laws."""
 
 import math
 from collections.abc import Callable
@@ -44,14 +44,14 @@ _ALLOCATION = (
 )
 
 Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
-"""Function that composes the experiment with ``dotted.key=value`` overrides."""
+"""Function that composes the experiment with given ``dotted.key=value`` overrides."""
 
 
 def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
-    """Return the shortest known stops, and those of the laws, by name.
+    """Return the shortest known stops and the stops of the laws, by name.
 
     Args:
-        load: function that composes the experiment with the overrides of a law, with ideal sensors.
+        load: function that composes the experiment from overrides of the law, with ideal sensors.
         maneuver: motion at the start of braking.
 
     Raises:
@@ -83,7 +83,7 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
     Args:
         name: name of the experiment or the vehicle.
         stops: stops from `front`.
-        bound: bound of stops that keep heading and line [m], NaN if there is none.
+        bound: lower bound for stops that keep heading and line [m]; NaN if there is none.
     """
     title = f"{name.replace('_', ' ')}: the best that is known, and the laws"
     x = "stopping distance [m]"

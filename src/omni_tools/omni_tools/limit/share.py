@@ -1,4 +1,4 @@
-"""Ratio of the bound to the distance of a stop."""
+"""Ratio of the lower bound to the distance of a stop."""
 
 import math
 
@@ -14,8 +14,8 @@ def limit_share(
 ) -> metrics.Metric:
     """Return the bound of the stopping distance divided by the distance of a run [1].
 
-    The bound is that of stops that keep heading and line, from the same velocity without the yaw
-    rate. The pedal is assumed at its largest position throughout.
+    The bound is that for stops that keep heading and line, from the same velocity but without the
+    yaw rate. The pedal is assumed to be at its largest position throughout.
 
     Args:
         history: history of the run.
@@ -33,5 +33,5 @@ def limit_share(
     if math.isnan(share):
         note = f"limit_share: {bound.reason}"
     elif distance < bound.distance - bound.tolerance:
-        note = "a stop that turns, which pays: it is shorter than any that keeps its heading"
+        note = "this stop rotates and is shorter than any stop that keeps its heading"
     return metrics.Metric(share, "1", note=note)

@@ -1,26 +1,27 @@
 """Calibration of the mounting and pixel pitch of line cameras from drives of known motion.
 
-In a motion (v_x, v_y, Omega), a camera of pitch p, whose axis points to phi and passes base_link at
-the lever ``l = x sin phi - y cos phi``, measures by Eq. (23)
+In a motion (v_x, v_y, Omega), a camera with the pixel pitch p, whose axis has the direction phi and
+the lever arm ``l = x sin phi - y cos phi`` about base_link, measures by Eq. (23)
 
     pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
 
 This is linear in c. A drive with straight, sideways and turning parts determines c, and thus ``p =
-1 / |(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis has no
-effect on the measurement and keeps its configured value. Mirrored lines (a mirror, a camera mounted
-the other way round) turn phi by half a turn.
+1 / |(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis does
+not affect the measurement and keeps its configured value. Mirrored lines, from a mirror or a camera
+mounted the other way round, change phi by 180 deg.
 
-The configured values enter as one observation of each coefficient, with a standard deviation of a
-third of 1 / p, or of 0.3 m for the lever. A coefficient that the drives do not determine better
-than this observation keeps its configured value. The fit is robust (Huber). Its standard errors are
-cluster-robust (Liang and Zeger 1986), because the errors of neighboring batches are not
+The configured values are used as one observation of each coefficient, with a standard deviation of
+a third of 1 / p, or of 0.3 m for the lever arm. A coefficient that the drives determine less
+accurately than this observation keeps its configured value. The fit is robust (Huber). Its standard
+errors are cluster-robust (Liang and Zeger 1986), because the errors of neighboring batches are not
 independent.
 """
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,16 +31,15 @@ from linescan_odometry.sensor import SensorOdometry
 from omni_figures import style
 from omni_platform import sensors, signals
 from omni_platform.configuration import ConfigurationError
-from omni_platform.quantities import FloatArray
+from omni_platform.quantities import BoolArray, FloatArray
 
 QUANTITIES = ("pitch", "heading", "lever", "line_rate")
 """Calibrated quantities of a camera."""
 
-_PRIOR = (0.33, 0.33, 0.3)  # standard deviations of c, in units of 1 / p and m / p
+_PRIOR = (0.33, 0.33, 0.3)  # standard deviations of the configured c, in units of 1 / p and m / p
 
 
-@dataclasses.dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """Measurements of one camera and of the reference during a drive, by batch.
 
     Attributes:
@@ -57,17 +57,16 @@ class Drive:
     line_rate_error: float
 
 
-@dataclasses.dataclass(frozen=True)
-class Calibration:
+class Calibration(NamedTuple):
     """One calibrated camera.
 
     Attributes:
-        nominal: the configured camera.
-        sensor: the calibrated camera.
+        nominal: camera as configured.
+        sensor: camera after calibration.
         error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
-        mirrored: whether the lines run against the configured axis.
+        mirrored: whether the direction of the lines is opposite to the configured axis.
         unseen: descriptions of the quantities that the drives do not determine.
-        drives: the drives with this camera.
+        drives: drives in which this camera was recorded.
         residual: residuals of the velocity along the axis, by drive and batch [m/s].
         before: residuals with the configured values, by drive and batch [m/s].
     """
@@ -92,11 +91,11 @@ def observe(
     """Return the measurements of one camera during a drive.
 
     Args:
-        sensor: the configured camera.
+        sensor: camera as configured.
         batches: batches of the camera's lines, oldest first.
         reference_time: stamps of the reference [s], ascending, shape (k,).
-        reference_twist: known motion at these stamps, NaN where unknown, shape (k, 3).
-        configuration: configuration of the odometry that matches the lines.
+        reference_twist: known twist at these stamps, NaN where unknown, shape (k, 3).
+        configuration: odometry with which the lines are matched.
 
     Raises:
         ConfigurationError: the stamps do not give a line rate.
@@ -111,9 +110,8 @@ def observe(
             time.append(1e-9 * batch.stamp_ns - 0.5 * len(batch.lines) / rate)
             pixels.append(reading.velocity / scale * rate)
     middle = np.array(time)
-    twist = np.column_stack(
-        [np.interp(middle, reference_time, column) for column in reference_twist.T]
-    )
+    columns = [np.interp(middle, reference_time, column) for column in reference_twist.T]
+    twist = np.column_stack(columns)
     inside = (middle >= reference_time[0]) & (middle <= reference_time[-1])
     known = inside & np.all(np.isfinite(twist), axis=1)
     return Drive(middle[known], np.array(pixels)[known], twist[known], rate, rate_error)
@@ -121,16 +119,12 @@ def observe(
 
 def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
     """Return the line rate [1/s] from the stamps, with its standard error."""
-    number = np.cumsum([len(batch.lines) for batch in batches]).astype(np.float64)
+    number = np.cumsum([len(batch.lines) for batch in batches])
     stamp = 1e-9 * np.array([batch.stamp_ns - batches[0].stamp_ns for batch in batches])
     if len(batches) < 3 or stamp[-1] <= 0.0:
         raise ConfigurationError("lines", "fewer than three batches, or all of one stamp")
-    number -= number.mean()
-    stamp -= stamp.mean()
-    period = float(number @ stamp) / float(number @ number)
-    left = stamp - period * number
-    error = math.sqrt(float(left @ left) / max(len(left) - 2, 1) / float(number @ number))
-    return 1.0 / period, error / period**2
+    (period, _), covariance = np.polyfit(number, stamp, 1, cov=True)
+    return 1.0 / float(period), math.sqrt(covariance[0, 0]) / float(period) ** 2
 
 
 def calibrate(
@@ -139,11 +133,11 @@ def calibrate(
     """Fit one camera to its drives.
 
     Args:
-        nominal: the configured camera.
+        nominal: camera as configured.
         drives: drives with this camera, at least one.
         fewest: smallest number of measured batches.
-        seen_below: ratio of the standard error to the prior one below which a coefficient counts as
-            determined [1].
+        seen_below: a coefficient counts as determined if the ratio of its standard error to its
+            prior standard deviation is at most this value [1].
 
     Raises:
         ConfigurationError: too few batches were measured.
@@ -157,20 +151,11 @@ def calibrate(
     phi, pitch = nominal.heading, nominal.pixel_pitch
     start = np.array(sensors.velocity_row(nominal.x, nominal.y, phi)) / pitch
     prior = np.array(_PRIOR) / pitch
-    coefficients, covariance = _fit(twist, pixels, start, prior)
-    seen = np.sqrt(np.diag(covariance)) < seen_below * prior
-    if not seen.all():
-        # Unobservable parameters must not be fitted to the noise of the reference.
-        coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
-        covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
+    coefficients, covariance, seen = _determined(twist, pixels, start, prior, seen_below)
     found_pitch, heading, lever, errors = _mounting(coefficients, covariance)
     turned = math.remainder(heading - phi, 2.0 * math.pi)
-    mirrored = abs(turned) > 0.5 * math.pi
-    rates = np.array([drive.line_rate for drive in drives])
-    rate = float(rates.mean())
-    scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
-    rate_error = max(scatter, *(drive.line_rate_error for drive in drives))
-    # Move the camera to the nearest point on the new axis, which has the fitted lever.
+    rate, rate_error = _mean_rate(drives)
+    # Move the camera to the nearest point of the new axis, which has the fitted lever arm.
     off = lever - sensors.velocity_row(nominal.x, nominal.y, heading)[2]
     left = {
         "scale_error": math.hypot(errors[0] / found_pitch, rate_error / rate),
@@ -181,7 +166,7 @@ def calibrate(
     stated: Any = {name: float(v) for (name, v), ok in zip(left.items(), known, strict=True) if ok}
     sensor = dataclasses.replace(
         nominal,
-        # An undetermined quantity keeps its configured standard error.
+        # A quantity that is not determined keeps its configured standard error.
         **stated,
         x=float(nominal.x + off * math.sin(heading)),
         y=float(nominal.y - off * math.cos(heading)),
@@ -190,29 +175,45 @@ def calibrate(
         line_rate=rate,
     )
     words = ("forward motion", "sideways motion", "turning")
-    unseen = tuple(word for word, ok in zip(words, seen, strict=True) if not ok)
     return Calibration(
         nominal,
         sensor,
         dict(zip(QUANTITIES, (*map(float, errors), rate_error), strict=True)),
-        mirrored,
-        unseen,
+        abs(turned) > 0.5 * math.pi,
+        tuple(itertools.compress(words, ~seen)),
         tuple(drives),
         tuple((d.pixels - d.twist @ coefficients) * found_pitch for d in drives),
         tuple((d.pixels - d.twist @ start) * pitch for d in drives),
     )
 
 
+def _determined(
+    twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray, seen_below: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return coefficients, their covariance and which of them the drives determine."""
+    coefficients, covariance = _fit(twist, pixels, start, prior)
+    seen = np.sqrt(np.diag(covariance)) < seen_below * prior
+    if not seen.all():
+        # Parameters that cannot be determined must not be fitted to the noise of the reference.
+        coefficients, covariance = _fit(twist, pixels, start, np.where(seen, prior, 1e-6 * prior))
+        covariance = covariance + np.diag(np.where(seen, 0.0, prior**2))
+    return coefficients, covariance, seen
+
+
+def _mean_rate(drives: Sequence[Drive]) -> tuple[float, float]:
+    """Return the mean line rate of drives and its standard error [1/s]."""
+    rates = np.array([drive.line_rate for drive in drives])
+    scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
+    return float(rates.mean()), max(scatter, *(drive.line_rate_error for drive in drives))
+
+
 def _mounting(
     coefficients: FloatArray, covariance: FloatArray
 ) -> tuple[float, float, float, FloatArray]:
     """Return pitch [m], heading [rad] and lever [m], and their standard errors, shape (3,)."""
-    size = float(np.hypot(coefficients[0], coefficients[1]))
-    pitch = 1.0 / size
-    heading = math.atan2(coefficients[1], coefficients[0])
-    lever = coefficients[2] * pitch
+    c_1, c_2, c_3 = coefficients.tolist()
+    size = math.hypot(c_1, c_2)
     # Derivatives of (pitch, heading, lever) with respect to c.
-    c_1, c_2, c_3 = coefficients
     jacobian = np.array(
         [
             [-c_1 / size**3, -c_2 / size**3, 0.0],
@@ -221,7 +222,7 @@ def _mounting(
         ]
     )
     errors = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
-    return pitch, heading, lever, errors
+    return 1.0 / size, math.atan2(c_2, c_1), c_3 / size, errors
 
 
 def _fit(
@@ -237,10 +238,10 @@ def _fit(
     Args:
         twist: twist of the reference, shape (m, 3).
         pixels: displacement [px/s], shape (m,).
-        start: expected coefficients, shape (3,).
-        prior: standard deviations of the expected coefficients, shape (3,).
-        huber: residual above which a batch has less weight, in robust standard deviations [1].
-        stretches: number of parts of the drives whose errors are assumed independent.
+        start: configured coefficients, shape (3,).
+        prior: standard deviations of the configured coefficients, shape (3,).
+        huber: residual above which a batch has a smaller weight, in robust standard deviations [1].
+        stretches: number of parts of the drives whose errors are assumed to be independent.
     """
     value: Any = start
     weight = np.ones(len(pixels))

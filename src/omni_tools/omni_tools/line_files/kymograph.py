@@ -1,7 +1,7 @@
-"""Kymograph of a line camera: lines over time, displacements and correlations."""
+"""Kymograph of a line camera: lines over time, with displacements and correlations."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,16 +17,15 @@ from omni_platform import quantities, signals
 from omni_platform.sensors import LineSensor
 
 
-@dataclasses.dataclass(frozen=True)
-class Kymograph:
-    """Lines of one camera and the estimates of the odometry.
+class Kymograph(NamedTuple):
+    """Lines of one camera with the estimates of the odometry.
 
     Attributes:
         sensor: the camera.
         lines: lines of the camera, oldest first, shape (m, n).
         time: time of each line [s], shape (m,).
-        displacement: displacement of each line from the previous line [px], shape (m - 1,); NaN
-            without a match.
+        displacement: displacement of each line from the previous one [px], shape (m - 1,); NaN if
+            the lines do not match.
         correlation: correlation of these pairs at their shift [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
         readings: estimate of each batch.
@@ -42,14 +41,14 @@ class Kymograph:
 
     @property
     def measured(self) -> float:
-        """Share of the batches that were measured, 0..1."""
+        """Share of the batches that have a valid measurement, 0 to 1."""
         return float(np.mean([reading.measured for reading in self.readings]))
 
 
 def match_lines(
     sensor: LineSensor, batches: Sequence[signals.LineBatch], configuration: OdometryConfiguration
 ) -> Kymograph:
-    """Match the lines of consecutive batches of one camera.
+    """Match the lines in consecutive batches of one camera.
 
     Args:
         sensor: the camera.
@@ -65,8 +64,8 @@ def match_lines(
         [1e-9 * b.stamp_ns + period * np.arange(1 - len(b.lines), 1) for b in whole]
     )
     pairs = PairMatcher(
-        search.METRICS[configuration.metric](sensor.pixels, configuration.shift_limit(sensor)),
-        subpixel.SubpixelRefiner(sensor.pixels, configuration.peak_recovery),
+        search.METRICS[configuration.metric](configuration.shift_limit(sensor)),
+        subpixel.SubpixelRefiner(sensor.pixels),
         configuration.minimum_correlation,
     ).match(lines)
     joined = np.abs(np.diff(time) - period) < 0.5 * period
@@ -111,14 +110,13 @@ def _draw_displacements(axes: Axes, kymograph: Kymograph) -> None:
     times = kymograph.time[1:]
     axes.plot(kymograph.displacement, times, ".", ms=2.0, color=style.GRAY, label=label)
     scale = kymograph.sensor.pixel_pitch * kymograph.sensor.line_rate
-    measured = [
-        reading.velocity / scale if reading.measured else np.nan for reading in kymograph.readings
-    ]
-    axes.plot(measured, kymograph.ends, "-", color=style.ORANGE, lw=1.4, label="of the batch")
-    batches = zip(kymograph.ends, kymograph.readings, strict=True)
-    lost = [end for end, reading in batches if not reading.measured]
-    if lost:
-        # At the left edge of the axes, independent of the displacements.
+    velocity = np.array([r.velocity if r.measured else np.nan for r in kymograph.readings])
+    axes.plot(
+        velocity / scale, kymograph.ends, "-", color=style.ORANGE, lw=1.4, label="of the batch"
+    )
+    lost = kymograph.ends[np.isnan(velocity)]
+    if lost.size:
+        # Drawn at the left edge of the axes, independent of the displacements.
         axes.plot(
             np.zeros(len(lost)), lost, "x", ms=4.0, color=style.VERMILLION, label="not measured",
             transform=axes.get_yaxis_transform(), clip_on=False,

@@ -1,4 +1,4 @@
-"""Options of commands that read the files with a camera's lines."""
+"""Options of commands that read files with the lines of a camera."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ class FileOptions(Configuration):
     """Layout of the lines in pictures and in raw bytes."""
 
     rows: str = parameter("")
-    """rows of each picture to take, such as 240 or 236:244 (default: all)"""
+    """rows of each picture to use, such as 240 or 236:244 (default: all)"""
     band: bool = parameter(False)
-    """average these rows to one line per picture"""
+    """average these rows into one line per picture"""
     columns: bool = parameter(False)
-    """lines are the columns of the pictures"""
+    """use the columns of the pictures as lines"""
     pixels: int = option(0, minimum=0, maximum=16384, unit="px")
-    """pixels of a line in raw bytes"""
+    """number of pixels per line in raw bytes"""
     bits: str = parameter("8", choices=("8", "16"))
-    """bits of a pixel in raw bytes"""
+    """bits per pixel in raw bytes"""
 
     @property
     def cut(self) -> Cut:
-        """Selection of the lines in a picture."""
+        """Selection of the lines in each picture."""
         from linescan_odometry.camera.cut import Cut, row_range
 
         return Cut(row_range(self.rows, "--rows"), self.band, self.columns)
@@ -51,8 +51,8 @@ def camera_files(
     Args:
         sources: arguments of the command line.
         known: names of the cameras.
-        where: source of the cameras' names, for messages.
-        key: key of the option, for messages.
+        where: source of the camera names, for error messages.
+        key: key of the option, for error messages.
 
     Raises:
         ConfigurationError: an argument names no camera, or a camera is named twice.

@@ -1,9 +1,9 @@
 """Reading of a camera's lines from files of frame grabbers and cameras.
 
-A *stack* is a folder of pictures in the order of their names, or a single picture with one or many
-pages. Every row of a picture is a line. For an area camera, `Cut` selects one row or the mean of a
-band of each picture. Arrays (NPY), tables (CSV, one line per row) and raw bytes contain only lines.
-A video needs OpenCV.
+A *stack* is a folder of pictures in the order of their names, or a single picture with one or more
+pages. Each row of a picture is a line. For an area camera, `Cut` selects one row or the mean of
+several rows of each picture. Arrays (NPY), tables (CSV, one line per row) and raw bytes contain
+only lines. Reading a video requires OpenCV.
 """
 
 import dataclasses
@@ -25,7 +25,6 @@ PICTURES = (".png", ".tif", ".tiff", ".bmp", ".pgm", ".jpg", ".jpeg")
 RAW = (".raw", ".bin", ".dat")
 
 _GRAY_8 = ("L", "P", "1", "RGB", "RGBA", "LA")
-_DEEPEST = {8: np.uint8, 16: np.uint16}
 
 
 class LineFileError(configuration.ConfigurationError):
@@ -37,8 +36,8 @@ class RawFormat:
     """Layout of a file of raw bytes.
 
     Attributes:
-        pixels: number of pixels of a line; 0 if the file states it.
-        bits: number of bits of a pixel, 8 or 16 (little endian).
+        pixels: number of pixels per line; 0 if the file states it.
+        bits: number of bits per pixel, 8 or 16 (little endian).
     """
 
     pixels: int = 0
@@ -64,11 +63,13 @@ def read_lines(
             lengths.add((part.shape[1], str(part.dtype)))
             if len(lengths) > 1:
                 found = " and ".join(f"{n} px of {kind}" for n, kind in sorted(lengths))
-                raise LineFileError(str(path), f"holds lines of {found}; all must be alike")
+                raise LineFileError(
+                    str(path), f"contains lines of {found}; all lines must be equally long"
+                )
             size += part.nbytes
             if size > most:
                 raise LineFileError(
-                    str(path), f"holds more than {most >> 30} GiB of lines: import it in pieces"
+                    str(path), f"contains more than {most >> 30} GiB of lines: import it in pieces"
                 )
             parts.append(part)
     except (OSError, ValueError, SyntaxError, EOFError) as error:
@@ -79,7 +80,7 @@ def read_lines(
         words = " ".join(str(error).split())
         raise LineFileError(str(path), f"cannot be read: {words}") from None
     if not any(len(part) for part in parts):
-        raise LineFileError(str(path), "holds no line")
+        raise LineFileError(str(path), "contains no line")
     return np.ascontiguousarray(np.concatenate(parts))
 
 
@@ -101,8 +102,10 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
         yield _table(path)
     elif suffix in RAW:
         if raw.pixels <= 0:
-            raise LineFileError(str(path), "is raw: set the pixels of a line with --pixels")
-        values = np.fromfile(path, np.dtype(_DEEPEST[raw.bits]).newbyteorder("<"))
+            raise LineFileError(
+                str(path), "contains raw bytes: set the number of pixels per line with --pixels"
+            )
+        values = np.fromfile(path, f"<u{raw.bits // 8}")
         if len(values) % raw.pixels:
             raise LineFileError(
                 str(path), f"{len(values)} pixels are no whole number of lines of {raw.pixels} px"
@@ -135,7 +138,7 @@ def _table(path: Path) -> NDArray[Any]:
     delimiter = next((mark for mark in ";\t," if mark in text), None)
     rows = [line for line in text.splitlines() if line.strip()]
     if rows and re.search(r"[^\s\d.,;+eE-]", rows[0]):
-        rows = rows[1:]  # without the names of the columns
+        rows = rows[1:]  # without the column names
     return np.loadtxt(rows, delimiter=delimiter, ndmin=2) if rows else np.empty((0, 1), np.uint8)
 
 
@@ -145,7 +148,7 @@ def _video(path: Path) -> Iterator[NDArray[Any]]:
     except ImportError:
         raise LineFileError(
             str(path),
-            f"is a video, which needs OpenCV: {INSTALL.format('opencv')}; or give its frames as "
+            f"is a video, which requires OpenCV: {INSTALL.format('opencv')}; or give its frames as "
             "pictures",
         ) from None
     film = cv2.VideoCapture(str(path))

@@ -1,1 +1,1 @@
-"""Simulated line cameras that move over a ground, and errors of their measurements."""
+"""Simulated line cameras that move over a ground, and the errors of their measurements."""

@@ -1,7 +1,7 @@
 """Errors of displacements in pixels, millimeters and per cent.
 
-Eq. (85) is printed with a division by the frame rate, which gives meters times seconds. A velocity
-error is the displacement error *times* the rate, and this product is computed here.
+Eq. (85) is printed with a division by the frame rate, which would give meters times seconds. A
+velocity error is the displacement error *times* the rate, which is computed here.
 """
 
 import math
@@ -15,20 +15,20 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
-    """Return whether ratios of errors to their stated deviations are within the 95 % interval."""
+    """Return whether ratios of error to stated standard deviation are within the 95 % interval."""
     return np.abs(ratio) <= 1.96
 
 
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return which velocity errors are larger than their stated deviations explain.
+    """Return which velocity errors are larger than their stated standard deviations can explain.
 
     Args:
-        ratio: error over its stated deviation [1], NaN if unmeasured, shape (m,).
+        ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
         error: error [m/s], shape (m,).
-        least: smallest error that matters [m/s].
-        deviations: ratio up to which an error is explained [1].
+        least: smallest error that counts as undetected [m/s].
+        deviations: largest ratio that the stated standard deviation explains [1].
     """
     return (np.abs(ratio) > deviations) & (np.abs(error) > least)
 
@@ -36,11 +36,11 @@ def undetected(
 def error_values(
     pixel_error: FloatArray, error: FloatArray, pitch: float, line_rate: float, speed: float
 ) -> tuple[float, float, float, float]:
-    """Return the mean error by the dissertation's definition, and the RMS error in three units.
+    """Return the mean error as defined in the dissertation, and the RMS error in three units.
 
     Args:
         pixel_error: pixel error in whole pixels, Eq. (84).
-        error: error of refined displacements, unrounded [px].
+        error: error of the refined displacements, not rounded [px].
         pitch: length of a pixel on the ground [m].
         line_rate: lines per second [1/s].
         speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].

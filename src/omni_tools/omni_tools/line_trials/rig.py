@@ -1,6 +1,6 @@
 """Simulation of line cameras that move over a ground along known paths.
 
-The platform moves at a constant twist in its own frame, which is a circle or a straight line.
+The platform moves with a constant twist in its own frame, on a circle or a straight line.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from omni_platform.geometry import turned
 from omni_platform.quantities import SECOND_NS, FloatArray, IntArray
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch
@@ -20,7 +21,7 @@ from omni_sim.texture.cache import TextureCache
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration
 
 PERIOD = 0.2
-"""Period of a ground [m]."""
+"""Period of the ground texture [m]."""
 
 BATCH_TIME = 0.01
 """Duration of a batch of lines, one control period [s]."""
@@ -53,7 +54,7 @@ class View:
         return self.length / self.pixels
 
     def overlap(self, speed: float, angle: float) -> float:
-        """Return the share of its area that a frame has in common with the next one, 0..1.
+        """Return the share of a frame's area that the next frame covers too, 0 to 1.
 
         Args:
             speed: speed of the camera [m/s].
@@ -71,20 +72,12 @@ class View:
 
     def mounted(self, x: float = 0.0, y: float = 0.0, heading_deg: float = 0.0) -> LineSensor:
         """Return a camera with this view at a position [m] of the platform and a heading [deg]."""
-        return LineSensor(
-            x=x,
-            y=y,
-            heading_deg=heading_deg,
-            pixels=self.pixels,
-            length=self.length,
-            width=self.width,
-            line_rate=self.line_rate,
-        )
+        return LineSensor(x=x, y=y, heading_deg=heading_deg, **dataclasses.asdict(self))
 
 
 @functools.lru_cache(maxsize=3)
 def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
-    """Return a ground of the user's cache.
+    """Return a ground from the user's cache.
 
     Args:
         kind: kind of `omni_sim.texture.texture.KINDS`.
@@ -96,7 +89,7 @@ def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
 
 
 def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> FloatArray:
-    """Return the poses of a platform that moves at a constant twist.
+    """Return the poses of a platform that moves with a constant twist.
 
     Args:
         elapsed: times since the start [s], shape (m,).
@@ -106,17 +99,11 @@ def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> Float
     Returns:
         x, y [m], yaw [rad], shape (m, 3).
     """
-    turned = twist[2] * elapsed
-    # Mean direction and length of the chord; np.sinc(x) is sin(pi x) / (pi x).
-    chord = elapsed * np.sinc(0.5 * turned / math.pi)
-    yaw = start[2] + 0.5 * turned
-    return np.column_stack(
-        (
-            start[0] + chord * (twist[0] * np.cos(yaw) - twist[1] * np.sin(yaw)),
-            start[1] + chord * (twist[0] * np.sin(yaw) + twist[1] * np.cos(yaw)),
-            start[2] + turned,
-        )
-    )
+    angle = twist[2] * elapsed
+    # Direction and length of the chord; np.sinc(x) is sin(pi x) / (pi x).
+    chord = elapsed * np.sinc(0.5 * angle / math.pi)
+    moved = chord[:, np.newaxis] * turned(twist[:2], start[2] + 0.5 * angle)
+    return np.column_stack((start[:2] + moved, start[2] + angle))
 
 
 class Rig:
@@ -136,10 +123,10 @@ class Rig:
             sensors: the cameras by name.
             texture: the ground.
             noise: standard deviation [gray levels of 8 bit].
-            seed: seed of the noise.
+            seed: seed of the camera noise.
 
         Raises:
-            ConfigurationError: a field of view does not fit the ground.
+            ConfigurationError: a field of view exceeds the ground.
         """
         self.sensors = sensors
         configuration, key = CameraConfiguration(noise=float(noise)), np.random.SeedSequence(seed)
@@ -152,7 +139,7 @@ class Rig:
         lines: Mapping[str, IntArray],
         begin_ns: int = 0,
     ) -> dict[str, LineBatch]:
-        """Return a batch of lines of every camera.
+        """Return a batch of lines from each camera.
 
         Args:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).
@@ -170,7 +157,7 @@ class Rig:
     def drive(
         self, start: FloatArray, twist: FloatArray, batches: int, first: int = 0
     ) -> Iterator[dict[str, LineBatch]]:
-        """Yield consecutive batches of `BATCH_TIME`.
+        """Yield consecutive batches with a duration of `BATCH_TIME`.
 
         Args:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).
@@ -190,11 +177,11 @@ class Rig:
 def cameras(
     views: Sequence[View], texture: GroundTexture, noise: float, seed: int
 ) -> list[LineCamera]:
-    """Return cameras at the platform's center over one ground; arguments of `Rig`."""
+    """Return cameras at the platform's center over one ground; arguments as in `Rig`."""
     sensors = {f"trial_{i}": view.mounted() for i, view in enumerate(views)}
     return list(Rig(sensors, texture, noise, seed).array.cameras.values())
 
 
 def camera(view: View, texture: GroundTexture, noise: float, seed: int) -> LineCamera:
-    """Return a single camera at the platform's center; arguments of `Rig`."""
+    """Return a single camera at the platform's center; arguments as in `Rig`."""
     return cameras((view,), texture, noise, seed)[0]

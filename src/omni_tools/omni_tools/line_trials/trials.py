@@ -1,12 +1,12 @@
-"""Trials of one line camera over a ground: rendered pairs of lines, their matches, their errors.
+"""Trials of one line camera over a ground: rendered line pairs, matches and errors.
 
-The camera moves at a known speed and angle, as in section 4.4; consecutive lines are matched by a
+The camera moves with a known speed and angle, as in section 4.4. Consecutive lines are matched by a
 full search and refined. Displacements are in pixels along the camera's axis.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,18 +17,17 @@ from omni_platform.signals import Lines
 from omni_sim.camera.camera import LineCamera
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.errors import error_values
-from omni_tools.line_trials.rig import PERIOD, View, cameras
+from omni_tools.line_trials.rig import PERIOD, View, cameras, poses_at
 
 
-@dataclasses.dataclass(frozen=True)
-class Matches:
+class Matches(NamedTuple):
     """Matches of pairs of lines.
 
     Attributes:
         truth: displacement along the axis [px], shape (m,).
-        shift: integer shift of the smallest distance [px], shape (m,).
+        shift: integer shift with the smallest distance measure [px], shape (m,).
         displacement: refined shift [px], shape (m,).
-        variance: variance stated by the refinement [px^2], infinite if there is none, shape (m,).
+        variance: variance computed by the refinement [px^2], infinite without one, shape (m,).
         similarity: Pearson's correlation at the shift, shape (m,).
     """
 
@@ -40,13 +39,8 @@ class Matches:
 
     @property
     def pixel_error(self) -> FloatArray:
-        """Measured minus rounded true displacement, Eq. (84) [px].
-
-        A true displacement near the middle between two integers has two valid roundings. Of the
-        integers within 0.55 px, the one closer to the measurement is used.
-        """
-        error = self.shift - np.round(self.truth)
-        return np.where(np.abs(self.shift - self.truth) <= 0.55, 0.0, error)
+        """Measured minus true displacement, both in whole pixels, Eq. (84) [px]."""
+        return _whole_error(self.shift, self.truth)
 
     @property
     def right(self) -> BoolArray:
@@ -55,7 +49,7 @@ class Matches:
 
     @property
     def error(self) -> FloatArray:
-        """Refined minus true displacement, unrounded [px]."""
+        """Refined minus true displacement, not rounded [px]."""
         return self.displacement - self.truth
 
     @property
@@ -70,23 +64,21 @@ class Matches:
 
     @property
     def undetected_share(self) -> float:
-        """Share of pairs that the odometry would use although they are more than a pixel off."""
+        """Share of pairs that the odometry would use although their error exceeds a pixel."""
         return float(np.mean(self.usable & ~self.right))
 
     def median_error(self, group: int) -> FloatArray:
-        """Return the errors in whole pixels of medians of consecutive shifts (section 4.6).
+        """Return the error of each median of consecutive shifts, in whole pixels (section 4.6).
 
         Args:
-            group: n of the median; an incomplete group at the end is not used.
+            group: number n of shifts per median; an incomplete group at the end is omitted.
         """
         count = len(self.shift) // group * group
-        median = np.median(self.shift[:count].reshape(-1, group), axis=1)
-        truth = np.mean(self.truth[:count].reshape(-1, group), axis=1)
-        # As in `pixel_error`, a true value near a half may be rounded up or down.
-        return np.where(np.abs(median - truth) <= 0.55, 0.0, median - np.round(truth))
+        shift, truth = (v[:count].reshape(-1, group) for v in (self.shift, self.truth))
+        return _whole_error(np.median(shift, axis=1), np.mean(truth, axis=1))
 
     def right_medians(self, group: int) -> float:
-        """Return the share of medians with a `median_error` of at most a pixel."""
+        """Return the share of medians whose `median_error` is at most a pixel."""
         return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
 
     def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
@@ -99,8 +91,16 @@ class Matches:
         return error_values(self.pixel_error, self.error, view.pitch, view.line_rate, speed)
 
 
-@dataclasses.dataclass(frozen=True)
-class Motion:
+def _whole_error(shift: FloatArray | IntArray, truth: FloatArray) -> FloatArray:
+    """Return measured minus rounded true displacements [px].
+
+    A true displacement near the middle between two integers has two valid roundings. Of the
+    integers within 0.55 px, the one nearer to the measurement is used.
+    """
+    return np.where(np.abs(shift - truth) <= 0.55, 0.0, shift - np.round(truth))
+
+
+class Motion(NamedTuple):
     """Uniform motion of a camera.
 
     Attributes:
@@ -117,7 +117,7 @@ class Motion:
 
     @property
     def overlap(self) -> float:
-        """Share of its area that a frame has in common with the next one, 0..1."""
+        """Share of a frame's area that the next frame covers too, 0 to 1."""
         return self.view.overlap(self.speed, self.angle)
 
 
@@ -133,7 +133,7 @@ def measure(
     """Return the matches of consecutive lines of each motion.
 
     Args:
-        motions: the motions; shifts are searched up to half the pixels.
+        motions: motions to measure; shifts of up to half the pixels are searched.
         texture: the ground.
         pairs: number of consecutive lines from each position.
         noise: standard deviation [gray levels].
@@ -150,10 +150,8 @@ def measure(
         for run in range(runs):
             poses = path(motion.view, motion.speed, motion.angle, pairs + 1, generator, motion.axis)
             lines = eyes[motion.view].lines(poses, (i * runs + run) * (pairs + 1))
-            # Noise displaces a peak by up to 4 px.
-            own.append(match(motion.view, poses, lines, metric, recovery=4))
-        fields = [field.name for field in dataclasses.fields(Matches)]
-        matches.append(Matches(*(np.concatenate([getattr(m, f) for m in own]) for f in fields)))
+            own.append(match(motion.view, poses, lines, metric))
+        matches.append(Matches._make(map(np.concatenate, zip(*own, strict=True))))
     return matches
 
 
@@ -165,7 +163,7 @@ def path(
     generator: np.random.Generator,
     axis: float = 0.0,
 ) -> FloatArray:
-    """Return the poses of consecutive lines from a random position, shape (lines, 3).
+    """Return the poses of consecutive lines from a random start, shape (lines, 3).
 
     Args:
         view: field of view of the camera.
@@ -175,15 +173,9 @@ def path(
         generator: random generator for the position.
         axis: direction of the camera's axis on the ground [rad].
     """
-    traveled = speed / view.line_rate * np.arange(lines)
-    start = generator.uniform(0.0, PERIOD, 2)
-    return np.column_stack(
-        (
-            start[0] + traveled * math.cos(axis + angle),
-            start[1] + traveled * math.sin(axis + angle),
-            np.full(lines, axis),
-        )
-    )
+    start = np.append(generator.uniform(0.0, PERIOD, 2), axis)
+    twist = np.array([speed * math.cos(angle), speed * math.sin(angle), 0.0])
+    return poses_at(np.arange(lines) / view.line_rate, start, twist)
 
 
 def match(
@@ -191,24 +183,20 @@ def match(
     poses: FloatArray,
     lines: Lines,
     metric: str = "pearson",
-    divisor: float = 2.0,
-    recovery: int = 0,
 ) -> Matches:
-    """Match every line with the one before it.
+    """Match each line with the previous one; shifts of up to half the pixels are searched.
 
     Args:
         view: field of view of the camera.
         poses: poses of the lines, all with the same axis, shape (m + 1, 3).
         lines: gray values of the lines, shape (m + 1, pixels).
         metric: similarity metric of the search.
-        divisor: k; shifts are searched up to pixels / k.
-        recovery: distance within which a peak displaced by noise is searched again [px].
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
     similarity, displacement, variance = np.empty((3, pairs))
-    search.METRICS[metric](view.pixels, int(view.pixels / divisor)).match(lines, shift, similarity)
-    subpixel.SubpixelRefiner(view.pixels, recovery).refine(lines, shift, displacement, variance)
+    search.METRICS[metric](view.pixels // 2).match(lines, shift, similarity)
+    subpixel.SubpixelRefiner(view.pixels).refine(lines, shift, displacement, variance)
     axis = poses[0, 2]
     along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])
     return Matches(along / view.pitch, shift, displacement, variance, similarity)
@@ -216,8 +204,7 @@ def match(
 
 def every_second(matches: Matches) -> Matches:
     """Return every second match, beginning with the first."""
-    values = (getattr(matches, field.name)[::2] for field in dataclasses.fields(matches))
-    return Matches(*values)
+    return Matches._make(values[::2] for values in matches)
 
 
 def cramer_rao_bound(
@@ -230,17 +217,17 @@ def cramer_rao_bound(
 ) -> FloatArray:
     """Return the smallest variance of unbiased displacements between pairs of lines [px^2].
 
-    Both lines are noisy and the ground is unknown, so the bound is twice that of a known
-    ground: ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap.
-    Quantization adds 1/12 to the variance s^2 of the noise.
+    Both lines are noisy and the ground is unknown, so the bound is twice that of a known ground:
+    ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap. Quantization
+    adds 1/12 to the variance s^2 of the noise.
 
     Args:
         view: field of view of the camera.
-        eye: rendered camera.
+        eye: camera that renders the lines.
         poses: poses of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
         noise: standard deviation [gray levels].
-        step: step of the gradient [px].
+        step: step of the numerical gradient [px].
     """
     moved = np.array([step * view.pitch, 0.0, 0.0])
     change = eye.grays(poses + moved).astype(np.float64) - eye.grays(poses - moved)

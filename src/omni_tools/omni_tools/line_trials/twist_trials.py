@@ -1,7 +1,7 @@
-"""Twists that the odometry estimates of a platform in uniform motion over a ground."""
+"""Trials of the odometry: estimated twists of a platform in uniform motion over a ground."""
 
-import dataclasses
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,17 +11,16 @@ from omni_platform.sensors import sensor_matrix
 from omni_tools.line_trials.rig import PERIOD, Rig
 
 
-@dataclasses.dataclass(frozen=True)
-class TwistTrial:
-    """Estimates of the odometry over a uniform motion, batch by batch.
+class TwistTrial(NamedTuple):
+    """Estimates of the odometry in a uniform motion, one per batch.
 
     Attributes:
         twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
         estimate: estimated twist of each measured batch, shape (m, 3).
-        covariance: covariance stated with each estimate, shape (m, 3, 3).
-        measured: share of the batches that were measured, 0..1.
-        ratio: error of a camera's velocity along its axis over the stated deviation [1], for all
-            cameras and batches with a measurement, shape (k,).
+        covariance: covariance that the odometry states for each estimate, shape (m, 3, 3).
+        measured: share of the batches with a measurement, 0 to 1.
+        ratio: ratio of the error of a camera's velocity to the stated standard deviation [1], for
+            all cameras and batches with a measurement, shape (k,).
     """
 
     twist: FloatArray
@@ -49,7 +48,7 @@ def drive(
     batches: int,
     generator: np.random.Generator,
 ) -> TwistTrial:
-    """Estimate a constant twist by the odometry, from a random position and heading.
+    """Estimate a constant twist with the odometry, from a random position and heading.
 
     Args:
         configuration: configuration of the odometry, with its line cameras.

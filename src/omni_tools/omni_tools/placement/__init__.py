@@ -1,1 +1,1 @@
-"""Placement of line cameras for the most accurate twist."""
+"""Search for the placement of line cameras that gives the most accurate twist."""

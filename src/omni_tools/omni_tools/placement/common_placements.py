@@ -1,6 +1,7 @@
-"""Common placements of cameras on a circle: tangential, radial and parallel."""
+"""Common placements of line cameras on a circle: tangential, radial and parallel."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -17,7 +18,8 @@ def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArr
     Args:
         count: number of cameras.
         radius: radius of the circle [m].
-        turn: angle between the axes and the radial direction [rad]; a right angle is tangential.
+        turn: angle from the radial direction to each camera's axis [rad]; a right angle makes the
+            axes tangential.
         start: direction of the first camera [rad].
     """
     angle = start + math.tau * np.arange(count) / count
@@ -29,7 +31,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
     Args:
         radius: radius of the circle [m].
-        prototype: camera whose type all cameras have.
+        prototype: camera whose field of view and line rate all cameras have.
         count: number of cameras.
     """
     sensors = {}
@@ -40,31 +42,25 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 
 def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
-    """Return poses at equal angles on the largest circle that fits tangential cameras.
+    """Return poses at equal angles on the largest circle on which tangential cameras fit.
 
     Args:
-        area: the chassis.
+        area: mounting area of the chassis.
         count: number of cameras.
-        step: step between two radii that are tried [m].
+        step: difference between two radii that are tried [m].
 
     Returns:
         ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.
     """
-    largest = max(area.reach)
-    radius, start = min(area.reach), 0.0
-    for number in range(int(largest / step)):
-        tried = [(largest - number * step, s) for s in (0.0, 0.5 * math.pi, math.pi)]
-        fitting = [r for r in tried if np.all(area.fits(ring(count, r[0], 0.5 * math.pi, r[1])))]
-        if fitting:
-            radius, start = fitting[0]
-            break
+    radii = np.arange(max(area.reach), step, -step).tolist()
+    tried = itertools.product(radii, (0.0, 0.5 * math.pi, math.pi))
+    fitting = (t for t in tried if np.all(area.fits(ring(count, t[0], 0.5 * math.pi, t[1]))))
+    radius, start = next(fitting, (min(area.reach), 0.0))
     radial = ring(count, radius, 0.0, start)
-    parallel = radial.copy()
-    parallel[:, 2] = 0.0
     return {
         "tangential": ring(count, radius, 0.5 * math.pi, start),
         "radial": radial,
-        "parallel": parallel,
+        "parallel": radial * (1.0, 1.0, 0.0),
     }
 
 
@@ -82,7 +78,7 @@ def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, L
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).
         view: field of view of each camera.
-        rounded: placement rounded to 1 mm and 1 deg.
+        rounded: whether positions are rounded to 1 mm and headings to 1 deg.
     """
     half = np.max(np.abs(poses[:, :2]), axis=0) + 1e-9
     angle = np.arctan2(poses[:, 1] / half[1], poses[:, 0] / half[0])

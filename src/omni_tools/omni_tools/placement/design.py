@@ -1,10 +1,11 @@
-"""Comparison of the best, the given and common placements of line cameras under a vehicle."""
+"""Comparison of the best, the given and the common placements of cameras under a vehicle."""
 
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, WorkError
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import View
@@ -12,7 +13,7 @@ from omni_tools.placement import evaluation, mounting_area
 from omni_tools.placement.common_placements import common_placements, named
 from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
-from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error, sideways_limit
+from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error
 from omni_tools.placement.trials import PlacementTrial, drive_mix
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 8
@@ -27,16 +28,16 @@ class DesignTask:
     """Task of a placement.
 
     Attributes:
-        area: area for the cameras on the chassis.
-        texture: ground over which the cameras are tried.
+        area: mounting area of the chassis.
+        texture: ground on which the cameras are tested.
         noise: noise of the cameras, standard deviation [gray levels of 8 bit].
         count: number of cameras.
         mix: mix of motions for the mean error.
         speed: speed of base_link in all motions of the mix [m/s].
-        redundant: whether to minimize the error after the worst failure of a camera.
+        redundant: whether to minimize the error after the failure of the most important camera.
         given: further placements to evaluate, by name.
         seed: seed of the search and the trials.
-        batches: number of batches of lines for each orientation of each direction or motion.
+        batches: number of line batches for each direction or motion in each orientation.
     """
 
     area: mounting_area.MountingArea
@@ -51,16 +52,15 @@ class DesignTask:
     batches: int = 4
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Design:
+class Design(NamedTuple):
     """Result of a placement.
 
     Attributes:
-        trial: error of one camera.
+        trial: measured error of one camera.
         criterion: criterion of the search.
         found: result of the search.
-        placements: the best one, the given ones, the one with the smallest condition number and
-            the common ones.
+        placements: the best placement, the given ones, the one with the smallest condition number,
+            and the common ones.
     """
 
     trial: SensorTrial
@@ -79,14 +79,14 @@ class Design:
 
 
 def design(task: DesignTask, report: Report) -> Design:
-    """Measure a camera's error, search the best placement and evaluate others.
+    """Measure a camera's error, search for the best placement, and evaluate other placements.
 
     Args:
         task: the task.
-        report: called with the completed share [0..1] and a text.
+        report: called with the completed share (0 to 1) and a text.
 
     Raises:
-        ConfigurationError: the cameras do not fit or do not see the motion.
+        WorkError: the cameras do not fit, or cannot measure the motion.
     """
     area, view = task.area, task.area.view
     report(0.0, "errors of one camera")
@@ -96,21 +96,17 @@ def design(task: DesignTask, report: Report) -> Design:
     scene = area.scene
     radius = gyration(scene.chassis_length, scene.chassis_width)
     criterion = MeanError(view, trial.error, task.mix, radius)
-
-    def on_search(share: float, words: str) -> None:
-        report(0.3 + 0.4 * share, words)
-
     try:
         found = search(
-            criterion, area, task.count, redundant=task.redundant, seed=task.seed, report=on_search
-        )
+            criterion, area, task.count, redundant=task.redundant, seed=task.seed,
+            report=lambda share, words: report(0.3 + 0.4 * share, words),
+        )  # fmt: skip
         report(0.7, "smallest condition number")
         other = search(ConditionNumber(), area, task.count, seed=task.seed)
     except NoRoomError as error:
-        raise ConfigurationError(
-            "--sensors",
-            f"{error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; each takes "
-            f"{2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
+        raise WorkError(
+            f"--sensors: {error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; "
+            f"each takes {2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
             f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance",
         ) from None
     sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
@@ -142,19 +138,19 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
 def design_speed(
     speed: float | None, yaw_rate: float, area: mounting_area.MountingArea, usual: float = 10.0
 ) -> float:
-    """Return the design speed [m/s]: the given one, or the usual one if the cameras allow it.
+    """Return the design speed [m/s]: the given one, or the usual one if the cameras can measure it.
 
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].
-        area: area for the cameras, with their type and their largest distance from the center.
+        area: mounting area, which gives the camera type and the largest distance from the center.
         usual: usual speed [m/s].
 
     Raises:
-        ConfigurationError: at this speed consecutive lines overlap by less than 60 % in sideways
+        ConfigurationError: at this speed, consecutive lines overlap by less than 60 % in sideways
             motion.
     """
-    limit = sideways_limit(area.view) - yaw_rate * math.hypot(*area.reach)
+    limit = area.view.mounted().sideways_speed - yaw_rate * math.hypot(*area.reach)
     if limit <= 0.0:
         raise ConfigurationError(
             "--yaw-rate",
@@ -172,16 +168,16 @@ def design_speed(
 
 
 def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
-    """Return the view of all cameras of a file.
+    """Return the field of view that all cameras of a file share.
 
     Args:
         name: name of the file.
         sensors: cameras of the file.
 
     Raises:
-        ConfigurationError: there is no camera, or the cameras are not all of one type.
+        ConfigurationError: the file has no camera, or its cameras differ in type.
     """
-    views = {View(s.pixels, s.length, s.width, s.line_rate) for s in sensors.values()}
+    views = {View.of(sensor) for sensor in sensors.values()}
     if len(views) != 1:
         raise ConfigurationError(
             "sensors", f"{name} must have cameras of one type, it has {len(views)} types"

@@ -1,25 +1,25 @@
-"""The mean twist error of a placement of line cameras.
+"""Mean twist error of a placement of line cameras.
 
-The twist errs by ``e`` with the covariance ``C = (A^T W A)^-1`` of weighted least squares, and a
-point p of the platform by ``P_p e``, ``P_p = [[1, 0, -y], [0, 1, x]]``. The *mean twist error* E
-is the RMS of that velocity error over all points of the platform and over an expected mix of
-motions m,
+The twist estimated by weighted least squares has an error ``e`` with the covariance ``C = (A^T W
+A)^-1``. The velocity of a point p of the platform then has the error ``P_p e`` with ``P_p =
+[[1, 0, -y], [0, 1, x]]``. The *mean twist error* E is the RMS of this velocity error over all
+points of the platform and over an expected mix of motions m,
 
     E^2 = mean_m mean_p trace(P_p C_m P_p^T) = mean_m (var v_x + var v_y + g^2 var yaw rate),
 
-for a rectangle about base_link with ``g^2 = (length^2 + width^2) / 12``: m/s and rad/s are combined
-without an arbitrary weight. W depends on the motion, because the error of a camera grows with the
-speed across its axis (`sensor_error`). Singular placements have an infinite E.
+with ``g^2 = (length^2 + width^2) / 12`` for a rectangle around base_link. This definition combines
+m/s and rad/s without an arbitrary weight. W depends on the motion, because the error of a camera
+grows with the speed across its axis (`sensor_error`). Singular placements have an infinite E.
 
-Information matrices ``a^T a / s^2`` are kept as their six different elements
-(xx, xy, xw, yy, yw, ww) for the velocities (v_x, v_y, g * yaw rate), all in m/s.
+Information matrices ``a^T a / s^2`` are stored as their six different elements (xx, xy, xw, yy, yw,
+ww), for the velocities (v_x, v_y, g * yaw rate), all in m/s.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,18 +30,17 @@ from omni_tools.placement.sensor_error import SensorError
 
 MOTIONS = ("straight", "sideways", "diagonal", "turning")
 
-_SINGULAR = 1e-10  # smallest determinant, over that of a matrix with equal eigenvalues
-_FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # index of the element by row and column
+_SINGULAR = 1e-10  # smallest determinant, relative to a matrix with equal eigenvalues
+_FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # index of the element for each row and column
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class MotionMix:
-    """Mix of motions for the evaluation of placements.
+class MotionMix(NamedTuple):
+    """Mix of motions for which placements are evaluated.
 
     Attributes:
-        names: names of the M motions; one with a mirror image occurs twice.
+        names: names of the M motions; a motion that has a mirror image is listed twice.
         twist: (v_x, v_y, yaw rate) of each motion [m/s, m/s, rad/s], shape (M, 3).
-        share: share of the time of each motion, sums to 1, shape (M,).
+        share: share of time of each motion, with the sum 1, shape (M,).
     """
 
     names: tuple[str, ...]
@@ -50,7 +49,7 @@ class MotionMix:
 
     @classmethod
     def of(cls, speed: float, yaw_rate: float, weights: Sequence[float]) -> MotionMix:
-        """Return straight, sideways, diagonal and turning motion; the last two with mirror images.
+        """Return straight, sideways, diagonal and turning motion, the last two also mirrored.
 
         Args:
             speed: speed of base_link [m/s].
@@ -66,22 +65,16 @@ class MotionMix:
             (MOTIONS[3], (speed, 0.0, yaw_rate), 0.5 * weights[3]),
             (MOTIONS[3], (speed, 0.0, -yaw_rate), 0.5 * weights[3]),
         )
-        used = [row for row in rows if row[2] > 0.0]
-        share = np.array([weight for _, _, weight in used])
-        return cls(
-            tuple(name for name, _, _ in used),
-            np.array([twist for _, twist, _ in used]),
-            share / share.sum(),
-        )
+        names, twist, weight = zip(*(row for row in rows if row[2] > 0.0), strict=True)
+        return cls(names, np.array(twist), np.array(weight) / sum(weight))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class MeanError:
+class MeanError(NamedTuple):
     """Evaluates placements by their mean twist error.
 
     Attributes:
         view: field of view of each camera.
-        error: error of each camera.
+        error: error model of each camera.
         mix: mix of motions.
         gyration: g, RMS distance of the platform's points from base_link [m].
     """
@@ -92,7 +85,7 @@ class MeanError:
     gyration: float
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of the information of a camera at each pose.
+        """Return the elements of the information matrix of a camera at each pose.
 
         Args:
             poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
@@ -110,7 +103,7 @@ class MeanError:
         return weight[..., None] * _elements(a_x, a_y, lever)
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return E [m/s] of sums of `information`, shape (..., M, 6) to (...)."""
+        """Return E [m/s] for sums of `information`, shape (..., M, 6) to (...)."""
         return np.sqrt(total_variance(information) @ self.mix.share)
 
     def mean_error(self, poses: FloatArray) -> float:
@@ -143,23 +136,22 @@ class MeanError:
         return np.asarray(np.sqrt(squared))
 
 
-@dataclasses.dataclass(frozen=True)
 class ConditionNumber:
     """Evaluates placements by the condition number of the sensor matrix, for comparison.
 
-    The number combines components with different units, and it measures equal uncertainty instead
-    of small uncertainty. A wide platform has a large condition number.
+    The number combines components with different units, and it measures how equal the uncertainties
+    are, not how small. A wide platform has a large condition number.
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of ``a^T a`` of each pose, shape (..., 3) to (..., 1, 6)."""
+        """Return the elements of ``a^T a`` for each pose, shape (..., 3) to (..., 1, 6)."""
         x, y, heading = (poses[..., i] for i in range(3))
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x
         return _elements(a_x, a_y, lever)[..., None, :]
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return the condition numbers of sums of `information`, shape (..., 1, 6) to (...)."""
+        """Return the condition numbers for sums of `information`, shape (..., 1, 6) to (...)."""
         eigenvalues = np.linalg.eigvalsh(information[..., 0, _FULL])
         smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
         singular = smallest <= _SINGULAR * largest
@@ -168,7 +160,7 @@ class ConditionNumber:
 
 
 Criterion = MeanError | ConditionNumber
-"""Criterion of a placement, to be minimized."""
+"""Criterion that a search for a placement minimizes."""
 
 
 def _elements(a_x: FloatArray, a_y: FloatArray, lever: FloatArray) -> FloatArray:
@@ -178,7 +170,7 @@ def _elements(a_x: FloatArray, a_y: FloatArray, lever: FloatArray) -> FloatArray
 
 
 def total_variance(information: FloatArray) -> FloatArray:
-    """Return the trace of the inverse of matrices given by their elements; infinite if singular.
+    """Return the trace of the inverse of matrices, given their elements; infinite if singular.
 
     Args:
         information: shape (..., 6).
@@ -208,12 +200,12 @@ def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
-    """Return two measures that are 0 for a singular placement.
+    """Return two measures of how close a placement is to a singular one; both are then 0.
 
     Returns:
-        Angle by which the axes spread [deg], 45 at best: its squared sine is the smaller
-        eigenvalue of the mean of ``a a^T``. And the effective lever [m]: the RMS part of the
-        levers about base_link that no translation can explain; 0 if all axes meet in a point.
+        Angle by which the axes spread [deg], at most 45; its squared sine is the smaller eigenvalue
+        of the mean of ``a a^T``. Effective lever arm [m]: the RMS of the part of the lever arms
+        about base_link that no translation can explain; 0 if all axes meet in a point.
     """
     matrix = sensor_matrix(sensors)
     axes, levers = matrix[:, :2], matrix[:, 2]

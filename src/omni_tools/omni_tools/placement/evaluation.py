@@ -1,8 +1,8 @@
 """Evaluation of a placement of line cameras."""
 
-import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,27 +15,26 @@ from omni_tools.placement import error as errors
 from omni_tools.placement.mounting_area import MountingArea
 
 MINIMUM_LEVER = OdometryConfiguration.minimum_lever
-"""Effective lever below which the odometry refuses a placement by default [m]."""
+"""Effective lever arm below which the odometry rejects a placement by default [m]."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class EvaluatedPlacement:
+class EvaluatedPlacement(NamedTuple):
     """A placement and its errors.
 
     Attributes:
         name: name of the placement.
         sensors: cameras by name.
-        mean_error: mean twist error E [m/s], infinite if the placement is singular.
+        mean_error: mean twist error E [m/s]; infinite if the placement is singular.
         deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
             mix of motions, shape (3,).
         by_motion: E of each motion [m/s].
-        without: E without each camera [m/s], infinite if the other cameras are singular, shape
-            (N,).
+        without: E after the failure of each camera [m/s], shape (N,); infinite if the placement of
+            the other cameras is singular.
         condition: condition number of the sensor matrix in SI units.
         spread_deg: angle by which the axes spread, see `error.closeness` [deg].
-        lever: effective lever for the yaw rate [m].
-        singular: reason why the odometry refuses the placement, empty if it does not.
-        mounting: reason why the cameras cannot be mounted on the chassis, empty if they can.
+        lever: effective lever arm for the yaw rate [m].
+        singular: reason why the odometry rejects the placement; empty if it does not.
+        mounting: reason why the cameras cannot be mounted on the chassis; empty if they can.
     """
 
     name: str
@@ -52,7 +51,7 @@ class EvaluatedPlacement:
 
     @property
     def worst_without(self) -> float:
-        """Mean twist error E after the worst failure of a camera [m/s]; infinite for three."""
+        """Largest mean twist error E after a failure of one camera [m/s]; infinite for three."""
         return float(np.max(self.without))
 
     @property
@@ -69,7 +68,7 @@ def evaluate(
     Args:
         name: name of the placement.
         sensors: cameras by name, of the criterion's type.
-        criterion: criterion that gives the error.
+        criterion: criterion that computes the error.
         area: area in which cameras can be mounted.
     """
     poses = errors.poses_of(sensors)
@@ -103,7 +102,7 @@ def evaluate(
 
 
 def singularity(sensors: Mapping[str, LineSensor]) -> str:
-    """Return why the odometry refuses a placement, empty if it does not."""
+    """Return the reason why the odometry rejects a placement; empty if it does not."""
     try:
         check_placement(sensors, MINIMUM_LEVER)
     except ConfigurationError as error:

@@ -1,4 +1,4 @@
-"""Placements of line cameras under a chassis, with the error of the velocity of every point."""
+"""Figure of camera placements under a chassis, with the velocity error at every point."""
 
 import math
 import textwrap
@@ -12,6 +12,7 @@ from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+from matplotlib.ticker import MaxNLocator
 
 from omni_figures import style
 from omni_platform.quantities import FloatArray
@@ -33,11 +34,11 @@ def placement_figure(
     title: str,
     width: float = 5.3,
 ) -> Figure:
-    """Draw placements side by side; the first one sets the color scale.
+    """Draw placements side by side; the first one determines the color scale.
 
     Args:
         placements: placements to draw, at least one.
-        criterion: criterion that gives the errors.
+        criterion: criterion that computes the errors.
         area: the chassis.
         title: title of the figure.
         width: width of a panel [in].
@@ -61,7 +62,14 @@ def placement_figure(
     words = "error of the velocity of a point of the platform [mm/s]"
     scale = ScalarMappable(norm=norm, cmap=_SHADES)
     figure.colorbar(scale, ax=list(panels.flat), shrink=0.8, pad=0.01, extend="max", label=words)
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=5)
+    handles: list[Line2D | Patch] = [
+        Patch(color=style.BLUE, label="field of view"),
+        Patch(facecolor="white", edgecolor=style.BLUE, label="housing"),
+        Line2D([], [], color=style.BLUE, marker=">", markevery=[1], label="axis"),
+        Patch(facecolor="#BBBBBB", edgecolor=style.GRAY, label="wheel"),
+        Line2D([], [], color=style.BLACK, marker=">", linestyle="", label="front"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=5)
     return figure
 
 
@@ -76,9 +84,7 @@ def _limits(
     ]
     points = np.concatenate([area.scene.drawn_points, *housings])
     margin = 0.03 * area.scene.chassis_length
-    low: FloatArray = points.min(axis=0) - margin
-    high: FloatArray = points.max(axis=0) + margin
-    return low, high
+    return points.min(axis=0) - margin, points.max(axis=0) + margin
 
 
 def _norm(
@@ -88,15 +94,15 @@ def _norm(
     levels: int = 14,
     end: tuple[float, float] = (1.5, 2.5),
 ) -> BoundaryNorm:
-    """Return a color scale over all errors, limited to a multiple of the best mean error.
+    """Return a color scale for all errors, limited to a multiple of the smallest mean error.
 
     Args:
         placements: placements in the figure, at least one.
         criterion: criterion that gives the errors.
         area: the chassis.
         levels: number of colors.
-        end: least end of the scale over the smallest error, largest end over the best mean error
-            [1].
+        end: limits of the upper end of the scale: smallest value relative to the smallest error,
+            and largest value relative to the smallest mean error [1].
     """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:
@@ -105,20 +111,14 @@ def _norm(
     lowest = float(np.min(maps))
     top = min(float(np.max(maps)), end[1] * 1e3 * regular[0].mean_error)
     top = max(top, end[0] * lowest)
-    step = _round_step((top - lowest) / levels)
-    first, last = math.floor(lowest / step), math.ceil(top / step)
-    return BoundaryNorm(step * np.arange(first, last + 1), _SHADES.N, extend="max")
-
-
-def _round_step(step: float) -> float:
-    power = 10.0 ** math.floor(math.log10(step))
-    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= step)
+    boundaries = MaxNLocator(levels, steps=(1.0, 2.0, 2.5, 5.0, 10.0)).tick_values(lowest, top)
+    return BoundaryNorm(boundaries, _SHADES.N, extend="max")
 
 
 def _map(
     placement: EvaluatedPlacement, criterion: MeanError, area: MountingArea
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return x, y [m] and error [mm/s] of points of the chassis."""
+    """Return x, y [m] and error [mm/s] for points of the chassis."""
     half = 0.5 * area.scene.chassis_length, 0.5 * area.scene.chassis_width
     x, y = np.meshgrid(*(np.linspace(-limit, limit, 81) for limit in half))
     return x, y, 1e3 * criterion.point_error(poses_of(placement.sensors), x, y)
@@ -189,13 +189,3 @@ def _draw_axes_through(axes: Axes, placement: EvaluatedPlacement, area: Mounting
         step = reach * np.array([math.cos(heading), math.sin(heading)])
         line = np.array([x, y]) + np.outer((-1.0, 1.0), step)
         axes.plot(*line.T, "--", color=style.VERMILLION, scalex=False, scaley=False, zorder=4)
-
-
-def _legend() -> list[Line2D | Patch]:
-    return [
-        Patch(color=style.BLUE, label="field of view"),
-        Patch(facecolor="white", edgecolor=style.BLUE, label="housing"),
-        Line2D([], [], color=style.BLUE, marker=">", markevery=[1], label="axis"),
-        Patch(facecolor="#BBBBBB", edgecolor=style.GRAY, label="wheel"),
-        Line2D([], [], color=style.BLACK, marker=">", linestyle="", label="front"),
-    ]

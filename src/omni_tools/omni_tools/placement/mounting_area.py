@@ -1,13 +1,12 @@
 """Area in which line cameras can be mounted under a chassis.
 
-A camera takes the rectangle of its field of view and a housing around it. Every camera keeps a
-clearance from the edge of the chassis, the wheels and the other cameras. The wheels have the width
-of the drawings, because the configuration has no wheel width.
+A camera occupies the rectangle of its field of view and a housing around it. Each camera keeps a
+clearance from the edge of the chassis, the wheels and the other cameras. The wheel width is that of
+the drawings, because the configuration does not contain one.
 """
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +24,8 @@ class MountingArea:
     Attributes:
         scene: chassis and wheels.
         view: field of view of every camera.
-        housing: housing of a camera, around its field of view [m].
-        clearance: clearance to edge, wheels and other housings [m].
+        housing: width of a camera's housing around its field of view [m].
+        clearance: smallest distance to edge, wheels and other housings [m].
     """
 
     scene: Scene
@@ -48,7 +47,7 @@ class MountingArea:
         )
 
     def on_chassis(self, poses: FloatArray) -> BoolArray:
-        """Return whether housings stay within the edge.
+        """Return whether the housings are within the edge of the chassis, at each pose.
 
         Args:
             poses: x, y [m] and heading [rad], shape (..., 3).
@@ -61,7 +60,7 @@ class MountingArea:
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
-        """Return for each housing the index of a wheel that is too close, -1 if there is none."""
+        """Return the index of a wheel that is too close to each housing; -1 if none is."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -73,16 +72,16 @@ class MountingArea:
         return self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
-        """Return whether cameras at `poses`, shape (..., 3), are clear of one at `other`.
+        """Return whether cameras at `poses`, shape (..., 3), keep clear of a camera at `other`.
 
         Args:
             poses: poses of the cameras.
-            other: pose of one other camera, shape (3,), or of another camera for each of `poses`.
+            other: pose of one other camera, shape (3,), or of one for each of `poses`.
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
     def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return why cameras cannot be mounted at these poses; empty if they can."""
+        """Return the reason why cameras cannot be mounted at these poses; empty if they can."""
         wheels = tuple(self.scene.wheels)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
@@ -109,14 +108,10 @@ class MountingArea:
     def _wheels(self) -> list[tuple[FloatArray, tuple[float, float]]]:
         """Return the pose and the half sizes of each wheel's rectangle."""
         geometry = PlatformGeometry.from_wheels(self.scene.wheels)
-        wheels = []
-        for row, outline in enumerate(self.scene.wheel_outlines):
-            u_x, u_y = geometry.rolling[row]
-            length = float(np.linalg.norm(outline[0] - outline[1]))
-            width = float(np.linalg.norm(outline[1] - outline[2]))
-            pose = np.append(geometry.position[row], math.atan2(u_y, u_x))
-            wheels.append((pose, (0.5 * length, 0.5 * width)))
-        return wheels
+        poses = np.column_stack((geometry.position, np.arctan2(*geometry.rolling.T[::-1])))
+        sides = np.diff(self.scene.wheel_outlines, axis=1)[:, :2]
+        halves = 0.5 * np.linalg.norm(sides, axis=2)  # length and width, shape (N, 2)
+        return list(zip(poses, map(tuple, halves), strict=True))
 
 
 def _overlap(
@@ -124,7 +119,7 @@ def _overlap(
 ) -> BoolArray:
     """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`.
 
-    Rectangles are separate if their projections on the direction of one of their sides are.
+    Two rectangles are separate if their projections on the direction of any side are separate.
     """
     apart_x, apart_y = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     turned = b[..., 2] - a[..., 2]

@@ -8,17 +8,19 @@ class PlacementOptions(configuration.Configuration):
 
     vehicle: str = configuration.parameter("mecanum_forklift")
     """a file of config/vehicles/, or a path that ends in .yaml"""
-    sensors: int | None = configuration.parameter(None)
-    """number of cameras, 3 to 8 (default: 3, or that of --check)"""
+    sensors: int | None = configuration.parameter(None, minimum=3, maximum=8)
+    """number of cameras, at least three for the components of the twist (default: 3, or that of
+    --check)"""
     type: str | None = configuration.parameter(None)
     """type of camera: a file of config/sensors/ such as generic, lis_770i or s3901, or a path
-    that ends in .yaml; its positions are evaluated too (default: generic, or that of --check)"""
+    that ends in .yaml; the positions in the file are evaluated too (default: generic, or that of
+    --check)"""
     check: tuple[str, ...] = configuration.parameter(())
-    """evaluate this placement, a file as for --type; exit code 1 if it is singular"""
+    """evaluate the placement in this file, as for --type; exit code 1 if it is singular"""
     redundant: bool = configuration.parameter(False)
-    """minimize the error after the worst failure of one camera; needs at least four"""
-    speed: float | None = command_options.option(None, metavar="M/S")
-    """speed of the motions to design for (default: 10, or less if the cameras are too slow)"""
+    """minimize the error after the failure of the most important camera; needs at least four"""
+    speed: float | None = command_options.option(None, metavar="M/S", above=0.0, maximum=1000.0)
+    """speed of the design motions (default: 10, or less if the cameras are too slow)"""
     yaw_rate: float = command_options.option(1.0, metavar="RAD/S", minimum=0.0, maximum=100.0)
     """yaw rate of the turning motion"""
     mix: str = command_options.option("1:1:1:1", metavar="A:B:C:D")
@@ -32,7 +34,7 @@ class PlacementOptions(configuration.Configuration):
     clearance: float = command_options.option(0.02, metavar="M", minimum=0.0, maximum=1.0)
     """distance to the edge of the chassis, to wheels and to other cameras"""
     confirm: bool = configuration.parameter(False)
-    """drive every placement over rendered lines and compare the measured error with the expected
-    one"""
+    """simulate every placement on rendered lines, and compare the measured error with the
+    expected one"""
     seed: int = configuration.parameter(1, minimum=0)
     """seed of search, ground and noise"""

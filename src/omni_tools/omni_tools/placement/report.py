@@ -1,4 +1,4 @@
-"""Results of `sensor_design`: numbers, sentences and a file for experiments."""
+"""Results of a placement: metrics, sentences, and a sensor file for experiments."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ _COLUMN = {
     "axes_spread": "axes_spread",
     "effective_lever": "effective_lever",
 }
-"""Rows of the table of placements by their metrics."""
+"""Rows of the table of placements, by their metrics."""
 
 
 def entries(
@@ -85,7 +85,7 @@ def column(
 
 
 def findings(task: design.DesignTask, result: design.Design, conditions: str) -> list[str]:
-    """Return the results in sentences."""
+    """Return the results as sentences."""
     best, found, camera = result.best, result.found, result.trial
     fitted = 1e3 * camera.fitted[[0, -1]]
     sentences = [
@@ -130,7 +130,7 @@ def _compared(placement: evaluation.EvaluatedPlacement, best: evaluation.Evaluat
 
 
 def sensor_file(task: design.DesignTask, result: design.Design, vehicle: str) -> str:
-    """Return the YAML that an experiment names as its sensors."""
+    """Return the text of a sensor file in YAML, which an experiment can name."""
     best = result.best
     heading = (
         f"{task.count} line cameras under {vehicle}: mean twist error "

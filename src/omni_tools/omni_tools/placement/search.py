@@ -1,18 +1,17 @@
 """Search for the placement of line cameras with the smallest mean twist error on a chassis.
 
-The search is an exchange algorithm of optimal experimental design: the Fisher information of a
-placement is the sum of that of its cameras. Every position and heading of a coarse grid is tried
-for one camera after the other, with the others fixed, until the error no longer decreases. The best
-of several random starts is refined with decreasing steps. Obstacles need no penalty: positions that
-do not fit are excluded.
+The search is an exchange algorithm of optimal experimental design. The Fisher information of a
+placement is the sum of the information of its cameras. For each camera in turn, with the others
+fixed, every position and heading of a coarse grid is tried, until the error no longer decreases.
+The best of several random starts is refined with decreasing steps. Obstacles need no penalty term,
+because positions that do not fit are excluded.
 
 Many placements have nearly the same error. Placements that are symmetric about an axis of the
-vehicle or under a rotation by 180 deg are therefore searched as well. They are preferred unless a
-free placement is better by more than one per cent. The result is rounded to values that can be
-drilled and measured, and its neighbors are tried again.
+vehicle or under a rotation by 180 deg are therefore searched too. They are preferred unless an
+asymmetric placement is better by more than one per cent. The result is rounded to values that can
+be drilled and measured, and the neighbors of the rounded placement are tried again.
 """
 
-import dataclasses
 import functools
 import itertools
 import math
@@ -26,24 +25,24 @@ from omni_platform.quantities import FloatArray
 from omni_tools.placement.error import Criterion
 from omni_tools.placement.mounting_area import MountingArea
 
-LATTICE = (1e-3, math.radians(1.0))
-"""Resolution of positions [m] and headings [rad]."""
+LATTICE = np.array([1e-3, 1e-3, math.radians(1.0)])
+"""Step to which x, y [m] and heading [rad] are rounded."""
 
 
 class Effort(NamedTuple):
-    """Effort of a search.
+    """Parameters of the search that determine its effort.
 
     Attributes:
         equal: relative increase of the criterion that is accepted for a symmetric placement [1].
-        across: number of positions of the coarse grid across the chassis.
-        headings: number of headings of the coarse grid in half a turn.
-        fewer: share of these positions and headings if the failure of every camera is evaluated
-            [1].
-        finest: last step [m].
-        gain: relative gain of the criterion that counts as better [1].
+        across: number of coarse grid positions over the width of the chassis.
+        headings: number of headings of the coarse grid within 180 deg.
+        fewer: factor on both numbers if the failure of each camera is evaluated too, because this
+            takes longer [1].
+        finest: step of the last refinement [m].
+        gain: smallest relative decrease of the criterion that counts as an improvement [1].
         sweeps: largest number of sweeps over the cameras.
         starts: number of random initial placements for each symmetry.
-        refined: number of best results that are refined.
+        refined: number of best coarse results that are refined.
     """
 
     equal: float = 0.01
@@ -62,9 +61,8 @@ _LEFT_RIGHT, _FRONT_BACK, _TURNED = (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0,
 _ITSELF = (1.0, 1.0, 1.0)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Unit:
-    """One camera, or two cameras that are images of each other.
+class _Unit(NamedTuple):
+    """One camera, or two cameras that are symmetric to each other.
 
     Attributes:
         images: factors of x, y and heading for each camera of the unit.
@@ -81,14 +79,13 @@ class _Unit:
         return np.asarray(first[..., None, :] * np.array(self.images))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class FoundPlacement:
+class FoundPlacement(NamedTuple):
     """Result of a search.
 
     Attributes:
-        poses: x, y [m] and heading [rad] of the cameras, on the lattice, shape (N, 3).
+        poses: x, y [m] and heading [rad] of the cameras, after rounding, shape (N, 3).
         value: value of the criterion.
-        rounding: relative increase of the criterion by rounding [1].
+        rounding: relative increase of the criterion caused by rounding [1].
         symmetry: description of the symmetry, empty without one.
     """
 
@@ -99,7 +96,7 @@ class FoundPlacement:
 
 
 class NoRoomError(ValueError):
-    """The cameras do not fit on the chassis, or only in singular placements."""
+    """The cameras do not fit on the chassis, or fit only in singular placements."""
 
 
 def search(
@@ -118,10 +115,10 @@ def search(
         criterion: criterion to be minimized.
         area: area in which cameras can be mounted.
         count: number of cameras.
-        redundant: whether the criterion is that after the worst failure of a camera.
+        redundant: whether to use the criterion after the failure of the most important camera.
         effort: effort of the search.
         seed: seed of the random initial placements.
-        report: called with the completed share [0..1] and a text.
+        report: called with the completed share (0 to 1) and a text.
 
     Raises:
         NoRoomError: no placement was found that fits and is not singular.
@@ -142,11 +139,11 @@ def search(
     # Continue from the best placement without its symmetry, which can only reduce the error.
     free = (_Unit(),) * count
     loose_value, loose = trial.refine(free, _all(units, places))
-    regular = [entry for entry in found if entry[1]]
-    best_regular = min(regular, key=lambda entry: entry[0], default=None)
+    symmetric = (entry for entry in found if entry[1])
+    regular = min(symmetric, key=lambda entry: entry[0], default=None)
     unrounded = min(value, loose_value)
-    if best_regular is not None and best_regular[0] <= unrounded * (1.0 + effort.equal):
-        unrounded, symmetry, units, places = best_regular
+    if regular is not None and regular[0] <= unrounded * (1.0 + effort.equal):
+        unrounded, symmetry, units, places = regular
     elif loose_value < value:
         symmetry, units, places = "", free, loose
     rounded_value, rounded = trial.round(units, places)
@@ -158,13 +155,13 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the symmetries to try, and the units that they divide the cameras into."""
+    """Return the symmetries to try, each with the units into which it divides the cameras."""
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
-        ("left and right alike", _LEFT_RIGHT, (True, False, False)),
-        ("front and rear alike", _FRONT_BACK, (False, True, False)),
+        ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),
+        ("symmetric front to rear", _FRONT_BACK, (False, True, False)),
     ):
-        # Cameras that are their own images are on the axis of symmetry, along it or across it.
+        # A camera that is its own mirror image is on the axis of symmetry, along or across it.
         for single in range(count % 2, 3, 2):
             for headings in itertools.combinations_with_replacement((0.0, 0.5 * math.pi), single):
                 own = tuple(_Unit(free=free, heading=heading) for heading in headings)
@@ -177,7 +174,8 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
 
 def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
     """Return the poses of all cameras, shape (N, 3)."""
-    return np.concatenate([unit.poses(place) for unit, place in zip(units, places, strict=True)])
+    poses = [unit.poses(place) for unit, place in zip(units, places, strict=True)]
+    return np.concatenate([np.empty((0, 3)), *poses])
 
 
 class _Search:
@@ -223,38 +221,37 @@ class _Search:
         """Refine with decreasing steps; return the criterion and the positions."""
         current = places.copy()
         step = self._spacing
-        turn = math.pi / self._headings / step  # step of heading per step of position
-        value = self._walk(units, current, math.inf, (0.0, 0.0), 0)
+        turn = math.pi / self._headings / step  # step of the heading per step of the position
+        value = self._walk(units, current, math.inf, np.zeros(3), 0)
         while step > self._effort.finest:
-            value = self._walk(units, current, value, (step, step * turn), 2)
+            value = self._walk(units, current, value, step * np.array([1.0, 1.0, turn]), 2)
             step *= 0.5
         return value, current
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Round the positions to the lattice and try neighbors; return criterion and positions."""
-        lattice = np.array([LATTICE[0], LATTICE[0], LATTICE[1]])
-        current = np.round(places / lattice) * lattice
+        """Round the placement and try its neighbors; return the criterion and the placement."""
+        current = np.round(places / LATTICE) * LATTICE
         value = self._walk(units, current, math.inf, LATTICE, 3)
-        return value, np.round(current / lattice) * lattice
+        return value, np.round(current / LATTICE) * LATTICE
 
     def _walk(
         self,
         units: tuple[_Unit, ...],
         current: FloatArray,
         value: float,
-        step: tuple[float, float],
+        step: FloatArray,
         reach: int,
     ) -> float:
-        """Move one unit after the other by up to `reach` steps until none gets better.
+        """Move one unit after another by up to `reach` steps until no move is an improvement.
 
-        If `value` is infinite, every unit is first moved to its best neighbor, since some may be at
-        invalid positions.
+        If `value` is infinite, each unit is first moved to its best neighbor, since some units may
+        be at invalid positions.
         """
         forced = not math.isfinite(value)
         for _ in range(self._effort.sweeps):
             before = value
             for i, unit in enumerate(units):
-                around = current[i] + _cloud(unit.free, reach) * (step[0], step[0], step[1])
+                around = current[i] + _cloud(unit.free, reach) * step
                 around = around[self._fits(unit, around)]
                 if len(around) == 0:
                     return math.inf
@@ -275,23 +272,20 @@ class _Search:
         places: FloatArray,
         own: FloatArray,
     ) -> tuple[float, FloatArray]:
-        """Return the best of given positions for one unit with the others fixed, and the criterion.
+        """Return the best position of one unit with the others fixed, and the criterion there.
 
         Args:
             units: units of the placement.
             current: positions of the units, shape (units, 3).
             index: index of the unit to place.
             places: positions to try, shape (K, 3).
-            own: information of each camera of the unit at these positions, shape (K, g, M, 6).
+            own: information of each of the unit's cameras at these positions, shape (K, g, M, 6).
         """
         rest = [i for i in range(len(units)) if i != index]
-        poses = units[index].poses(places)
+        poses, others = units[index].poses(places), _all([units[i] for i in rest], current[rest])
         free = np.ones(len(places), np.bool_)
-        others: FloatArray = np.zeros((0, 3))
-        if rest:
-            others = _all([units[i] for i in rest], current[rest])
-            for other in others:
-                free &= np.all(self._area.apart(poses, other), axis=-1)
+        for other in others:
+            free &= np.all(self._area.apart(poses, other), axis=-1)
         if not np.any(free):
             return math.inf, places[0]
         places, own = places[free], own[free]
@@ -306,7 +300,7 @@ class _Search:
         return float(values[best]), places[best]
 
     def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
-        """Return positions of the coarse grid that fit, and the cameras' information there."""
+        """Return the coarse grid positions that fit, and the cameras' information there."""
         reach = self._area.reach
         turns = np.arange(self._headings) * math.pi / self._headings
         axes = [_grid(limit, self._spacing) for limit in reach] + [turns]

@@ -1,57 +1,52 @@
-"""Error of one line camera as a function of its direction of motion: a two-parameter model.
+"""Error of one line camera as a function of its direction of motion: a model with two parameters.
 
-If a camera moves along its axis, its error is due to the noise of its lines. If it moves across, a
-share ``q = |v_across| / (line rate * width)`` of the ground under a line is replaced from one line
-to the next, and the replaced ground acts as noise with the contrast of the texture. Both add to the
-difference of two lines. Gauss-Newton divides this difference by the gradient energy of the part
-that the lines have in common. This part is ``(1 - q) (1 - p)`` with ``p = |v_along| / (line rate *
-length)``:
+If a camera moves along its axis, its error is caused by the noise of its lines. If it moves across
+its axis, a share ``q = |v_across| / (line rate * width)`` of the ground under a line is replaced
+between one line and the next. The replaced ground acts as noise with the contrast of the texture.
+Both contribute to the difference of two lines. Gauss-Newton steps divide this difference by the
+gradient energy of the part that the lines have in common. This part is ``(1 - q) (1 - p)`` with ``p
+= |v_along| / (line rate * length)``. The variance of the velocity is
 
     s^2 = (a + b q f) / ((1 - q)^2 (1 - p)),
 
 where ``1 - p`` enters once, by the sum over the line, and ``1 - q`` twice, by the mean over the
 width. Every strip of ground contributes the same error twice: when it enters the field of view and
-when it leaves it. Over m pairs of lines, the entering and leaving strips differ while ``m q < 1``
-and are mostly the same beyond, so that ``f = max(1, 2 - 1 / (m q))``.
+when it leaves it. Over m pairs of lines, the entering and leaving strips differ if ``m q < 1`` and
+are mostly the same if ``m q > 1``, so ``f = max(1, 2 - 1 / (m q))``.
 
-The values of a and b for the mean over a batch depend on ground, noise, optics and filters.
-Therefore both are fitted: a camera of the type moves over a ground in several directions,
+The values of a and b for the mean over a batch depend on ground, noise, optics and filters. Both
+are therefore fitted: a camera of this type moves over a ground in several directions,
 `SensorOdometry` processes its rendered lines, and the model is fitted to the errors.
 """
 
-import collections
-import dataclasses
 import math
+import statistics
+from typing import NamedTuple
 
 import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.sensor import SensorOdometry
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import WorkError
 from omni_platform.quantities import SECOND_NS, FloatArray
-from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
 from omni_tools.line_trials.rig import PERIOD, Rig, View, batch_lines
 
-MOST_CROSSED = 1.0 - OVERLAP
-"""Largest displacement across the axis between lines as a share of the width (section 4.4)."""
-
 ORIENTATIONS = 24
 """Number of random orientations of the camera on the ground for each direction of motion. In a
-single orientation, 0.2 m of texture cause an error that more trials do not average out."""
+single orientation, 0.2 m of texture cause an error that repeated trials do not average out."""
 
 _CAMERA = "camera"
 _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # from camera axis to motion [deg]
 
 
-@dataclasses.dataclass(frozen=True)
-class SensorError:
-    """Variance of a camera's velocity along its axis, as a mean over a batch.
+class SensorError(NamedTuple):
+    """Variance of a camera's mean velocity along its axis over a batch.
 
     Attributes:
         straight: a, variance when the camera moves along its axis [m^2/s^2].
         sideways: b, increase of the variance per share of the width that is crossed between lines
-            [m^2/s^2], while a batch crosses less than the width.
+            [m^2/s^2], while less than the width is crossed in a batch.
     """
 
     straight: float
@@ -68,15 +63,13 @@ class SensorError:
         q = np.abs(across) / (view.line_rate * view.width)
         p = np.abs(along) / (view.line_rate * view.length)
         common = np.maximum(1.0 - q, 0.0) ** 2 * np.maximum(1.0 - p, 0.0)
-        # q f, equal to q while m q < 1
+        # q f, which equals q while m q < 1
         crossed = np.maximum(q, 2.0 * q - 1.0 / batch_lines(view.line_rate))
         with np.errstate(divide="ignore"):
-            variance: FloatArray = (self.straight + self.sideways * crossed) / common
-            return variance
+            return np.asarray((self.straight + self.sideways * crossed) / common)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class SensorTrial:
+class SensorTrial(NamedTuple):
     """Errors of one camera type over a ground.
 
     Attributes:
@@ -99,11 +92,6 @@ class SensorTrial:
         return math.expm1(float(np.sqrt(np.mean(np.log(self.fitted / self.rms) ** 2))))
 
 
-def sideways_limit(view: View) -> float:
-    """Return the speed across the axis at which consecutive lines overlap by 60 % [m/s]."""
-    return MOST_CROSSED * view.line_rate * view.width
-
-
 def measure_sensor_error(
     view: View,
     texture: GroundTexture,
@@ -119,14 +107,14 @@ def measure_sensor_error(
         view: field of view of the camera.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
-        speed: speed of the camera [m/s], at most `sideways_limit`.
+        speed: speed of the camera [m/s], at most its `LineSensor.sideways_speed`.
         batches: number of batches of lines for each direction and orientation.
         seed: seed of positions, speeds and noise.
-        spread: random variation of speed [1] and direction [rad], so that displacements take every
-            fraction of a pixel.
+        spread: random variation of speed [1] and direction [rad], so that displacements include all
+            fractions of a pixel.
 
     Raises:
-        ConfigurationError: the camera cannot measure one of these motions over this ground.
+        WorkError: the camera cannot measure one of these motions on this ground.
     """
     generator = np.random.default_rng(seed)
     rig = Rig({_CAMERA: view.mounted()}, texture, noise, seed)
@@ -143,7 +131,7 @@ def measure_sensor_error(
             turned = angle + spread * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            # Stamps are far apart, so that lines of different batches are not compared.
+            # The stamps are far apart, so that lines of different batches are not compared.
             seen = rig.expose(start, twist, batch, 4 * count * duration_ns)
             reading = odometry.update(seen[_CAMERA])
             count += 1
@@ -155,13 +143,13 @@ def measure_sensor_error(
         if len(errors) < 0.5 * trials:
             reason = _most_frequent(reasons)
             option, advice = _remedy(reason, view.overlap(speed, float(angle)), noise)
-            raise ConfigurationError(
-                option,
-                f"moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s the "
-                f"camera measures in only {len(errors)} of {trials} trials on this ground, mostly "
-                f'for reasons such as "{reason}"; choose {advice}',
+            raise WorkError(
+                f"{option}: moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s "
+                f"the camera measures in only {len(errors)} of {trials} trials on this ground, "
+                f'mostly for reasons such as "{reason}"; choose {advice}',
             )
-        rows.append((speed * math.cos(angle), speed * math.sin(angle), _rms(np.array(errors))))
+        rms = math.sqrt(float(np.mean(np.square(errors))))
+        rows.append((speed * math.cos(angle), speed * math.sin(angle), rms))
     along, across, rms = np.array(rows).T
     error = _fit(view, along, across, rms)
     return SensorTrial(error, along, across, rms, np.sqrt(error.variance(view, along, across)))
@@ -169,21 +157,14 @@ def measure_sensor_error(
 
 def _odometry(view: View) -> SensorOdometry:
     # Only the first camera is used; the others make the placement non-singular.
-    sensors = {
-        name: view.mounted(x, y, heading)
-        for name, x, y, heading in (
-            ("left", 0.0, 0.5, 0.0),
-            ("right", 0.0, -0.5, 0.0),
-            ("front", 0.5, 0.0, 90.0),
-        )
-    }
-    return SensorOdometry(sensors["left"], OdometryConfiguration(sensors=sensors))
+    left, right = view.mounted(0.0, 0.5), view.mounted(0.0, -0.5)
+    sensors = {"left": left, "right": right, "front": view.mounted(0.5, 0.0, 90.0)}
+    return SensorOdometry(left, OdometryConfiguration(sensors=sensors))
 
 
 def _most_frequent(reasons: list[str]) -> str:
-    """Return a reason of the most frequent kind; the kind is the text before the colon."""
-    kinds = collections.Counter(reason.partition(":")[0] for reason in reasons)
-    kind = kinds.most_common(1)[0][0]
+    """Return one reason of the most frequent kind; the kind is the text before the colon."""
+    kind = statistics.mode(reason.partition(":")[0] for reason in reasons)
     return next(reason for reason in reasons if reason.partition(":")[0] == kind)
 
 
@@ -199,12 +180,8 @@ def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
     return "--ground", ", ".join(choices[:-1]) + " or " + choices[-1]
 
 
-def _rms(error: FloatArray) -> float:
-    return math.sqrt(float(np.mean(error**2)))
-
-
 def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> SensorError:
-    """Fit a and b to the logarithms of the errors, so that all have the same relative weight."""
+    """Fit a and b to the logarithms of the errors, which gives all the same relative weight."""
     from scipy.optimize import least_squares
 
     straight = float(rms[np.argmin(across)]) ** 2
@@ -212,9 +189,8 @@ def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> 
     sideways = max(float(np.max(rms)) ** 2 - straight, straight) * (1.0 - crossed) ** 2 / crossed
 
     def difference(logarithms: FloatArray) -> FloatArray:
-        error = SensorError(*(float(value) for value in np.exp(logarithms)))
+        error = SensorError(*np.exp(logarithms).tolist())
         return np.log(error.variance(view, along, across)) - 2.0 * np.log(rms)
 
     fit = least_squares(difference, np.log([straight, sideways]))
-    a, b = (float(value) for value in np.exp(fit.x))
-    return SensorError(a, b)
+    return SensorError(*np.exp(fit.x).tolist())

@@ -1,4 +1,4 @@
-"""Task of a placement from the options of a command line."""
+"""Conversion of command-line options to the task of a placement."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from omni_tools.placement.options import PlacementOptions
 
 
 def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design.DesignTask:
-    """Check the options and read their files.
+    """Check the options and read the files that they name.
 
     Raises:
         ConfigurationError: an option is invalid.
@@ -32,14 +32,8 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> design
     if count is None:
         checked = len(given[options.check[0]]) if options.check else design.FEWEST_SENSORS
         count = min(max(checked, design.FEWEST_SENSORS), design.MOST_SENSORS)
-    if not design.FEWEST_SENSORS <= count <= design.MOST_SENSORS:
-        raise ConfigurationError(
-            "--sensors",
-            f"{count} must be {design.FEWEST_SENSORS}, for the three components of the twist, to "
-            f"{design.MOST_SENSORS}",
-        )
     if options.redundant and count == design.FEWEST_SENSORS:
-        raise ConfigurationError("--redundant", "takes four sensors or more: --sensors 4")
+        raise ConfigurationError("--redundant", "requires at least four sensors: --sensors 4")
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
     speed = design.design_speed(options.speed, options.yaw_rate, area)
@@ -76,7 +70,7 @@ def _weights(text: str) -> Sequence[float]:
 
 
 def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
-    """Return placements by the names of their files; equal names are made unique."""
+    """Return placements by the names of their files; duplicate names are made unique."""
     cases: dict[str, Mapping[str, LineSensor]] = {}
     for name, sensors in given.items():
         case = Path(name).stem.replace(".", "_")

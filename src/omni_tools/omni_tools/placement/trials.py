@@ -1,8 +1,8 @@
-"""Measurement of the twist error of placements of line cameras on rendered lines."""
+"""Measurement of the twist error of camera placements on rendered lines."""
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +15,13 @@ from omni_tools.placement.error import MotionMix
 from omni_tools.placement.sensor_error import ORIENTATIONS
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PlacementTrial:
+class PlacementTrial(NamedTuple):
     """Twist errors of a placement on rendered lines.
 
     Attributes:
-        error: estimated minus true twist of every batch [m/s, m/s, rad/s], shape (b, 3), for each
-            motion of the mix.
-        share: share of the time for each motion.
+        error: estimated minus true twist of each batch [m/s, m/s, rad/s], shape (b, 3), one array
+            for each motion of the mix.
+        share: share of time of each motion.
         unmeasured: share of the batches without a twist.
     """
 
@@ -56,7 +55,7 @@ def drive_mix(
 ) -> PlacementTrial:
     """Simulate a placement over a ground and estimate its twist from the rendered lines.
 
-    Every batch begins at a random position on the ground, in one of several random orientations.
+    Each batch begins at a random position on the ground, in one of several random orientations.
 
     Args:
         sensors: the placement, not singular.
@@ -65,7 +64,7 @@ def drive_mix(
         noise: standard deviation [gray levels of 8 bit].
         batches: batches of each motion in each orientation.
         seed: seed of positions, orientations and noise.
-        report: called with the completed share [0..1].
+        report: called with the completed share (0 to 1).
     """
     generator = np.random.default_rng(seed)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
@@ -78,7 +77,7 @@ def drive_mix(
         own = []
         for yaw in yaws:
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            # Stamps are far apart, so that lines of different batches are not compared.
+            # The stamps are far apart, so that lines of different batches are not compared.
             begin_ns = round(SECOND_NS * total * 4.0 * BATCH_TIME)
             total += 1
             estimate = odometry.update(rig.expose(start, twist, lines, begin_ns))

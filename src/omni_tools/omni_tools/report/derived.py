@@ -1,17 +1,16 @@
-"""Slips and loads of the wheels, which no topic contains.
+"""Slips and loads of the wheels, which are not recorded.
 
-Both follow from the recorded true motion and the vehicle's configuration. The slip is that of the
-rim against the ground. The simulator's slip is that of the contact patch, which differs for some
-milliseconds after a brake changes because of the tire's elasticity. The loads are those of a flat
-ground.
+Both are computed from the recorded true motion and the vehicle's configuration. The slip is that of
+the rim relative to the ground. The simulator's slip is that of the contact patch, which differs for
+some milliseconds after a change of the brake because the tire is elastic. The loads are those on
+flat ground.
 """
 
 import numpy as np
 
 from omni_loop.history import RunHistory
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.geometry import PlatformGeometry, cross, turned
 from omni_platform.quantities import FloatArray
-from omni_sim.ground.elevation import ElevationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
 
@@ -19,16 +18,16 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_
 def rim_slips(
     vehicle: VehicleConfiguration, history: RunHistory, standstill: float = 0.05
 ) -> FloatArray:
-    """Return the slips of the rims along the active directions: 0 rolls, 1 is locked.
+    """Return the slips of the rims along the active directions: 0 for rolling, 1 for locked.
 
-    ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``, Eqs. (20), (22)
-    with sign and over the larger speed, as Eq. (20) grows without bound for a locked wheel.
-    Above 1 the rim turns backwards; at rest the slip is NaN.
+    The definition ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``
+    is Eqs. (20), (22) with a sign. It is relative to the larger speed, because Eq. (20) grows
+    without bound for a locked wheel. Above 1 the rim turns backward; at rest the slip is NaN.
 
     Args:
         vehicle: vehicle with the wheels of the history, in any order.
         history: the run.
-        standstill: speed below which a wheel is at rest [m/s].
+        standstill: speed below which a wheel counts as at rest [m/s].
 
     Returns:
         Slips [1], from -2 to 2, shape (T, N), in the order of the history's wheels.
@@ -43,7 +42,7 @@ def rim_slips(
 
 
 def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
-    """Return the vertical loads that balance the weight and the inertia of the recorded motion.
+    """Return the vertical loads that balance weight and inertia in the recorded motion.
 
     The loads follow the acceleration of the center of gravity with the load transfer time.
 
@@ -69,23 +68,14 @@ def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> Flo
     return loads
 
 
-def is_flat(elevation: ElevationConfiguration) -> bool:
-    """Return whether a ground is flat everywhere."""
-    return elevation.grade == 0.0 and not elevation.waves and not elevation.bumps
-
-
 def _acceleration(point: FloatArray, history: RunHistory) -> FloatArray:
     """Return the acceleration of a point of the body, in the body frame [m/s^2], shape (T, 2)."""
     if len(history.stamp_ns) < 2:
         return np.zeros((len(history.stamp_ns), 2))
-    cos, sin = np.cos(history.pose[:, 2]), np.sin(history.pose[:, 2])
-    yaw_rate = history.twist[:, 2]
-    v_x = history.twist[:, 0] - yaw_rate * point[1]
-    v_y = history.twist[:, 1] + yaw_rate * point[0]
-    world = np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
-    a = np.diff(world, axis=0) / np.diff(history.time)[:, np.newaxis]
-    a = np.vstack((a[:1], a))  # acceleration in the period before each stamp
-    return np.column_stack((cos * a[:, 0] + sin * a[:, 1], cos * a[:, 1] - sin * a[:, 0]))
+    yaw, yaw_rate = history.pose[:, 2], history.twist[:, 2:]
+    velocity = turned(history.twist[:, :2] + yaw_rate * [-point[1], point[0]], yaw)
+    a = np.diff(velocity, axis=0) / np.diff(history.time)[:, np.newaxis]
+    return turned(np.vstack((a[:1], a)), -yaw)  # acceleration in the period before each stamp
 
 
 def _geometry(vehicle: VehicleConfiguration, history: RunHistory) -> PlatformGeometry:

@@ -1,10 +1,11 @@
-"""A report as plain values, ready for strict JSON.
+"""Conversion of a report to plain values that strict JSON can represent.
 
-Time series are base64 texts of little-endian 32-bit floats, one text per column, NaN without a
-value. They are smaller than decimal numbers and fast to read in a browser.
+Time series are base64 texts of little-endian 32-bit floats, one text per column, with NaN for a
+missing value. They are smaller than decimal numbers and fast to read in a browser.
 """
 
 import base64
+import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
@@ -21,7 +22,7 @@ from omni_platform.geometry import PlatformGeometry
 from omni_tools.report import derived, recording
 from omni_tools.report.series import Series
 
-_MOST_STAMPS = 12_000  # two minutes at 100 Hz; longer runs show every n-th stamp
+_MOST_STAMPS = 12_000  # two minutes at 100 Hz; of longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
 
 
@@ -76,10 +77,10 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
         vehicle = run.configuration.vehicle
         scene = _scene(run_figures.scene_of(run.configuration), history.wheel_names)
         columns["slip"] = derived.rim_slips(vehicle, history)
-        if derived.is_flat(run.configuration.ground.elevation):
-            columns["load"] = derived.flat_ground_loads(vehicle, history)
-        else:
+        if len(run.configuration.ground.elevation.table()):
             notes.append("the ground is not flat, so the loads do not follow from the motion")
+        else:
+            columns["load"] = derived.flat_ground_loads(vehicle, history)
     return {
         "name": run.name,
         "wheels": [name.replace("_", " ") for name in history.wheel_names],
@@ -123,19 +124,15 @@ def _sampled(history: RunHistory, series: Series | None) -> dict[str, Any] | Non
 
 
 def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
+    scene = dataclasses.replace(scene, wheels={name: scene.wheels[name] for name in wheel_names})
     geometry = PlatformGeometry.from_wheels(scene.wheels)
-    outlines = scene.wheel_outlines
-    wheels = []
-    for name in wheel_names:
-        row = geometry.names.index(name)
-        wheels.append(
-            {
-                "position": geometry.position[row].tolist(),
-                "radius": float(geometry.radius[row]),
-                "active": geometry.active[row].tolist(),
-                "outline": outlines[row].tolist(),
-            }
-        )
+    columns = {
+        "position": geometry.position.tolist(),
+        "radius": geometry.radius.tolist(),
+        "active": geometry.active.tolist(),
+        "outline": [outline.tolist() for outline in scene.wheel_outlines],
+    }
+    wheels = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return {
         "length": scene.chassis_length,
         "width": scene.chassis_width,
@@ -143,9 +140,7 @@ def _scene(scene: Scene, wheel_names: Sequence[str]) -> dict[str, Any]:
         "load": scene.load,
         "loadArm": None if scene.load_arm is None else scene.load_arm.tolist(),
         "centerOfGravity": scene.center_of_gravity,
-        "patches": [
-            {"outline": patch.outline, "friction": patch.friction} for patch in scene.patches
-        ],
+        "patches": [dataclasses.asdict(patch) for patch in scene.patches],
     }
 
 
@@ -164,6 +159,6 @@ def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
 
 
 def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
-    """Return every key with the value of each run, None if a run has none."""
+    """Return every key with its value in each run; None if a run does not have the key."""
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]

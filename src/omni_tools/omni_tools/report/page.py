@@ -1,20 +1,21 @@
-"""The self-contained HTML file of a report.
+"""Self-contained HTML file of a report.
 
-Its content security policy forbids all requests and all scripts except its own, which is identified
-by its hash. The content of recordings is a block of JSON, from which no text can escape. The script
-inserts it as text, never as markup.
+The content security policy of the file forbids all requests and all scripts except its own, which
+is identified by its hash. The content of recordings is a block of JSON, from which no text can
+escape. The script inserts it as text, never as markup.
 """
 
 import base64
 import hashlib
 import json
+import string
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from omni_tools.report.document import report_document
 from omni_tools.report.recording import ReportedRun
 
-# In the order in which the browser reads them.
+# in the order in which the browser reads them
 _SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
 
 
@@ -48,12 +49,7 @@ def report_page(
         # A browser ends the block at "</script", even inside a JSON text.
         "DATA": data.replace("<", "\\u003c"),
     }
-    before, *rest = _part("report.html").split("{{")
-    pieces = [before]
-    for piece in rest:  # not by replace(), as a part may contain "{{"
-        name, _, after = piece.partition("}}")
-        pieces += [parts[name], after]
-    return "".join(pieces)
+    return string.Template(_part("report.html")).substitute(parts)
 
 
 def _part(name: str) -> str:

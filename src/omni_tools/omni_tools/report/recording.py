@@ -1,4 +1,4 @@
-"""The data of a recording for a report."""
+"""Data of a recording for a report."""
 
 import dataclasses
 import stat
@@ -40,11 +40,11 @@ class ReportedRun:
         name: name, unique within the report.
         history: time histories of the run.
         metrics: metrics by quantity.
-        forces: forces of the wheels on the vehicle, if the recording shows them.
-        test_ratios: test ratios of fault detection, if they were recorded.
-        configuration: configuration of the whole loop, if it is stored with the recording and has
-            all its wheels.
-        values: values of the configuration as texts by dotted key, as far as available.
+        forces: forces of the wheels on the vehicle; None if they were not recorded.
+        test_ratios: test ratios of fault detection; None if they were not recorded.
+        configuration: configuration of the whole loop; None unless it is stored with the recording
+            and contains all recorded wheels.
+        values: available values of the configuration, as texts by dotted key.
         notes: sentences about missing data.
     """
 
@@ -64,7 +64,7 @@ def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
-    """Return the metrics of each stop of a recording, and the drift of its odometry.
+    """Return the metrics of each stop of a recording, with the drift of the odometry.
 
     A drive with several stops also has an entry for the whole drive: length, time and drift.
 
@@ -73,7 +73,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
         name: name of the recording.
 
     Raises:
-        BagError: the recording cannot be read or is not one of a run.
+        BagError: the recording cannot be read, or is not that of a run.
     """
     history = recorded_run.read_run(path)
     stops = _named_stops(history, name)
@@ -93,7 +93,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
 def _measured(
     history: RunHistory, configuration: experiment.ExperimentConfiguration | None = None
 ) -> dict[str, Metric]:
-    # A recording has no real-time factor.
+    # The real-time factor of a recording is unknown.
     metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
     start = history.brake_start
     rest = None if start is None else RestCriterion().first_stamp(history.twist, start)
@@ -137,7 +137,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
         name: name, unique within the report.
 
     Raises:
-        BagError: the recording cannot be read or is not one of a run.
+        BagError: the recording cannot be read, or is not that of a run.
     """
     history = recorded_run.read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
@@ -158,7 +158,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
 
 
 def run_names(paths: Sequence[Path]) -> list[str]:
-    """Return unique names of recordings: as few last parts of the paths as possible.
+    """Return unique names of recordings, each with as few last parts of its path as possible.
 
     Raises:
         InputError: a recording is given twice.
@@ -176,7 +176,8 @@ def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
     """Return the values that differ between recorded configurations, by dotted key.
 
     Args:
-        paths: recordings; one without a configuration has an empty text for every value.
+        paths: paths of the recordings; one without a configuration has an empty text for every
+            value.
     """
     found = []
     for path in paths:
@@ -193,15 +194,15 @@ def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
 def read_configuration(
     path: Path, wheel_names: Sequence[str]
 ) -> tuple[experiment.ExperimentConfiguration | None, dict[str, str], str]:
-    """Read the configuration stored with a recording, as far as it is valid.
+    """Read the valid part of the configuration stored with a recording.
 
     Args:
         path: path of the file.
         wheel_names: wheel names of the recording, in any order.
 
     Returns:
-        The configuration if it matches the recording, its values as texts by dotted key, and the
-        reason if there is no configuration, else an empty text.
+        The configuration if it matches the recording; its values as texts by dotted key; and the
+        reason if there is no configuration, otherwise an empty text.
     """
     values: dict[str, str] = {}
     try:
@@ -235,7 +236,7 @@ def _read_tree(path: Path) -> dict[str, Any]:
 def _flattened(
     tree: Mapping[Any, Any], above: str = "", depth: int = 1
 ) -> Iterator[tuple[str, str]]:
-    """Yield dotted keys and texts one by one, because aliases may make a small file very large."""
+    """Yield dotted keys and texts one by one, since aliases can make a small file very large."""
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(value, dict) and value and depth < _DEEPEST:

@@ -1,9 +1,9 @@
-"""Recorded values with stamps of their own: forces of the wheels, test ratios of the sources."""
+"""Recorded values with their own stamps: wheel forces and test ratios of the sources."""
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,17 +15,16 @@ from omni_recording import decode, folder
 from omni_recording.error import BagError
 
 _NAMESPACE = "wheel_forces"
-_METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows
+_METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows [m/N]
 
 
-@dataclasses.dataclass(frozen=True)
-class Series:
+class Series(NamedTuple):
     """Time series of K values at M stamps.
 
     Attributes:
         stamp_ns: stamps [ns], increasing, shape (M,).
         values: values in the unit of their source, shape (M, K).
-        names: names of the columns, empty if they follow from the run.
+        names: names of the columns; empty if they are those of the run's wheels.
     """
 
     stamp_ns: IntArray
@@ -33,7 +32,7 @@ class Series:
     names: tuple[str, ...] = ()
 
     def during(self, history: RunHistory) -> Series | None:
-        """Return the part within the time of a history, None if there is none."""
+        """Return the part within the time of a history; None if there is none."""
         first, last = history.stamp_ns[[0, -1]]
         part = (self.stamp_ns >= first) & (self.stamp_ns <= last)
         return Series(self.stamp_ns[part], self.values[part], self.names) if any(part) else None
@@ -47,8 +46,8 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
         wheels: number of wheels in the markers.
 
     Returns:
-        Components x and y of the force of each wheel in turn, in `odom` [N], in the order of the
-        recorded wheels; None if no marker shows the forces of that many wheels.
+        Components x and y of each wheel's force in `odom` [N], wheel by wheel in the order of the
+        recording; None if no marker shows the forces of this number of wheels.
 
     Raises:
         BagError: the recording or a marker in it cannot be read.
@@ -58,8 +57,8 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
     for recorded, message in decode.decoded_messages(bag, (MARKERS.path,)):
         if recorded.channel.type_name != MARKERS.type:
             continue
-        arrows = [marker for marker in message.markers if marker.ns == _NAMESPACE]
-        arrows = [marker for marker in arrows if len(marker.points) == 2]
+        markers = (marker for marker in message.markers if marker.ns == _NAMESPACE)
+        arrows = [marker for marker in markers if len(marker.points) == 2]
         if [marker.id for marker in arrows] == list(range(wheels)):
             stamp_ns = decode.header_stamp_ns(arrows[0])
             if stamp_ns is not None:
@@ -68,15 +67,14 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
                 found[stamp_ns] = [length / _METERS_PER_NEWTON for length in lengths]
     if not found:
         return None
-    stamps = sorted(found)
-    values = np.array([found[stamp] for stamp in stamps], dtype=np.float64)
-    return Series(np.array(stamps, dtype=np.int64), values)
+    stamps, values = zip(*sorted(found.items()), strict=True)
+    return Series(np.array(stamps, dtype=np.int64), np.array(values, dtype=np.float64))
 
 
 def read_test_ratios(bag_folder: Path | str) -> Series | None:
     """Return the test ratios that the assistant's fault detection published, None without any.
 
-    A ratio is the squared innovation over its gate [1], NaN without an innovation.
+    A ratio is the normalized innovation squared divided by its gate [1], NaN without an innovation.
 
     Raises:
         BagError: the recording cannot be read, or its messages name different sources.

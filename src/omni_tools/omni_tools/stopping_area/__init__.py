@@ -1,1 +1,1 @@
-"""The area that a vehicle needs to stop, for Nav2."""
+"""Area that a vehicle needs to stop, for Nav2."""

@@ -1,18 +1,20 @@
-"""The area that a vehicle needs to stop, with its footprint and rotation, for every motion.
+"""Area that a vehicle needs to stop, including footprint and rotation, for every motion.
 
 A stop is stored as the support function of the area that it covers: h_k = max d_k . p over all
 points p of the footprint until rest. The `DIRECTIONS` directions d_k are fixed in the frame of
-`base_link` at the alarm. The area of a cell (a direction of motion, a band of speeds, a band of yaw
-rates) is the polygon {p: d_k . p <= H_k}. A stop stays inside exactly if h_k <= H_k for all k.
+`base_link` at the time of the alarm. The area of a cell (a direction of motion, a speed band, a yaw
+rate band) is the polygon {p: d_k . p <= H_k}. A stop stays within it if and only if h_k <= H_k for
+all k.
 
-A first part of the stops of a cell gives a hull, H_k = max h_k. Each of the other n stops requires
-a growth of the hull, and the hull grows by the largest of these n lengths (split conformal
-prediction; Wilks' tolerance limit). A further stop of the same population is then inside with a
+The first stops of a cell give a hull, H_k = max h_k. Each of the other n stops requires the hull to
+grow by some length, and the hull grows by the largest of these n lengths (split conformal
+prediction; Wilks' tolerance limit). A further stop from the same population is then inside with a
 probability of at least `coverage`, with a `confidence` of 1 - coverage^n.
 
-For each stop, speed, direction and yaw rate within the cell, mass and position of the load, and
-friction are drawn at random. Two of three draws for the areas are at the ends of these ranges,
-where distance and rotation are largest. Held-out stops are drawn from the ends and uniformly.
+For each stop, random values are drawn for speed, direction and yaw rate within the cell, for mass
+and position of the load, and for friction. For the areas, two of three draws are at the ends of
+these ranges, where distance and rotation are largest. Held-out stops are drawn from the ends and
+uniformly.
 """
 
 import dataclasses
@@ -23,9 +25,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_figures.scene import rectangle
 from omni_loop import compiled, experiment
 from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import PlatformGeometry
+from omni_platform.geometry import PlatformGeometry, turned
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -43,16 +46,11 @@ SECTORS = (
 HULL_STOPS = 60
 """Number of stops that determine the hull of a cell."""
 
-_NORMALS = np.array(
-    [
-        (math.cos(2 * math.pi * k / DIRECTIONS), math.sin(2 * math.pi * k / DIRECTIONS))
-        for k in range(DIRECTIONS)
-    ]
-)
+_NORMALS = turned(np.array([1.0, 0.0]), 2 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 
 
 class Cell(NamedTuple):
-    """Motions that share an area.
+    """Range of motions that share an area.
 
     Attributes:
         name: name of the cell, such as ``forward_left_2_straight``.
@@ -67,25 +65,15 @@ class Cell(NamedTuple):
     direction: tuple[float, float]
     yaw_rate: tuple[float, float]
 
-    def holds(self, twist: FloatArray) -> bool:
-        """Return whether a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] is in the cell."""
-        angle, (start, end) = math.atan2(twist[1], twist[0]), self.direction
-        after, before = angle >= start, angle <= end
-        return (
-            self.speed[0] <= math.hypot(twist[0], twist[1]) <= self.speed[1]
-            and self.yaw_rate[0] <= twist[2] <= self.yaw_rate[1]
-            and (after and before if start <= end else after or before)
-        )
-
 
 def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[Cell, ...]:
     """Return cells that divide all motions up to a speed and a yaw rate.
 
     Args:
         speed: largest speed [m/s].
-        bands: number of equally wide bands of speed.
+        bands: number of speed bands of equal width.
         yaw_rate: largest yaw rate to either side [rad/s].
-        turns: number of equally wide bands of yaw rate.
+        turns: number of yaw rate bands of equal width.
     """
     words = [f"_turn_{turn + 1}" for turn in range(turns)]
     words = {1: [""], 3: ["_right", "_straight", "_left"]}.get(turns, words)
@@ -108,12 +96,12 @@ def _wrapped(angle: float) -> float:
 
 
 def calibration_stops(coverage: float, confidence: float) -> int:
-    """Return the number of stops of a cell that a coverage with a confidence needs."""
+    """Return the number of stops per cell that are required for this coverage and confidence."""
     return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
 
 
 class Sweep(NamedTuple):
-    """Area covered by a stop.
+    """Area covered by one stop.
 
     Attributes:
         seed: number of the stop in the campaign.
@@ -126,15 +114,15 @@ class Sweep(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class StopCampaign:
-    """The stops of a vehicle for the areas and for their check.
+    """Stops of a vehicle, to compute the areas and to check them.
 
     Attributes:
-        base: configuration of the loop, with the largest load at its largest offset.
+        base: configuration of the loop, with the maximum load at its maximum offset.
         cells: cells that divide the motions.
         friction: friction of the ground, lowest and highest [1].
         reaction_time: time of constant motion from the alarm to the pedal [s].
-        per_cell: number of stops of each cell for its area; higher numbers are held out.
-        seed: seed of all draws.
+        per_cell: number of stops of each cell for the area; stops with higher numbers are held out.
+        seed: seed of all random values.
         settling: time for which the vehicle rolls before the alarm, so that its loads settle [s].
     """
 
@@ -148,12 +136,12 @@ class StopCampaign:
 
     @property
     def fitted(self) -> int:
-        """Number of stops for the areas; higher numbers are held out."""
+        """Number of stops that determine the areas; stops with higher numbers are held out."""
         return self.per_cell * len(self.cells)
 
     @property
     def fingerprint(self) -> str:
-        """Digest of everything except its number on which a stop depends."""
+        """Digest of all settings that determine a stop, except the stop's number."""
         fields = (getattr(self, field.name) for field in dataclasses.fields(self))
         return digest(*fields)
 
@@ -203,9 +191,9 @@ class StopCampaign:
         if not run.stopped:
             raise ConfigurationError(
                 "simulation.duration_limit",
-                f"stop {number} of {self.cells[self.cell_of(number)].name} is not at rest after "
-                f"{configuration.simulation.duration_limit:g} s at a friction of "
-                f"{configuration.ground.friction:.2g}; give it longer, or more friction",
+                f"stop {number} of {self.cells[self.cell_of(number)].name} does not come to rest "
+                f"after {configuration.simulation.duration_limit:g} s at a friction of "
+                f"{configuration.ground.friction:.2g}; increase the duration or the friction",
             )
         swept = support(run, footprint(configuration.vehicle), self.settling)
         return Sweep(number, " ".join(repr(value) for value in swept.tolist()))
@@ -216,16 +204,15 @@ def _uniform(random: np.random.Generator, low: float, high: float) -> float:
 
 
 def _extreme(random: np.random.Generator, low: float, high: float) -> float:
-    """Draw the lower end, the upper end or a value between, each with probability 1/3."""
+    """Draw the lower end, the upper end or a value in between, each with probability 1/3."""
     return (low, high, _uniform(random, low, high))[int(random.integers(3))]
 
 
 def footprint(vehicle: VehicleConfiguration) -> FloatArray:
     """Return points in `base_link` whose hull is the vehicle's footprint [m], shape (C, 2)."""
-    x, y = 0.5 * vehicle.chassis_length, 0.5 * vehicle.chassis_width
+    chassis = rectangle(vehicle.chassis_length, vehicle.chassis_width)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     tread = geometry.radius[:, None] * geometry.rolling
-    chassis = np.array([(x, y), (-x, y), (-x, -y), (x, -y)])
     return np.concatenate((chassis, geometry.position + tread, geometry.position - tread))
 
 
@@ -233,27 +220,20 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
     """Return the support function of the area covered by a run [m], shape (DIRECTIONS,).
 
     Args:
-        run: run to be finished.
+        run: run that ends at rest.
         points: the footprint in `base_link` [m], shape (C, 2).
-        start: time from which the area counts; the frame is that of `base_link` at this time [s].
+        start: time from which the area is counted [s]; the frame is that of `base_link` at this
+            time.
     """
     pose = run.pose[round(start * SECOND_NS / run.period_ns) :]
     angle = pose[:, 2] - pose[0, 2]
-    turned = points @ _rotation(angle).transpose(0, 2, 1)  # (T, C, 2)
-    moved = (pose[:, :2] - pose[0, :2]) @ _rotation(pose[0, 2])  # from odom into the frame
-    swept = (turned + moved[:, None, :]).reshape(-1, 2)
-    return np.asarray(np.max(swept @ _NORMALS.T, axis=0))
-
-
-def _rotation(angle: FloatArray | float) -> FloatArray:
-    """Return rotation matrices by angles [rad], shape (..., 2, 2)."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    rows = np.stack((cosine, -sine, sine, cosine), axis=-1)
-    return rows.reshape(*np.shape(angle), 2, 2)
+    moved = turned(pose[:, :2] - pose[0, :2], -pose[0, 2])  # from odom into this frame
+    swept = turned(points, angle[:, np.newaxis]) + moved[:, np.newaxis, :]  # (T, C, 2)
+    return np.asarray(np.max(swept.reshape(-1, 2) @ _NORMALS.T, axis=0))
 
 
 def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
-    """Return H_k of every cell [m], shape (cells, DIRECTIONS), from its stops."""
+    """Return H_k of each cell [m], shape (cells, DIRECTIONS), computed from its stops."""
     supports = supports_of(sweeps[: campaign.fitted])
     # Consecutive stops belong to consecutive cells.
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
@@ -265,15 +245,15 @@ def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
 def inside(
     campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]
 ) -> NDArray[np.bool_]:
-    """Return for each stop whether it stays within the area of its cell, shape (stops,)."""
+    """Return whether each stop stays within the area of its cell, shape (stops,)."""
     cells = [campaign.cell_of(sweep.seed) for sweep in sweeps]
     return np.asarray(np.all(supports_of(sweeps) <= limits[cells], axis=1))
 
 
 def supports_of(sweeps: Sequence[Sweep]) -> FloatArray:
     """Return h_k of stops [m], shape (stops, DIRECTIONS)."""
-    numbers = [[float(word) for word in sweep.support.split()] for sweep in sweeps]
-    return np.array(numbers).reshape(-1, DIRECTIONS)
+    words = [sweep.support.split() for sweep in sweeps]
+    return np.array(words, np.float64).reshape(-1, DIRECTIONS)
 
 
 def corners(limits: FloatArray) -> FloatArray:
@@ -289,5 +269,4 @@ def corners(limits: FloatArray) -> FloatArray:
     tangents = np.column_stack((-_NORMALS[:, 1], _NORMALS[:, 0]))
     points = limits[:, None] * _NORMALS + along[:, None] * tangents
     distinct = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1e-6
-    chosen: FloatArray = points[distinct] if np.any(distinct) else points[:1]
-    return chosen
+    return points[distinct] if np.any(distinct) else points[:1]

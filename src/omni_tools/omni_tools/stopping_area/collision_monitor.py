@@ -1,4 +1,4 @@
-"""Stopping areas as the parameters of Nav2's collision monitor."""
+"""Stopping areas as parameters of Nav2's collision monitor."""
 
 import math
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
 from omni_tools.stopping_area.options import AreaOptions
 
-# Section 3.5 and straight_line: the enhanced weighting with k = 7.
+# As in section 3.5 and the experiment straight_line: the enhanced weighting with k = 7.
 _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
 
@@ -72,7 +72,7 @@ def monitor_parameters(
     name = Path(options.vehicle).stem
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
     checked = f"\nOf {count:.0f} stops held out {outside:.2%} left theirs." if count else ""
-    # A monitor compares the signed v_x, so a single band must range from -speed to speed.
+    # The monitor compares the signed v_x, so a single band must extend from -speed to speed.
     lowest = -options.speed if options.bands == 1 else 0.0
     heading = (
         f"Stopping areas of {name}, {options.variant}, full braking {options.reaction_time:g} s "
@@ -82,7 +82,7 @@ def monitor_parameters(
         f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to that of "
         f"the vehicle's file, up to its place.{checked}"
     )
-    # Enlarged by a millimeter, so that rounding the corners cuts nothing off.
+    # Enlarged by a millimeter, so that the rounded polygon still contains the area.
     polygons = {
         cell.name: {
             "points": str(np.round(area.corners(limit + 0.001), 3).tolist()),

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
@@ -41,21 +40,17 @@ def areas_figure(
             face = np.array(to_rgb(style.BLUE)) * (1.0 - paleness) + paleness
             label = f"to {cell.speed[1]:g} m/s"
             axes.add_patch(Polygon(points, facecolor=face, edgecolor=style.BLUE, label=label))
-        _draw_vehicle(axes, vehicle)
+        chassis = footprint(vehicle)[:4]
+        axes.add_patch(Polygon(chassis, facecolor="white", edgecolor=style.BLACK, zorder=3))
+        nose = 0.5 * vehicle.chassis_length * np.array([(0.9, 0.0), (0.6, 0.2), (0.6, -0.2)])
+        axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))
         axes.set_title(sector.replace("_", " "))
         axes.set_xlim(-reach, reach)
         axes.set_ylim(-reach, reach)
         axes.set_aspect("equal")
-    style.legend_below(figure, grid[0, 0], 4)
+    style.legend_below(figure, 4)
     return figure
 
 
 def _sector(cell: Cell) -> str:
     return cell.name.rstrip("_abcdefghijklmnopqrstuvwxyz").rstrip("0123456789").rstrip("_")
-
-
-def _draw_vehicle(axes: Axes, vehicle: VehicleConfiguration) -> None:
-    chassis = footprint(vehicle)[:4]
-    axes.add_patch(Polygon(chassis, facecolor="white", edgecolor=style.BLACK, zorder=3))
-    nose = 0.5 * vehicle.chassis_length * np.array([(0.9, 0.0), (0.6, 0.2), (0.6, -0.2)])
-    axes.add_patch(Polygon(nose, color=style.BLACK, zorder=4))

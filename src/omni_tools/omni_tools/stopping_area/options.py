@@ -6,7 +6,7 @@ from omni_tools.campaign.runner import CampaignOptions
 
 
 class AreaOptions(CampaignOptions):
-    """Motions, grounds and loads of stopping areas, with coverage and confidence."""
+    """Motions, grounds, loads, coverage and confidence of stopping areas."""
 
     vehicle: str = parameter("mecanum_forklift")
     """a file of config/vehicles/, or a path that ends in .yaml; the load in the file is used as the
@@ -16,12 +16,13 @@ class AreaOptions(CampaignOptions):
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
     """largest speed, in every direction"""
     bands: int = parameter(2, minimum=1, maximum=20)
-    """number of speed bands; with more bands the areas at low speeds are smaller; with 1 the ranges
-    also suit collision monitors before 2026, which compare v_x instead of the speed"""
+    """number of speed bands; with more bands the areas at low speeds are smaller; with 1 the
+    ranges are also valid for collision monitors before 2026, which compare v_x instead of the
+    speed"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
     """largest yaw rate in both directions"""
     turns: int = parameter(1, minimum=1, maximum=9)
-    """number of yaw-rate bands; with 3 straight motion has smaller areas"""
+    """number of yaw-rate bands; with 3, straight motion has smaller areas"""
     friction_min: float = parameter(0.6, minimum=0.05, maximum=2.0)
     """lowest friction factor of the ground"""
     friction_max: float = parameter(1.0, minimum=0.05, maximum=2.0)
@@ -33,15 +34,15 @@ class AreaOptions(CampaignOptions):
     coverage: float = parameter(0.99, minimum=0.5, maximum=0.9999)
     """share of stops that stay within the area of their motion"""
     confidence: float = parameter(0.95, minimum=0.5, maximum=0.9999)
-    """confidence with which each area reaches the coverage"""
-    held_out: int = parameter(2000, minimum=0)
-    """number of further stops by which the areas are checked"""
+    """confidence with which each area has this coverage"""
+    held_out: int = parameter(2000, minimum=0, maximum=10_000_000)
+    """number of further stops with which the areas are checked"""
     seed: int = parameter(1, minimum=0)
     """seed of all random numbers"""
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:
-        """Raise an error if the smallest friction is larger than the largest."""
+        """Check that the lowest friction is not above the highest."""
         super().check_consistency()
         if self.friction_min > self.friction_max:
             lowest, highest = self.friction_min, self.friction_max

@@ -1,28 +1,28 @@
 """Measured tire forces: a CSV file with the columns slip, load and force.
 
-The first line names the columns, in any order; other columns are ignored. ``load_N`` and
-``force_N`` are accepted too, other units are not. Lines that begin with ``#`` are comments. For an
-unusable file, the error names the reason and the line.
+The first line names the columns, in any order; other columns are ignored. The names ``load_N`` and
+``force_N`` are accepted too, but no other units. Lines that begin with ``#`` are comments. If a
+file cannot be used, the error message states the reason and the line.
 """
 
 import csv
-import dataclasses
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from omni_platform import configuration, quantities
 
-_COLUMNS = {"slip": ("slip",), "load": ("load", "load_n"), "force": ("force", "force_n")}
+_COLUMNS = ("slip", "load", "force")
+_UNITS = {"load_n": "load", "force_n": "force"}
 
 
 class TireDataError(configuration.InputError):
-    """The measurements do not determine a tire; the message gives the reason."""
+    """The measurements do not determine a tire; the message states the reason."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TireData:
+class TireData(NamedTuple):
     """Steady forces of a tire in one direction.
 
     Attributes:
@@ -40,7 +40,8 @@ def read_tire_data(path: Path) -> TireData:
     """Read measurements from a CSV file.
 
     Raises:
-        TireDataError: the file cannot be read, a column is missing, or a value is no usable number.
+        TireDataError: the file cannot be read, a column is missing, or a value is not a usable
+            number.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -59,31 +60,26 @@ def read_tire_data(path: Path) -> TireData:
     places = _find_columns(rows[0])
     values = np.empty((len(rows) - 1, 3))
     for k, ((number, _), row) in enumerate(zip(numbered[1:], rows[1:], strict=True)):
-        values[k] = [_number(row, places[name], name, number) for name in _COLUMNS]
+        values[k] = [_number(row, place, name, number) for name, place in places.items()]
         if values[k, 1] <= 0.0:
             raise TireDataError(f"line {number}: the load {values[k, 1]:g} N must be above 0")
     return TireData(*np.ascontiguousarray(values.T))
 
 
 def _find_columns(header: list[str]) -> dict[str, int]:
-    """Return the index of every required column."""
-    named = [name.strip().lower() for name in header]
-    places, missing = {}, []
-    for column, names in _COLUMNS.items():
-        found = [place for place, name in enumerate(named) if name in names]
-        if len(found) > 1:
-            raise TireDataError(f"the column {column!r} is there {len(found)} times")
-        if found:
-            places[column] = found[0]
-        else:
-            missing.append(column)
-    if missing:
-        there = ", ".join(name or "(no name)" for name in named)
+    """Return the index of each required column."""
+    names = [name.strip().lower() for name in header]
+    known = [_UNITS.get(name, name) for name in names]
+    for column in _COLUMNS:
+        if known.count(column) > 1:
+            raise TireDataError(f"the column {column!r} is there {known.count(column)} times")
+    if missing := [column for column in _COLUMNS if column not in known]:
+        there = ", ".join(name or "(no name)" for name in names)
         raise TireDataError(
             f"no column {' and no column '.join(map(repr, missing))}; the first line must name "
             f"slip [1], load [N] and force [N], separated by commas, and names: {there}"
         )
-    return places
+    return {column: known.index(column) for column in _COLUMNS}
 
 
 def _number(row: list[str], place: int, name: str, line: int) -> float:

@@ -1,42 +1,42 @@
-"""Fit a tire model to measured forces by least squares.
+"""Least-squares fit of a tire model to measured forces.
 
-The unknowns of the model's `FitRecipe` minimize the sum of squared differences of force. With n
-rows, P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is ``s^2 (J^T
-J)^-1``, where ``s^2`` is the sum of squares over ``n - P``. The standard errors of the values
-follow by linear propagation. They are valid for independent residuals of equal variance that are
-small enough for linear propagation. An unknown that ends on a bound counts as fixed.
+The unknowns of the model's `FitRecipe` minimize the sum of squared force differences. With n rows,
+P unknowns and the Jacobian ``J`` at the minimum, the covariance of the unknowns is ``s^2 (J^T
+J)^-1``, where ``s^2`` is the sum of squares divided by ``n - P``. The standard errors of the values
+follow by linear propagation. They are valid if the residuals are independent, of equal variance,
+and small enough for linear propagation. An unknown that ends at a bound counts as fixed.
 """
 
-import dataclasses
-from typing import Any
+import itertools
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from omni_figures import style
-from omni_platform.configuration import ConfigurationError, from_mapping
+from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.model import FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
 from omni_tools.tires.data import TireData, TireDataError
 
-# The slip of the peak is the least certain start value: a search starts from each of these
-# multiples.
+# The slip at the peak is the least certain initial value, so a search starts from each of these
+# multiples of it.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class TireFit:
+class TireFit(NamedTuple):
     """A model fitted to data.
 
     Attributes:
-        tire: tire with the fitted model; steady data do not determine its stiffness and damping.
+        tire: tire with the fitted model; stiffness and damping are not determined by steady data.
         keys: dotted keys of the fitted values, below the model's name.
         values: fitted values in the units of their keys, shape (P,).
         standard_errors: standard errors of `values`, shape (P,).
-        at_bound: whether each unknown ended on a bound, so that it has no error, shape (P,).
+        at_bound: whether each unknown is at a bound of the search and therefore has no standard
+            error, shape (P,).
         residual: standard deviation of the force residuals with n - P degrees of freedom [N].
         mapping: the fitted values as nested mappings of the tire's configuration.
     """
@@ -58,7 +58,8 @@ def fit_tire(data: TireData, model: str) -> TireFit:
         model: one of `MODELS`.
 
     Raises:
-        TireDataError: the data do not determine the model; the message names what is missing.
+        TireDataError: the data are too few or too similar to each other.
+        WorkError: the data do not determine the model; the message states what is missing.
     """
     recipe = MODELS[model].fit
     largest_load = float(np.max(data.load)) if data.load.size else 0.0
@@ -69,7 +70,11 @@ def fit_tire(data: TireData, model: str) -> TireFit:
     at_bound = _at_bound(found.x, recipe)
     errors = _standard_errors(found.x, found.jac, at_bound, residual, recipe, largest_load)
     values = recipe.values(found.x)
-    tire = _tire(model, recipe, values, largest_load)
+    mapping = {"model": model, model: recipe.mapping(values, largest_load)}
+    try:
+        tire = from_mapping(TireConfiguration, mapping)
+    except ConfigurationError as error:
+        raise WorkError(f"the fit is not a valid tire of this model: {error}") from None
     _require_peak(data, tire)
     return TireFit(
         tire=tire,
@@ -78,12 +83,12 @@ def fit_tire(data: TireData, model: str) -> TireFit:
         standard_errors=errors,
         at_bound=at_bound,
         residual=residual,
-        mapping={"model": model, model: recipe.mapping(values, largest_load)},
+        mapping=mapping,
     )
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
-    """Raise an error for too few data, or for loads that differ by too small a share."""
+    """Check that the data suffice and that their loads differ enough."""
     needed = 2 * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
@@ -97,7 +102,7 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: f
     low, high = float(np.min(data.load)), float(np.max(data.load))
     if recipe.loads > 1 and high - low < spread * high:
         raise TireDataError(
-            f"the loads from {low:g} to {high:g} N are too alike: {model} depends on the load and "
+            f"loads from {low:g} to {high:g} N are too similar: {model} depends on it and "
             f"needs loads that differ by at least {spread:.0%} of the largest"
         )
 
@@ -117,12 +122,12 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
         return (force - data.force) / size
 
     seen = _landmarks(data, largest_load)
-    best: Any = None
     lower, upper = np.array(recipe.lower), np.array(recipe.upper)
-    for guess in _PEAK_GUESSES:
+
+    def from_peak(guess: float) -> Any:
         start = recipe.start(seen._replace(peak_slip=guess * seen.peak_slip))
         inside = np.clip(start, lower + 1e-6 * np.abs(start), upper - 1e-6 * np.abs(start))
-        found = least_squares(
+        return least_squares(
             differences,
             inside,
             jac="3-point",
@@ -133,15 +138,15 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
             gtol=1e-12,
             max_nfev=400,
         )
-        if best is None or found.cost < best.cost:
-            best = found
+
+    best = min(map(from_peak, _PEAK_GUESSES), key=lambda found: float(found.cost))
     best.cost *= size**2
     best.jac *= size
     return best
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """Estimate slope and peak in the halves of the data with smaller and with larger load."""
+    """Estimate slope and peak from the half of the data with smaller and with larger load."""
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
@@ -171,34 +176,23 @@ def _see(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, 
     return float(np.mean(data.load[rows])), slope, max(peak, 1e-9), peak_slip
 
 
-def _tire(
-    model: str, recipe: FitRecipe, values: FloatArray, largest_load: float
-) -> TireConfiguration:
-    try:
-        return from_mapping(
-            TireConfiguration, {"model": model, model: recipe.mapping(values, largest_load)}
-        )
-    except ConfigurationError as error:
-        raise TireDataError(f"the fit is no tire of this model: {error}") from None
-
-
 def _require_description(data: TireData, model: str, residual: float, largest: float = 0.5) -> None:
-    """Raise an error if the residual exceeds the share `largest` of the force."""
+    """Check that the residual does not exceed a share `largest` of the force."""
     size = float(np.sqrt(np.mean(data.force**2)))
     if residual > largest * size:
-        raise TireDataError(
+        raise WorkError(
             f"{model} does not describe the data: the differences of {residual:.3g} N are more "
             f"than {largest:.0%} of the force of {size:.3g} N (root mean squares)"
         )
 
 
 def _require_peak(data: TireData, configuration: TireConfiguration) -> None:
-    """Raise an error if the peak of the fit is outside the measured slips."""
+    """Check that the peak of the fit is within the measured slips."""
     heavy = data.load >= 0.5 * (np.min(data.load) + np.max(data.load))
     peak = Tire(configuration).curve(float(np.mean(data.load[heavy]))).peak_slip
     largest = float(np.max(np.abs(data.slip[heavy])))
     if peak > largest:
-        raise TireDataError(
+        raise WorkError(
             f"the slip reaches {largest:.3g} and the largest force seems to be at {peak:.3g}: "
             "measure beyond the peak"
         )
@@ -217,21 +211,17 @@ def _standard_errors(
     residual: float,
     recipe: FitRecipe,
     largest_load: float,
-    vaguest: float = 0.5,
+    largest_error: float = 0.5,
 ) -> FloatArray:
-    """Return the standard errors of the values, shape (P,), at most `vaguest` of their sizes.
+    """Return the standard errors of the values, shape (P,), limited by `largest_error`.
 
     Raises:
-        TireDataError: a value is not determined; the message names it.
+        WorkError: a value is not determined; the message names it.
     """
     free = np.flatnonzero(~at_bound)
     size = np.maximum(np.abs(recipe.scale(unknowns, largest_load))[free], 1e-300)
     _, singular, directions = np.linalg.svd(jacobian[:, free] * size, full_matrices=False)
-    weak = singular < 1e-7 * singular[0]
-    if np.any(weak):
-        loose = np.max(np.abs(directions[weak]), axis=0) > 0.1
-        _refuse_undetermined([recipe.keys[k] for k in free[loose]])
-    spread = (directions.T / singular) * residual
+    spread = directions.T / np.maximum(singular, 1e-12 * singular[0]) * residual
     covariance = (spread @ spread.T) * np.outer(size, size)
     # Derivatives of the values with respect to the unknowns.
     gradient = np.empty((len(unknowns), len(free)))
@@ -242,21 +232,18 @@ def _standard_errors(
         gradient[:, column] = (ahead - behind) / (2.0 * step)
     errors = np.sqrt(np.einsum("ij,jk,ik->i", gradient, covariance, gradient))
     sizes = recipe.scale(recipe.values(unknowns), largest_load)
-    vague = errors > vaguest * np.abs(sizes)
+    vague = errors > largest_error * np.abs(sizes)
     if np.any(vague):
-        _refuse_undetermined([recipe.keys[k] for k in np.flatnonzero(vague)])
+        keys = ", ".join(itertools.compress(recipe.keys, vague))
+        raise WorkError(
+            f"the data do not determine {keys}: measure from small slips to well beyond the peak, "
+            "at every load, or use a model with fewer parameters"
+        )
     return np.asarray(errors, dtype=np.float64)
 
 
-def _refuse_undetermined(keys: list[str]) -> None:
-    raise TireDataError(
-        f"the data do not determine {', '.join(keys)}: measure from small slips to well beyond "
-        "the peak, at every load, or take a model with fewer parameters"
-    )
-
-
 def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Figure:
-    """Draw data and curves, and below them the residuals.
+    """Draw data and fitted curves, and the residuals below them.
 
     Each point has the color of the curve at the nearest load.
 

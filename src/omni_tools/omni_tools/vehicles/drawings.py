@@ -17,27 +17,24 @@ from omni_sim.texture.cache import TextureCache
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassProperties
-from omni_tools.vehicles.plausibility import camera_speed, plain, wheel_facts
+from omni_tools.vehicles.plausibility import brakes_over_grip, camera_speed, plain, wheel_facts
 from omni_tools.vehicles.rollers import Rollers
 
 _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of the middle [m]"}
 
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
-    """Return a text with size, masses, wheels and brakes of a vehicle."""
+    """Return a description of a vehicle: size, masses, wheels and brakes."""
     masses = MassProperties.of(vehicle.body, vehicle.load)
     facts = wheel_facts(vehicle)
     loads = [fact.load for fact in facts.values()]
     radii = sorted({mount.radius for mount in vehicle.wheels.values()})
-    grip = sum(fact.grip for fact in facts.values())
-    brakes = sum(fact.brake_force for fact in facts.values())
-    x, y = (float(value) for value in masses.center)
     rollers = Rollers.of(vehicle.wheels)
     return {
         "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
         "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of it load, "
         f"{plain(masses.yaw_inertia)} kg m^2 about the vertical",
-        "center of gravity": f"({plain(x)}, {plain(y)}) m",
+        "center of gravity": f"({', '.join(map(plain, masses.center))}) m",
         "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
         f"{', '.join(vehicle.wheels)}",
         "rollers": (f"{rollers.shape} seen from above, " if rollers.shape else "")
@@ -45,7 +42,7 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
         f"{rollers.smallest_singular_value:.2g}",
         "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is for up to "
         f"{plain(vehicle.tire.largest_load)} N",
-        "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes / max(grip, 1e-9):.2g} times what "
+        "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes_over_grip(facts):.2g} times what "
         "dry ground holds",
         "tire": vehicle.tire.model,
     }
@@ -102,7 +99,7 @@ def draw_vehicle(
 
 
 def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
-    """Return a text with model, load and peak of a tire."""
+    """Return a description of a tire: model, load and peak."""
     half = 0.5 * tire.largest_load
     curve = Tire(tire).curve(half)
     return {
@@ -131,7 +128,7 @@ def draw_tire(tire: TireConfiguration, name: str) -> Figure:
 
 
 def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
-    """Return a text with material, friction and patches of a ground."""
+    """Return a description of a ground: material, friction and patches."""
     patches = [f"{name} (friction {patch.friction:g})" for name, patch in ground.patches.items()]
     return {
         "looks like": ground.texture.kind,
@@ -154,7 +151,7 @@ def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Fi
 
 
 def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
-    """Return a text with position, field of view and largest speed of each camera."""
+    """Return a description of each camera: position, field of view and largest speed."""
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "

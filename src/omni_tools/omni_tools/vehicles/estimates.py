@@ -1,4 +1,4 @@
-"""Files of a vehicle from a few measurements, with every estimate marked."""
+"""Creation of a vehicle's files from a few measurements; every estimated value is marked."""
 
 import math
 from pathlib import Path
@@ -25,21 +25,21 @@ class Measured(Configuration):
     wheel_radius: float = parameter(unit="m", above=0.0, maximum=2.0)
     """radius of a wheel"""
     kind: str = parameter(_MECANUM, choices=(_MECANUM, _OMNI))
-    """wheels: mecanum in pairs along the sides, or omni-wheels on a circle"""
+    """wheels: mecanum in pairs along the sides, or omni wheels on a circle"""
     wheels: int = parameter(4, minimum=3, maximum=12)
-    """number of wheels; even for mecanum"""
-    load: float = parameter(0.0, unit="kg", minimum=0.0)
+    """number of wheels; must be even for mecanum"""
+    load: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e5)
     """mass of a load at the front left"""
     drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
-    """largest torque of a drive at its wheel, 0 for the torque of the brake"""
+    """largest torque of a drive at its wheel; 0 for the torque of the brake"""
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
-    """largest power with which a drive brakes its wheel, 0 for no limit"""
+    """largest power with which a drive brakes its wheel; 0 for no limit"""
     brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
     """kind of brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes,
     or drives with a torque or a velocity command"""
 
     def check_consistency(self) -> None:
-        """Raise an error for wheels that do not fit the chassis or an invalid number of wheels."""
+        """Check that the wheels fit on the chassis and that their number is valid."""
         if self.kind == _MECANUM and (self.wheels < 4 or self.wheels % 2):
             raise ConfigurationError("wheels", f"{self.wheels} must be 4, 6, ... for mecanum")
         across = 2.0 * self.wheel_radius
@@ -52,17 +52,17 @@ class Measured(Configuration):
 
 
 class Estimates(NamedTuple):
-    """Ratios and typical values with which unmeasured values are estimated.
+    """Ratios and typical values for the estimation of values that were not measured.
 
     Attributes:
-        wheel_width: width of a wheel over its diameter [1].
+        wheel_width: ratio of a wheel's width to its diameter [1].
         density: density of a wheel with rollers of rubber and plastic on a steel hub [kg/m^3].
-        height: height of the center of gravity over the radius of a wheel [1].
-        brake: torque of a brake over the torque that locks the wheel [1].
-        clutch: stiffness of the drive's clutch over torque and radius of the wheel [s/m].
-        load: load of a wheel at which the tire of Table 1 is used unscaled [N].
-        radius: radius of a wheel at which the tire of Table 1 is used unscaled [m].
-        deceleration: deceleration that determines the speed of the example, so that its stop is a
+        height: ratio of the height of the center of gravity to the wheel radius [1].
+        brake: ratio of the torque of a brake to the torque that locks the wheel [1].
+        clutch: stiffness of the drive's clutch per torque and wheel radius [s/m].
+        load: wheel load at which the tire of Table 1 is used without scaling [N].
+        radius: wheel radius at which the tire of Table 1 is used without scaling [m].
+        deceleration: deceleration that determines the speed in the example, so that its stop is a
             few vehicle lengths long [m/s^2].
     """
 
@@ -80,12 +80,12 @@ _USUAL = Estimates()
 
 
 def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
-    """Write a vehicle with estimated inertia, brakes and tires, its cameras and a stop.
+    """Write the files of a vehicle with estimated values, its cameras, and an example stop.
 
     Args:
-        name: name of the vehicle, for the comments.
+        name: name of the vehicle, used in comments.
         measured: measured values of the vehicle.
-        folder: folder of the files, made if it is missing.
+        folder: folder of the files, created if it is missing.
 
     Returns:
         The written files.
@@ -201,7 +201,7 @@ def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
 
 
 def _tire(carried: float, radius: float) -> dict[str, Any]:
-    """Return the tire of Table 1, scaled to the load of a wheel [N] and its radius [m]."""
+    """Return the tire of Table 1, scaled to the load [N] and the radius [m] of a wheel."""
     scale = carried / _USUAL.load
 
     def scaled(key: str, value: Any) -> Any:

@@ -1,25 +1,25 @@
-"""Plausibility of the values of an experiment.
+"""Plausibility check of the values of an experiment.
 
-No value is refused. Each remark is a sentence with the values and a remedy.
+No value is rejected. Each remark is a sentence that contains the values and a remedy.
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.sensors import OVERLAP, LineSensor, Mount
-from omni_sim.driver.scripted import ManeuverConfiguration
+from omni_sim.driver.scripted import ManeuverConfiguration, ScriptedDriver
 from omni_sim.tire.tire import Tire
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
-# Plausible ranges of ratios [1]: load over the tire's largest load; torque of brakes and drives
-# over that of the friction capacity; yaw inertia over that of a plate of the chassis' size; inertia
-# of a wheel over its carried mass times its radius squared.
+# Plausible ranges of ratios [1]: wheel load to the tire's largest load; torque of brakes and drives
+# to that of the friction capacity; yaw inertia to that of a plate of the chassis' size; inertia of
+# a wheel to the mass that it carries times its squared radius.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),
@@ -36,7 +36,7 @@ class WheelFacts:
     Attributes:
         load: load at rest [N].
         grip: friction capacity [N].
-        brake_force: force of the brake at the ground [N].
+        brake_force: force of the brake at the contact with the ground [N].
     """
 
     load: float
@@ -51,7 +51,7 @@ def plain(value: float) -> str:
 
 
 def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[str, WheelFacts]:
-    """Return load, grip and brake of each wheel of a standing vehicle.
+    """Return load, friction capacity and brake force of each wheel of a vehicle at rest.
 
     Args:
         vehicle: vehicle with any number of wheels; the loads are those of a rigid chassis.
@@ -59,17 +59,21 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
-    shares = load_plane(geometry.position - masses.center)[:, 0]
-    tire = Tire(vehicle.tire)
-    facts = {}
-    torque = vehicle.brake.max_torque * vehicle.by_wheel("brake")
+    loads = load_plane(geometry.position - masses.center)[:, 0] * masses.mass * GRAVITY
     grips = friction * vehicle.by_wheel("friction")
-    for row, name in enumerate(geometry.names):
-        load = float(shares[row]) * masses.mass * GRAVITY
-        own = float(grips[row])
-        grip = float(tire.curve(load, own).peak_force) if load > 0.0 else 0.0
-        facts[name] = WheelFacts(load, grip, float(torque[row] / geometry.radius[row]))
+    forces = vehicle.brake.max_torque * vehicle.by_wheel("brake") / geometry.radius
+    tire, facts = Tire(vehicle.tire), {}
+    for name, *values in zip(geometry.names, loads, grips, forces, strict=True):
+        load, grip, force = map(float, values)
+        peak = float(tire.curve(load, grip).peak_force) if load > 0.0 else 0.0
+        facts[name] = WheelFacts(load, peak, force)
     return facts
+
+
+def brakes_over_grip(facts: Mapping[str, WheelFacts]) -> float:
+    """Return the ratio of the force of all brakes to the friction capacity of all wheels [1]."""
+    grip = sum(fact.grip for fact in facts.values())
+    return sum(fact.brake_force for fact in facts.values()) / max(grip, 1e-9)
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
@@ -97,11 +101,11 @@ def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tup
         vehicle: vehicle to check.
         friction: friction of the ground, as a factor [1].
     """
-    wheels = (f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels))
+    facts = wheel_facts(vehicle, friction)
     return (
-        *wheels,
-        *_tire_remarks(vehicle, friction),
-        *_brake_remarks(vehicle, friction),
+        *(f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels)),
+        *_tire_remarks(vehicle, facts),
+        *_brake_remarks(vehicle, facts),
         *_drive_remarks(vehicle),
         *_inertia_remarks(vehicle),
     )
@@ -116,7 +120,7 @@ class RemarkingLibrary(ExperimentLibrary):
         self._reported: set[str] = set()
 
     def load(
-        self, experiment: str, variant: str, overrides: Iterable[str] = ()
+        self, experiment: str, variant: str | None = None, overrides: Iterable[str] = ()
     ) -> ExperimentConfiguration:
         """Compose an experiment as `ExperimentLibrary` does."""
         loaded = super().load(experiment, variant, overrides)
@@ -136,9 +140,8 @@ class RemarkingLibrary(ExperimentLibrary):
                 self._report(remark)
 
 
-def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:
+def _tire_remarks(vehicle: VehicleConfiguration, facts: Mapping[str, WheelFacts]) -> Iterator[str]:
     largest = vehicle.tire.largest_load
-    facts = wheel_facts(vehicle, friction)
     heaviest = max(facts, key=lambda name: facts[name].load)
     load = facts[heaviest].load
     lightest, most = _PLAUSIBLE["load"]
@@ -155,10 +158,8 @@ def _tire_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[st
         )
 
 
-def _brake_remarks(vehicle: VehicleConfiguration, friction: float) -> Iterator[str]:
-    facts = wheel_facts(vehicle, friction)
-    grip = sum(fact.grip for fact in facts.values())
-    ratio = sum(fact.brake_force for fact in facts.values()) / max(grip, 1e-9)
+def _brake_remarks(vehicle: VehicleConfiguration, facts: Mapping[str, WheelFacts]) -> Iterator[str]:
+    ratio = brakes_over_grip(facts)
     needed = vehicle.brake.max_torque / max(ratio, 1e-9)
     weakest, strongest = _PLAUSIBLE["brake"]
     if ratio < weakest:
@@ -256,6 +257,5 @@ def _twists(maneuver: ManeuverConfiguration) -> list[tuple[float, float, float]]
     table = maneuver.demands
     if table.time:
         return list(zip(table.forward, table.left, table.turn, strict=True))
-    direction = math.radians(maneuver.direction_deg)
-    forward, left = maneuver.speed * math.cos(direction), maneuver.speed * math.sin(direction)
-    return [(forward, left, math.radians(maneuver.yaw_rate_deg))]
+    forward, left, turn = ScriptedDriver(maneuver).start_twist.tolist()
+    return [(forward, left, turn)]

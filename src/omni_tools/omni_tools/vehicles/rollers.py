@@ -1,8 +1,8 @@
-"""Arrangement of the rollers of a platform, and the wheel whose roller angle has the wrong sign.
+"""Arrangement of a platform's rollers, and detection of a roller angle with the wrong sign.
 
-With a wrong sign of one roller angle the platform still moves in all three degrees of freedom, but
-with wrong kinematics. The error violates symmetry: where two wheels are mirror images of each
-other, so are their rollers.
+With a wrong sign of one roller angle, the platform can still move in all three degrees of freedom,
+but with wrong kinematics. The error violates symmetry: if two wheels are mirror images of each
+other, their rollers must be mirror images too.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,7 @@ from omni_platform.kinematics import (
 _MIRRORS = (np.array([1.0, -1.0]), np.array([-1.0, 1.0]))  # about the x axis, the y axis
 
 
-@dataclasses.dataclass(frozen=True)
-class Rollers:
+class Rollers(NamedTuple):
     """Arrangement of the rollers of a platform.
 
     Attributes:
@@ -65,7 +65,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
         return (
             f"wheels.{name}.roller_angle_deg: {angle:g} deg breaks the symmetry of the rollers"
             + (f" (or {', '.join(others)} does)" if others else "")
-            + f"; its mirror images on the other wheels ask for {-angle:g} deg",
+            + f"; its mirror images on the other wheels have {-angle:g} deg",
         )
     opposite = {name: _flipped(mount) for name, mount in wheels.items()}
     try:

@@ -9,14 +9,16 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
-from distributed import Client, LocalCluster
 
 from omni_platform.configuration import ConfigurationError
 from omni_tools.campaign import runner
 from omni_tools.campaign.runner import CampaignError, CampaignOptions, distribute, run_campaign
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 class Row(NamedTuple):
@@ -31,6 +33,8 @@ def work(seed: int) -> Row:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
+    from distributed import Client, LocalCluster  # slow import, for one process of all tests only
+
     with (
         LocalCluster(
             n_workers=1, threads_per_worker=2, processes=False, dashboard_address=":0"
@@ -122,7 +126,7 @@ def test_work_that_kills_or_fails_ends_the_campaign(
 
     path = tmp_path / "runs.csv"
     assert len(run_campaign(dying, range(40), Row, options, path, "abc")) == 40
-    with pytest.raises(CampaignError, match="workers die of seeds"):
+    with pytest.raises(CampaignError, match="several workers died with the seeds"):
         run_campaign(deadly, range(40), Row, options, path, "abc")
     with pytest.raises(ValueError, match="twenty"):
         run_campaign(failing, range(40), Row, options, path, "abc")

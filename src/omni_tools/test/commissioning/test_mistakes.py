@@ -15,17 +15,27 @@ import yaml
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import make_estimator, steps
-from omni_platform.brakes import SPRING, BrakeConfiguration, typical_changes
+from omni_platform.brakes import (
+    ON_OFF,
+    PROPORTIONAL,
+    SPRING,
+    TORQUE,
+    TYPICAL,
+    VELOCITY,
+    BrakeConfiguration,
+    typical_changes,
+)
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
-from omni_tools.commissioning.mistakes import corrected, find_mistakes
+from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
 from omni_tools.commissioning.signals import Motions, Signals, motions_of
 
 CONFIG = Path(__file__).parents[4] / "config"
 Wheels = dict[str, WheelMount]
 DIRECT = BrakeConfiguration()
+DELAYS = ("dead_time", "release_time")
 
 
 def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, float]]:
@@ -49,7 +59,7 @@ def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, fl
                 seen.pose,
             )
         )
-        if seen.stamp_ns >= 15_500_000_000:
+        if seen.stamp_ns >= 20_000_000_000:
             break
     time, speed, twist, imu, pedal, enable, pose = map(np.array, zip(*rows, strict=True))
     signals = Signals(time[:, 0], speed, twist, imu, pedal[:, 0], enable)
@@ -101,7 +111,7 @@ def of_wheel(name: str, **factors: float) -> Change:
 def of_signal(field: str, change_of: Callable[[np.ndarray], np.ndarray]) -> Change:
     def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
         values = change_of(getattr(signals, field).copy())
-        return wheels, dataclasses.replace(signals, **{field: values})
+        return wheels, signals._replace(**{field: values})
 
     return change
 
@@ -123,26 +133,13 @@ def scaled(*factors: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda values: values * np.array(factors)
 
 
-def delayed(seconds: float) -> Callable[[np.ndarray], np.ndarray]:
-    return lambda enable: np.roll(enable, -round(seconds / 0.01), axis=0)
-
-
-delayed_by_60_ms = of_signal("enable", delayed(0.06))
-
-
-def dead(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
-    """Let the wheel that is braked most roll on as the twist says."""
-    speed, braking = signals.wheel_speed.copy(), signals.pedal > 0.0
-    column = int(np.argmax(np.mean(signals.enable[braking], axis=0)))
-    rolling = PlatformKinematics.of(wheels).wheel_speeds(signals.twist)
-    coasting = (signals.time > 12.0) & ~braking
-    radius = np.median(speed[coasting, column] / rolling[coasting, column])
-    speed[braking, column] = radius * rolling[braking, column]
-    return wheels, dataclasses.replace(signals, wheel_speed=speed)
+def delayed_by_60_ms(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
+    pedal, enable = (np.roll(values, -6, axis=0) for values in (signals.pedal, signals.enable))
+    return wheels, signals._replace(pedal=pedal, enable=enable)
 
 
 def mistakes() -> Iterator[tuple[str, Change]]:
-    """Yield 48 mistakes: what must be in the name of what is found, and how it is made."""
+    """Yield 47 mistakes: what must be in the name of what is found, and how it is made."""
     for one, other in itertools.combinations(range(4), 2):
         words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("wheel_speed", exchanged(one, other))
@@ -173,8 +170,7 @@ def mistakes() -> Iterator[tuple[str, Change]]:
     for one, other in itertools.combinations(range(4), 2):
         words = f"brakes {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("enable", exchanged(one, other))
-    yield "does not act", dead
-    yield "dead time is about", of_signal("enable", delayed(0.06))
+    yield "dead time is about", delayed_by_60_ms
 
 
 MISTAKES = dict(mistakes())
@@ -189,6 +185,82 @@ def test_a_single_mistake_is_named(
     names = found(wheels, signals, known)
     assert any(words in name for name in names), names
     assert len(names) == 1, names
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "brakes", "law"),
+    [
+        ("mecanum_forklift", ON_OFF, "sliding_mode"),
+        ("three_wheel_robot", SPRING, "sliding_mode"),
+        ("mecanum_forklift", TORQUE, "allocation"),
+        ("mecanum_forklift", VELOCITY, "sliding_mode"),
+        ("three_wheel_robot", VELOCITY, "allocation"),
+    ],
+)
+def test_a_brake_that_does_not_act_is_named(vehicle: str, brakes: str, law: str) -> None:
+    name = list(ExperimentLibrary(CONFIG).vehicle(vehicle).wheels)[1]
+    changes = [*typical_changes(brakes), f"brake_assist.law={law}"]
+    brake = BrakeConfiguration(**TYPICAL[brakes])
+    for enabled in ("true", "false"):
+        faulty = f"vehicle.conditions.{name}={{brake: 0.0}}", f"brake_assist.enabled={enabled}"
+        names = found(*drive(vehicle, *changes, *faulty), brake)
+        assert names == [f"brake {name} does not act"]
+
+
+@pytest.mark.parametrize(
+    ("brakes", "law"),
+    [(SPRING, "sliding_mode"), (TORQUE, "allocation"), (VELOCITY, "allocation")],
+)
+@pytest.mark.parametrize("described", [0.0, 0.15])
+def test_a_wrong_dead_time_is_named(brakes: str, law: str, described: float) -> None:
+    typical, true = BrakeConfiguration(**TYPICAL[brakes]), 0.08
+    later = [f"vehicle.brake.{key}={getattr(typical, key) + true:.3f}" for key in DELAYS]
+    changes = [*typical_changes(brakes), *later, f"brake_assist.law={law}"]
+    brake = dataclasses.replace(
+        typical, **{key: getattr(typical, key) + described for key in DELAYS}
+    )
+    names = found(*drive("mecanum_forklift", *changes), brake)
+    assert len(names) == 1
+    milliseconds = int(names[0].removeprefix("brakes: dead time is about ").removesuffix(" ms"))
+    assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
+
+
+@pytest.mark.parametrize("brakes", [PROPORTIONAL, SPRING])
+def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(brakes: str) -> None:
+    wheels, signals, known = drive("six_wheel_mecanum", *typical_changes(brakes))
+    brake = BrakeConfiguration(**TYPICAL[brakes])
+    alike = undistinguished_brakes(wheels, signals, motions_of(signals), brake=brake)
+    pairs = itertools.combinations(enumerate(wheels), 2)
+    shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
+    assert len(shown) > 6
+    for (one, first), (other, second) in shown:
+        enable = exchanged(one, other)(signals.enable.copy())
+        names = found(wheels, signals._replace(enable=enable), known, brake)
+        assert names == [f"brakes {first} and {second} are exchanged"]
+
+
+def test_gaps_of_twist_and_enables_hide_no_exchange(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    twist, enable = signals.twist.copy(), exchanged(0, 2)(signals.enable.copy())
+    twist[::7], enable[:300] = math.nan, math.nan
+    enable[np.flatnonzero(signals.pedal > 0.0)[::50]] = math.nan
+    gaps = signals._replace(twist=twist, enable=enable)
+    expected = [f"brakes {FORKLIFT[0]} and {FORKLIFT[2]} are exchanged"]
+    assert found(wheels, gaps, known) == expected
+
+
+def test_brakes_that_only_act_together_are_not_distinguished(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, _ = forklift
+    motions = motions_of(signals)
+    assert undistinguished_brakes(wheels, signals, motions, brake=DIRECT) == []
+    for enable in (np.ones_like(signals.enable), np.full_like(signals.enable, math.nan)):
+        together = signals._replace(enable=enable)
+        alike = undistinguished_brakes(wheels, together, motions, brake=DIRECT)
+        assert alike == list(itertools.combinations(wheels, 2))
 
 
 def test_the_corrected_file_of_a_vehicle_has_no_mistake(
@@ -262,6 +334,6 @@ def test_a_drive_that_is_not_the_expected_one_is_refused(
     forklift: tuple[Wheels, Signals, tuple[float, float]],
 ) -> None:
     _, signals, _ = forklift
-    short = dataclasses.replace(signals, pedal=np.zeros_like(signals.pedal))
+    short = signals._replace(pedal=np.zeros_like(signals.pedal))
     with pytest.raises(ConfigurationError, match="drive forward, left, counter-clockwise"):
         motions_of(short)

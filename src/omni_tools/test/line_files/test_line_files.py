@@ -79,7 +79,7 @@ def test_a_row_or_a_band_of_every_picture_is_a_line(tmp_path: Path) -> None:
         ("x.csv", b"-4,2\n3,5\n", "not 0 to 65535"),
         ("x.raw", b"12345", "no whole number of lines"),
         ("x.xyz", b"", "is none of"),
-        ("x.csv", b"", "holds no line"),
+        ("x.csv", b"", "contains no line"),
     ],
 )
 def test_what_holds_no_lines_is_refused_by_name(

@@ -116,7 +116,7 @@ def test_a_fault_is_reported_within_20_ms(
         assert "camera_0: " in estimate.reason
     if fault is mud:
         # Its motion ends where no vehicle's can, or stands still while the others move.
-        reasons = ("covered: its view stands still", "not plausible")
+        reasons = ("covered: its view does not change", "not plausible")
         assert any(words in estimates[-1].reason for words in reasons)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omni_platform.configuration import from_mapping
+from omni_platform.configuration import WorkError, from_mapping
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_tools.tires.data import TireData, TireDataError, read_tire_data
@@ -97,8 +97,8 @@ def test_a_curve_that_never_falls_puts_the_shape_on_its_bound() -> None:
     ("reason", "model", "changes"),
     [
         ("too few", "tmeasy", {"rows": 19}),
-        ("too alike", "tmeasy", {"loads": (3000.0, 3100.0)}),
-        ("too alike", "magic_formula", {"loads": (3000.0,)}),
+        ("too similar", "tmeasy", {"loads": (3000.0, 3100.0)}),
+        ("too similar", "magic_formula", {"loads": (3000.0,)}),
         ("beyond the peak|do not determine", "tmeasy", {"slips": (-0.05, 0.05)}),
         ("do not determine .*slide", "tmeasy", {"slips": (-0.2, 0.2)}),
         ("beyond the peak|do not determine", "magic_formula", {"slips": (-0.04, 0.04)}),
@@ -110,7 +110,8 @@ def test_a_curve_that_never_falls_puts_the_shape_on_its_bound() -> None:
 def test_too_little_excitation_is_refused_with_the_reason(
     reason: str, model: str, changes: dict[str, Any]
 ) -> None:
-    with pytest.raises(TireDataError, match=reason):
+    before = reason.startswith("too")  # the search
+    with pytest.raises(TireDataError if before else WorkError, match=reason):
         fit_tire(measure(TireConfiguration(model=model), **changes), model)
 
 

@@ -1,15 +1,20 @@
 """Every number of an experiment is used, or refused in a sentence, however large or small it is."""
 
 import contextlib
+import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from omni_loop.compiled import run_fast_loop
+from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
+    ParameterInfo,
     declared_parameters,
     element_configuration,
     is_configuration,
@@ -20,9 +25,9 @@ from omni_tools.vehicles.plausibility import RemarkingLibrary
 CONFIG = Path(__file__).parents[4] / "config"
 
 
-def numbers(configuration: Configuration, above: str = "") -> Iterator[str]:
-    """Yield the dotted key of each number."""
-    for name, declared, _ in declared_parameters(type(configuration)):
+def numbers(configuration: Configuration, above: str = "") -> Iterator[tuple[str, ParameterInfo]]:
+    """Yield the dotted key of each number, with its bounds."""
+    for name, declared, info in declared_parameters(type(configuration)):
         key, kind, value = f"{above}{name}", without_none(declared), getattr(configuration, name)
         if is_configuration(kind):
             yield from numbers(value, f"{key}.")
@@ -30,7 +35,7 @@ def numbers(configuration: Configuration, above: str = "") -> Iterator[str]:
             for element in value:
                 yield from numbers(value[element], f"{key}.{element}.")
         elif kind in (int, float):
-            yield key
+            yield key, info
 
 
 @pytest.mark.parametrize("experiment", ["straight_line", "flow_sensors"])
@@ -42,6 +47,36 @@ def test_extreme_numbers_are_used_or_refused(experiment: str, value: str) -> Non
     assert len(keys) > 200
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        for key in keys:
+        for key, _ in keys:
             with contextlib.suppress(ConfigurationError):
                 library.load(experiment, "assisted", [f"{key}={value}"]).check_drivable()
+
+
+SHORT = (
+    *("feedback=velocity_sensor", "simulation.render_lines=false"),
+    *("simulation.duration_limit=0.06", "maneuver.brake_time=0.02"),
+)
+# The time that a run takes, values that must be the same twice, and what such a run does not read.
+LEFT_OUT = (
+    *("simulation.duration_limit", "simulation.physics_step", "brake_assist.wheels"),
+    *("camera", "flow", "odometry", "sensors", "ground.texture"),
+)
+
+
+@pytest.mark.parametrize("wheels", ["single", "rollers"])
+def test_a_stop_with_a_number_at_its_bound_is_computed(wheels: str) -> None:
+    library = ExperimentLibrary(CONFIG)
+    changes = [*SHORT, f"vehicle.wheel_model={wheels}"]
+    keys = list(numbers(library.load("straight_line", "assisted", changes)))
+    computed = 0
+    for key, info in keys:
+        least = math.nextafter(0.0, 1.0) if info.above == 0.0 else info.minimum
+        for value in (least, info.maximum):
+            if value is None or key.startswith(LEFT_OUT):
+                continue
+            with contextlib.suppress(ConfigurationError):
+                loaded = library.load("straight_line", "assisted", [*changes, f"{key}={value!r}"])
+                run = run_fast_loop(loaded)
+                assert np.isfinite(run.record.motion).all(), f"{key}={value}"
+                computed += 1
+    assert computed > 200

@@ -25,6 +25,6 @@ def out_option(ending: str) -> Any:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the folder next to a recording for files that are derived from it."""
+    """Return a folder next to a recording, for files derived from it."""
     path = path.absolute()
     return path.with_name(f"{path.stem if path.is_file() else path.name}_{ending}")

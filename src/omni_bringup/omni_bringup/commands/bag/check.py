@@ -1,7 +1,7 @@
-"""``./omni bag check``: read everything and list the problems.
+"""``./omni bag check``: read a recording completely and list its problems.
 
-Read a recording from end to end: every checksum, every message of a known type, the counts against
-the metadata, and gaps in the numbers of the messages. Exit code 1 if anything is wrong.
+Read a recording from end to end and check every checksum, every message of a known type, the counts
+in the metadata, and gaps in the message numbers. Exit code 1 if there is any problem.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """``./omni bag export``: write the small topics as CSV or Parquet.
 
-Write one table for every topic whose messages are at most 256 values: times in nanoseconds, SI
-units, joints by name. Images are left out.
+Write one table for each topic whose messages have at most 256 values, with times in nanoseconds, SI
+units, and joints by name. Images are omitted.
 """
 
 from pathlib import Path
@@ -9,8 +9,7 @@ from pathlib import Path
 from omni_bringup.command_report import Report, entries, printable
 from omni_bringup.commands.bag import bag_option, beside, out_option
 from omni_bringup.workspace import Workspace
-from omni_platform.command_options import CommandOptions
-from omni_platform.configuration import parameter
+from omni_platform.command_options import CommandOptions, option
 
 WORK = "writing tables"
 
@@ -19,9 +18,9 @@ class Options(CommandOptions):
     """Options of ``omni bag export``."""
 
     bag: Path = bag_option()
-    format: str = parameter("csv", choices=("csv", "parquet"))
+    format: str = option("csv", choices=("csv", "parquet"))
     """format of the tables"""
-    topic: tuple[str, ...] = parameter(())
+    topic: tuple[str, ...] = option(())
     """export only this topic"""
     out: Path | None = out_option("exported")
 

@@ -1,8 +1,8 @@
 """``./omni lines import``: import files of real cameras into a recording.
 
-Make a recording of the lines in files: a folder of pictures (PNG, TIFF), one picture with many rows
-or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` read this
-recording.
+Create a recording from the lines in files: a folder of pictures (PNG, TIFF), one picture with many
+rows or pages, NPY, CSV, raw bytes or a video. `omni replay --offline` and `omni lines show` can
+read this recording.
 """
 
 import dataclasses
@@ -12,7 +12,6 @@ from pathlib import Path
 from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
-from omni_platform.configuration import parameter
 from omni_tools.line_files.options import FileOptions, camera_files
 
 WORK = "reading and recording lines"
@@ -22,17 +21,17 @@ class Options(FileOptions, CommandOptions):
     """Options of ``omni lines import``."""
 
     sources: tuple[str, ...] = option(positional=True, metavar="CAMERA=FILE")
-    """name of a camera and the file or folder of its lines, such as left=left.npy"""
-    sensors: str = parameter("three_generic")
-    """the line cameras by name, a set of config/sensors or a YAML file; pixels are taken from the
-    lines"""
-    rate: float | None = option(None, above=0.0, unit="1/s")
-    """lines per second (default: that of the cameras)"""
-    batch: float = parameter(0.01, above=0.0, maximum=1.0, unit="s")
+    """name of a camera, and the file or folder of its lines, such as left=left.npy"""
+    sensors: str = option("three_generic")
+    """line cameras by name: a file of config/sensors or a YAML file; the number of pixels is
+    that of the lines"""
+    rate: float | None = option(None, above=0.0, unit="1/s", maximum=1e6)
+    """line rate (default: that of the cameras)"""
+    batch: float = option(0.01, above=0.0, maximum=1.0, unit="s")
     """duration of the lines in one message"""
-    start: float = parameter(0.0, minimum=0.0, unit="s")
+    start: float = option(0.0, minimum=0.0, unit="s", maximum=4.0e9)
     """stamp of the first line"""
-    experiment: str = parameter("straight_line")
+    experiment: str = option("straight_line")
     """experiment whose vehicle and settings are stored with the recording"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path = option(metavar="DIR")
@@ -40,8 +39,8 @@ class Options(FileOptions, CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Make the recording."""
-    from omni_bringup.graph.run_folder import check_unused, write_configuration
+    """Create the recording."""
+    from omni_bringup.graph.run_folder import unused, write_configuration
     from omni_bringup.replay.lines import write_lines
     from omni_platform.configuration import to_mapping
     from omni_tools.line_files.reading import read_lines
@@ -49,7 +48,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     library = workspace.experiment_library()
     known = library.sensors(options.sensors)
     files = camera_files(options.sources, known, options.sensors)
-    check_unused(options.out)
+    unused(options.out)
     lines = {name: read_lines(path, options.cut, options.raw) for name, path in files.items()}
     sensors = {
         name: dataclasses.replace(
@@ -61,8 +60,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     }
     tree = {name: to_mapping(sensor) for name, sensor in {**known, **sensors}.items()}
     changes = (f"sensors={json.dumps(tree)}", *options.overrides)
-    variant = library.variants(options.experiment)[-1]
-    configuration = library.load(options.experiment, variant, changes)
+    configuration = library.load(options.experiment, overrides=changes)
     start_ns = round(1e9 * options.start)
     messages = write_lines(options.out, lines, sensors, options.batch, start_ns)
     write_configuration(configuration, options.out)
@@ -79,7 +77,9 @@ def run(options: Options, workspace: Workspace) -> Report:
     text = [f"{name}: {in_words(row)}" for name, row in rows.items()]
     missing = ", ".join(name for name in known if name not in lines)
     if missing:
-        text.append(f"no lines of {missing}: the odometry cannot be replayed, only looked at")
+        text.append(
+            f"no lines of {missing}: the lines can be shown, but the odometry cannot be replayed"
+        )
     text.append(f"recorded in {options.out}; look at it: ./omni lines show {options.out}")
     return Report(
         metrics=entries_by_case(rows),

@@ -1,8 +1,8 @@
 """``./omni lines reference``: compute tables of the fixed pattern of line cameras.
 
-Compute the tables with which the odometry corrects every line, including the first. They come from
-dark lines (lens covered), from white lines (an even surface under the lamp), or from the lines of a
-recorded drive. Set `odometry.flat_field_tables` to the folder of the tables.
+Compute the tables with which the odometry corrects every line, including the first one. They are
+computed from dark lines (lens covered), from white lines (an evenly lit surface), or from the lines
+of a recorded drive. Set `odometry.flat_field_tables` to the folder of the tables.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import numpy as np
 from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import ConfigurationError, parameter
+from omni_platform.configuration import ConfigurationError
 from omni_tools.line_files.options import FileOptions, camera_files
 
 if TYPE_CHECKING:
     from linescan_odometry.configuration import OdometryConfiguration
     from linescan_odometry.joint.fixed_pattern import FixedPattern
-    from linescan_odometry.measurements import LineBatch, Lines
     from linescan_odometry.references import References
+    from omni_platform.signals import LineBatch, Lines
 
 WORK = "averaging lines"
 
@@ -34,17 +34,17 @@ class Options(FileOptions, CommandOptions):
     dark: tuple[str, ...] = option((), metavar="CAMERA=FILE")
     """lines of a covered camera, such as left=dark.npy"""
     white: tuple[str, ...] = option((), metavar="CAMERA=FILE")
-    """lines of an even white surface"""
+    """lines of an evenly lit white surface"""
     drive: Path | None = option(None, metavar="BAG")
-    """recorded drive whose lines show the fixed pattern"""
-    sensors: str = parameter("three_generic")
-    """the line cameras by name, as in `lines import`"""
+    """recorded drive from whose lines the fixed pattern is estimated"""
+    sensors: str = option("three_generic")
+    """line cameras by name, as in `lines import`"""
     out: Path = option(metavar="DIR")
     """folder of the tables, one file for each camera"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Make the tables."""
+    """Compute the tables."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
@@ -94,8 +94,8 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None) -> References:
     """Return the references of a camera from dark and white lines, either of which may be None."""
-    from linescan_odometry.measurements import LineBatchError
     from linescan_odometry.references import References
+    from omni_platform.signals import LineBatchError
 
     references = References(pixels)
     try:
@@ -109,7 +109,7 @@ def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None)
 def _pattern_of(
     odometry: OdometryConfiguration, name: str, batches: Sequence[LineBatch], tables: Path
 ) -> FixedPattern | None:
-    """Return the fixed pattern of a camera that the odometry estimates over a drive."""
+    """Return the fixed pattern of a camera, which the odometry estimates from a drive."""
     from linescan_odometry.sensor import SensorOdometry
 
     camera = SensorOdometry(odometry.sensors[name], odometry, tables)

@@ -29,20 +29,19 @@ class Options(CommandOptions):
     """rosbag2 folder of a run or an import"""
     sensor: tuple[str, ...] = option((), metavar="NAME")
     """camera to show (default: all)"""
-    start: float = parameter(0.0, minimum=0.0, unit="s")
-    """start of the shown lines, after the first line of the recording"""
+    start: float = parameter(0.0, minimum=0.0, unit="s", maximum=1.0e6)
+    """start of the lines to show, after the first line of the recording"""
     duration: float = parameter(0.2, above=0.0, maximum=60.0, unit="s")
-    """duration of the shown lines"""
+    """duration of the lines to show"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path | None = option(None, metavar="FILE")
-    """figure, .png or .svg (default: results/lines/BAG.png)"""
+    """file of the figure, .png or .svg (default: results/lines/BAG.png)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Draw the lines and the estimates of the odometry."""
     from omni_bringup.replay import lines, plan
     from omni_figures.style import save_figure
-    from omni_platform import topics
     from omni_recording import error, folder
     from omni_tools.line_files.kymograph import draw_kymographs, match_lines
 
@@ -54,10 +53,9 @@ def run(options: Options, workspace: Workspace) -> Report:
     odometry = plan.recorded_configuration(bag, options.overrides).odometry
     for name in options.sensor:
         check_choice("--sensor", name, odometry.sensors)
-    counts = folder.bag_summary(bag).counts
-    names = options.sensor or [n for n in odometry.sensors if counts.get(topics.lines(n).path)]
+    names = options.sensor or lines.recorded_cameras(bag, odometry.sensors)
     if not names:
-        raise error.BagError(bag.path, "holds no lines of a camera of its configuration")
+        raise error.BagError(bag.path, "contains no lines of a camera in its configuration")
     batches = lines.read_batches(bag, names, options.start, options.duration)
     kymographs = {
         name: match_lines(odometry.sensors[name], own, odometry) for name, own in batches.items()

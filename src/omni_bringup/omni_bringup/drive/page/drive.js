@@ -158,13 +158,16 @@ function take(message) {
 // ---------------------------------------------------------------- stops
 
 const LATEST = 0.5; // [s] by which the pedal may have gone down before
-const MOVING = 0.3, REST = 0.05; // [m/s], of speed and of yaw rate at a meter
+const MOVING = 0.3; // [m/s] least speed from which a stop is counted
+// As in a recording: at rest below SLOW [m/s, rad/s] until ROCKING is exceeded; a stop ends SETTLE [s] later.
+const SLOW = 0.1, ROCKING = 0.4, SETTLE = 0.5;
 const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
 let stop = null, stops = 0, law = "";
 
 // A stop begins when the pedal goes down in motion and ends at rest with the pedal still down.
+// A stopped vehicle rocks on its tires by some centimeters, so the distance is measured after that.
 function follow() {
-  const [vx, vy, rate] = state.twist, speed = Math.hypot(vx, vy);
+  const [vx, vy, rate] = state.twist, motion = Math.max(Math.hypot(vx, vy), Math.abs(rate));
   if (!(state.pedal > 0)) { stop = null; return; }
   if (!stop) {
     if (!state.start || state.start.time < state.time - LATEST) return; // of a stop before
@@ -174,9 +177,13 @@ function follow() {
   const change = state.pose[2] - stop.yaw;
   stop.turned += Math.atan2(Math.sin(change), Math.cos(change));
   stop.yaw = state.pose[2];
-  stop.states += 1;
-  stop.helped += HELPS.includes(state.assist_state);
-  if (speed + Math.abs(rate) > REST) return;
+  if (motion > ROCKING) stop.rest = undefined;
+  else if (motion <= SLOW) stop.rest ??= state.time;
+  if (stop.rest === undefined) {
+    stop.states += 1;
+    stop.helped += HELPS.includes(state.assist_state);
+  }
+  if (!(state.time - stop.rest >= SETTLE)) return;
   stop.done = true;
   card(Math.hypot(state.pose[0] - stop.pose[0], state.pose[1] - stop.pose[1]));
 }
@@ -187,7 +194,7 @@ function card(distance) {
   row.className = helped > 0.2 ? "helps" : "";
   const how = helped > 0.2 ? `assisted ${law && `by ${law.replaceAll("_", " ")}`}` : "unassisted";
   const words = [`Stop ${stops += 1}: ${how}`,
-    `from ${stop.speed.toFixed(1)} m/s in ${(state.time - stop.time).toFixed(1)} s`];
+    `from ${stop.speed.toFixed(1)} m/s in ${(stop.rest - stop.time).toFixed(1)} s`];
   const numbers = document.createElement("b");
   numbers.textContent = `${length(distance)}, ${Math.abs(stop.turned * 180 / Math.PI).toFixed(1)}°`;
   row.append(words[0], numbers, words[1]);

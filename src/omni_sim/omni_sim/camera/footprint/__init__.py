@@ -1,1 +1,1 @@
-"""The mean of a texture over the rotated footprint of each pixel."""
+"""Mean of a texture over the rotated footprint of each pixel."""

@@ -1,8 +1,8 @@
-"""Resamples a texture to larger texels, each the exact mean of its area.
+"""Resampling of a texture to larger texels, each of which is the exact mean over its area.
 
-Larger texels preserve the integral over every area that they tile. Any number per period is
-possible: a new texel contains a share of each old texel that its edges cut. All arithmetic is in
-integers.
+Larger texels preserve the integral over every area that is composed of them. The number of texels
+per period is arbitrary: a new texel contains a share of each old texel that its edges cut. All
+computations use integers.
 """
 
 import numpy as np
@@ -13,15 +13,15 @@ from omni_platform.kernels import njit
 
 @njit(cache=True, nogil=True)
 def average_texels(gray: NDArray[np.uint8], middle: int, averages: NDArray[np.int8]) -> None:
-    """Set ``averages[:, :len(averages)]`` to the rounded means of a texture, minus `middle`.
+    """Write the rounded means of a texture minus `middle` to ``averages[:, :len(averages)]``.
 
-    Halves are rounded up and down in a chess-board pattern: rounding up would brighten means of
-    2 x 2 texels by an eighth of a gray level.
+    Values of one half are rounded up and down in a checkerboard pattern. Always rounding up would
+    increase the means of 2 x 2 texels by an eighth of a gray level.
 
     Args:
         gray: gray levels of the texture, shape (n, n).
-        middle: gray level that becomes 0.
-        averages: one row per new texel in a period, at most n.
+        middle: gray level that is stored as 0.
+        averages: output, one row per new texel in a period, at most n rows.
     """
     fine, coarse = len(gray), len(averages)
     # A fine texel is `coarse` units long, a coarse one `fine` units.

@@ -1,4 +1,4 @@
-"""Converts sums of rows to pixels: cells of a quarter texel, their integral, and pixels."""
+"""Conversion of row sums to pixels: quarter-texel cells, their integral, and pixels."""
 
 import math
 from typing import NamedTuple
@@ -9,19 +9,20 @@ from omni_platform.kernels import njit
 from omni_platform.quantities import Float32Array, FloatArray, Int32Array
 from omni_sim.camera.footprint.rows import CLASSES, HALF, ONE, POINT
 
-_NARROW_ROWS = 640  # most rows whose sums, times the weights of `refine`, fit 32 bits
+_NARROW_ROWS = 640  # largest number of rows whose sums with the weights of `refine` fit 32 bits
 _1 = np.uint64(1)
 
 
 class Edges(NamedTuple):
-    """Edges of the pixels on the integral [cells], and conversion to gray levels.
+    """Positions of the pixel edges on the integral [cells], and conversion to gray levels.
 
     Attributes:
-        start: the first edge.
-        step: distance of two edges.
-        slant: standard deviation of each edge because of its slant against a row of texels.
-        scale: gray levels per difference of the integral.
-        middle: gray level with the value 0.
+        start: position of the first edge [cells].
+        step: distance between two edges [cells].
+        slant: standard deviation of an edge's position, because it is slanted against the rows
+            [cells].
+        scale: gray level per difference of the integral.
+        middle: gray level that is stored as 0.
     """
 
     start: float
@@ -35,14 +36,15 @@ class Edges(NamedTuple):
 def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
     """Merge the classes into quarter-texel cells: ``cells[q, c]`` at s = origin + c + (2 + q)/4.
 
-    Class k of column c begins at quarter k of a column that starts half a texel early. So cell q
-    contains classes 0 to q of its own column and the other classes of the column before.
+    Class k of column c begins at quarter k of a column that starts half a texel early. Cell q
+    therefore contains classes 0 to q of its own column, and the other classes of the previous
+    column.
     """
     t_0, t_1, t_2, t_3 = totals[0], totals[1], totals[2], totals[3]
     into = cells[0]
     for c in range(np.uint64(count)):
         into[c] = np.int32(t_0[c + _1] + t_1[c] + t_2[c] + t_3[c])
-    for q in range(1, CLASSES):  # loops over few arrays, which a compiler vectorizes
+    for q in range(1, CLASSES):  # loops over few arrays can be vectorized
         before, own, into = cells[q - 1], totals[q], cells[q]
         for c in range(np.uint64(count)):
             into[c] = np.int32(before[c] + own[c + _1] - own[c])
@@ -50,13 +52,13 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
-    """Compensate that each texel is a mean over its area.
+    """Compensate for the averaging within each texel.
 
-    The integral along the line, interpolated linearly between the edges of texels, is smoothed
-    where gray changes. Weights (-9, 16, 50, 16, -9) / 64 of the cells at -4, -2, 0, 2, 4
-    quarters away remove the steps of a texel's width (their gain is 0 there) and compensate the
-    loss by averaging and steps in a curved profile (their second moment is that of two boxes,
-    negated). Sums over 655 rows times all weights fit 32 bits.
+    The integral along the line, interpolated linearly between texel edges, is smoothed where the
+    gray level changes. The weights (-9, 16, 50, 16, -9) / 64 are applied to the cells that are -4,
+    -2, 0, 2, 4 quarters away. They remove the steps of a texel's width, for which their gain is 0.
+    Their second moment is that of two boxes, negated, which compensates for the loss by averaging
+    and by steps in a curved profile. Sums over 655 rows times all weights fit into 32 bits.
     """
     spare = 0
     while height >> (POINT + spare) > _NARROW_ROWS:
@@ -86,7 +88,8 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
 def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
     """Set ``integral[q, c]`` to the sum of all cells before cell q of column c.
 
-    All sums are integers, also as doubles, and the same on every processor.
+    All sums are integers, even if they are stored as doubles, so they are the same on every
+    processor.
     """
     c_0, c_1, c_2, c_3 = cells[0], cells[1], cells[2], cells[3]
     into = integral[0]
@@ -102,10 +105,10 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
 
 @njit(cache=True, nogil=True)
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
-    """Set each pixel to the difference of the integral at its two edges.
+    """Set each pixel to the difference of the integral between its two edges.
 
-    An edge is slanted against a row of texels, which smooths the integral by a box as wide as the
-    slant. The mean of two readings, one standard deviation to either side, has the same second
+    An edge that is slanted against the rows of texels smooths the integral by a box as wide as the
+    slant. The mean of two values, one standard deviation on either side, has the same second
     moment.
     """
     start, step, slant, scale, middle = edges
@@ -122,7 +125,7 @@ def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Fl
 
 @njit(cache=True, nogil=True, inline="always")
 def _reading(integral: FloatArray, at: int) -> float:
-    """Return the integral at a position [cells, fixed point]."""
+    """Return the integral at a position [cells, fixed point], interpolated linearly."""
     cell = at >> POINT
     following = cell + 1
     low = integral[np.uint64(cell & 3), np.uint64(cell >> 2)]

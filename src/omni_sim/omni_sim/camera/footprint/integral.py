@@ -1,24 +1,24 @@
-"""Integrates the ground texture over the footprints of a line camera's pixels, at any heading.
+"""Integral of the ground texture over the footprints of a line camera's pixels, at any heading.
 
-A footprint is a rectangle of `length` (along the axis) by `width` (across), and a pixel is a slice
-of it (section 4.3.2, Figure 57). Tables of strip sums along quantized headings would be fast at a
-constant heading and slow while the vehicle turns. This integral needs no tables. The texture is
-transposed if necessary, so that its axis x is within 45 deg of the line. Then
-``s = x + y tan(heading)`` is a coordinate along the line, and each row of texels differs from it by
-a constant shift only. A line is computed in three steps:
+A footprint is a rectangle of `length` (along the camera's axis) by `width` (across), and each pixel
+is a slice of it (section 4.3.2, Figure 57). Tables of strip sums at quantized headings would be
+fast at a constant heading, but slow while the vehicle turns. This integral needs no tables. The
+texture is transposed if necessary, so that its x axis is within 45 deg of the line. Then ``s = x +
+y tan(heading)`` is a coordinate along the line, and in each row of texels it differs from x only by
+a constant shift. A line is computed in three steps:
 
-1. Each row is one contiguous 8-bit run, which is added onto columns over `s` (SIMD, four rows at a
-   time). Its shift is rounded to a quarter texel: the whole part moves the run, and the fraction
-   chooses one of four accumulators.
-2. The rows that a column covers in part, along the two long sides, are added with weights.
-3. The four accumulators are merged into cells of a quarter texel. Their prefix sum is read at the
-   edges of the pixels, which is exact for any pixel pitch. If texels are means of finer ones, the
-   cells are weighted first, so that they follow the gray within a texel.
+1. Each row is one contiguous 8-bit run, which is added to columns over `s` (SIMD, four rows at a
+   time). Its shift is rounded to a quarter texel. The integer part moves the run, and the fraction
+   selects one of four accumulators.
+2. Along the two long sides, the rows that a column covers only in part are added with weights.
+3. The four accumulators are merged into cells of a quarter texel. The prefix sum of the cells is
+   read at the edges of the pixels, which is exact for any pixel pitch. If texels are means of finer
+   ones, the cells are weighted first, to follow the gray level within a texel.
 
-All arithmetic but the last step is in integers, so results do not depend on vectorization.
-Texels are squares of constant gray. Shifts below a quarter of a texel and the slant of a pixel's
-edges within a texel are approximated. The error is at most 0.08 gray levels (RMS) for a footprint
-400 texels wide on the shipped grounds, and grows for fewer rows: 0.25 for 50.
+All computations except the last step use integers, so results do not depend on vectorization.
+Texels are squares of constant gray level. Shifts below a quarter texel and the slant of a pixel's
+edges within a texel are approximated. For a footprint 400 texels wide on the supplied grounds, the
+error is at most 0.08 gray levels (RMS). It grows for fewer rows, to 0.25 at 50 rows.
 """
 
 import math
@@ -31,38 +31,16 @@ from omni_platform.quantities import Float32Array, FloatArray, Int8Array, Int16A
 from omni_sim.camera.footprint import cells, rows
 from omni_sim.camera.footprint.blocks import BLOCK
 from omni_sim.camera.footprint.padding import LEAST_WIDTH, PaddedTexture
-from omni_sim.camera.footprint.rows import (
-    CLASSES,
-    GROUP,
-    HALF,
-    ONE,
-    POINT,
-    WEIGHT_BITS,
-    Cover,
-    Placement,
-    Rows,
-)
+from omni_sim.camera.footprint.rows import Rows
 
-_MARGIN = 8  # columns and rows beyond the footprint
-
-
-class _Ground(NamedTuple):
-    """Texels in the layout of the kernel; see `PaddedTexture`."""
-
-    rows: Int8Array
-    columns: Int8Array
-    texels: int
-    stride: int
-    texel: float
-    middle: np.float32
-    averaged: bool
+_MARGIN = 8  # columns and rows added beyond the footprint
 
 
 class _Scratch(NamedTuple):
-    """Scratch buffers for one line; `rows` explains classes.
+    """Buffers for the computation of one line; `rows` explains the classes.
 
     Attributes:
-        sums: sums of rows of a class, shape (c,).
+        sums: sums of the rows of one class, shape (c,).
         totals: totals of the classes, shape (4, c).
         cells: result of `cells.merge_classes`, shape (4, c).
         refined: result of `cells.refine`, shape (4, c).
@@ -87,20 +65,20 @@ def integrate_lines(
     width: float,
     pixels: int,
 ) -> Float32Array:
-    """Return the mean gray level of every pixel's footprint.
+    """Return the mean gray level of each pixel's footprint.
 
     Args:
-        texture: the ground.
+        texture: padded texture of the ground.
         centers: center x, y of each footprint [m] and direction of its axis [rad], shape (m, 3).
-        length: footprint along the axis [m].
-        width: footprint across the axis [m]; at least 10 texels.
-        pixels: pixels of a line.
+        length: length of the footprint along the axis [m].
+        width: width of the footprint across the axis [m], at least 10 texels.
+        pixels: number of pixels per line.
 
     Returns:
-        Gray levels of shape (m, pixels); the pixel index grows along the axis.
+        Gray levels, shape (m, pixels); the pixel index increases along the axis.
 
     Raises:
-        ValueError: a pose is not finite, or the footprint does not suit the texture.
+        ValueError: a pose is not finite, or the footprint exceeds the limits of the texture.
     """
     if not np.isfinite(centers).all():
         raise ValueError("a footprint's pose is not finite")
@@ -109,24 +87,20 @@ def integrate_lines(
     if width < LEAST_WIDTH * texture.texel:
         raise ValueError(f"the footprint of {width} m is narrower than {LEAST_WIDTH:g} texels")
     lines = np.empty((len(centers), pixels), dtype=np.float32)
-    ground = _Ground(
-        texture.rows, texture.columns, texture.texels, texture.stride, texture.texel,
-        np.float32(texture.middle), texture.averaged,
-    )  # fmt: skip
     scaled = np.ascontiguousarray(centers, dtype=np.float64)
-    _integrate(ground, scaled, 0.5 * length / texture.texel, 0.5 * width / texture.texel, lines)
+    _integrate(texture, scaled, 0.5 * length / texture.texel, 0.5 * width / texture.texel, lines)
     return lines
 
 
 @njit(cache=True, nogil=True)
 def _integrate(
-    ground: _Ground,
+    ground: PaddedTexture,
     centers: FloatArray,
     half_length: float,
     half_width: float,
     lines: Float32Array,
 ) -> None:
-    """Integrate lines with half sizes [texels] into `lines`."""
+    """Integrate lines of a footprint with these half sizes [texels]; the result is `lines`."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
     for line in range(len(centers)):
@@ -152,32 +126,32 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Allocate scratch buffers for half sizes [texels] and a number of pixels."""
+    """Allocate buffers for a footprint with these half sizes [texels] and this number of pixels."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
     most_rows = int(2.0 * (half_length + half_width)) + 2 * _MARGIN
     return _Scratch(
         sums[-sums.ctypes.data % (2 * BLOCK) // 2 :][:room],  # aligned to a cache line
-        np.empty((CLASSES, room), np.int32),
-        np.empty((CLASSES, room), np.int32),
-        np.empty((CLASSES, room), np.int32),
-        np.empty((CLASSES, room)),
+        np.empty((rows.CLASSES, room), np.int32),
+        np.empty((rows.CLASSES, room), np.int32),
+        np.empty((rows.CLASSES, room), np.int32),
+        np.empty((rows.CLASSES, room)),
         np.empty(pixels + 1),
         Rows(
             np.empty(most_rows, np.int64),
             np.empty(most_rows, np.int64),
             np.empty(most_rows, np.int64),
             np.empty(most_rows, np.int64),
-            np.empty((CLASSES, most_rows + 3 * GROUP), np.int64),
-            np.empty(CLASSES, np.int64),
+            np.empty((rows.CLASSES, most_rows + rows.GROUP), np.int64),
+            np.empty(rows.CLASSES, np.int64),
         ),
     )
 
 
 @njit(cache=True, nogil=True)
 def _integrate_line(
-    ground: _Ground,
+    ground: PaddedTexture,
     texture: Int8Array,
     axis: tuple[float, float, float, float],
     downwards: bool,
@@ -190,18 +164,19 @@ def _integrate_line(
     Args:
         ground: texels.
         texture: rows or columns of the ground.
-        axis: center x, y [texels] and direction of the line, within 45 deg of x in y >= 0.
+        axis: center x, y [texels] and direction cosines of the line, within 45 deg of x and y >= 0.
         downwards: whether y is mirrored.
         half_size: half the length and width of the footprint [texels].
         scratch: scratch buffers.
-        line: receives the pixels.
+        line: output, the gray levels of the pixels.
     """
     x, y, a_x, a_y = axis
     tangent = a_y / a_x
-    slope = a_x * a_y  # rise of the long sides per column [rows]
+    slope = a_x * a_y  # rows by which a long side rises per column
     reach = half_size[1] * a_x
-    half = half_size[0] / a_x  # along s
-    # Columns are the texels of the middle row: column c begins at s = origin + c - rest.
+    half = half_size[0] / a_x  # half length along s [texels]
+    # Columns are aligned with the texels of the middle row: column c starts at s = origin + c -
+    # rest.
     middle = math.floor(y)
     x -= (middle + 0.5 - y) * tangent
     whole = math.floor(x)
@@ -211,25 +186,26 @@ def _integrate_line(
     row_0 = math.floor(y - reach - half_size[0] * a_y) - 2
     row_count = math.ceil(y + reach + half_size[0] * a_y) + 3 - int(row_0)
 
-    # Rows are counted from row_0.
-    low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * ONE + 0.5)
-    height = math.floor(2.0 * reach * ONE + 0.5)
-    climb = math.floor(slope * ONE + 0.5)
+    # Row numbers are relative to row_0.
+    low = math.floor((y - reach + slope * (origin - rest + 0.5) - row_0) * rows.ONE + 0.5)
+    height = math.floor(2.0 * reach * rows.ONE + 0.5)
+    climb = math.floor(slope * rows.ONE + 0.5)
 
     column = int(origin + whole) % ground.texels
     if tangent * (row_count + 2 * BLOCK) < 1.0:
-        # Most rows have the same shift: start at a column where blocks match the cache lines.
+        # Most rows have the same shift, so blocks start where they match the cache lines.
         spare = column % BLOCK
         column -= spare
         origin -= spare
         count += spare
         low -= climb * spare
 
-    # Quarter texels by which the texels of row_0 are ahead of those of the middle row.
-    ahead = math.floor(((row_0 - middle) * tangent * CLASSES + HALF) * ONE)
-    per_row = math.floor(tangent * CLASSES * ONE + 0.5)
-    placement = Placement(int(row_0), downwards, column, ahead, per_row)
-    _add_rows(ground, texture, placement, Cover(low, climb, height), (row_count, count), scratch)
+    # Shift of the texels of row_0 relative to those of the middle row [quarter texels].
+    ahead = math.floor(((row_0 - middle) * tangent * rows.CLASSES + rows.HALF) * rows.ONE)
+    per_row = math.floor(tangent * rows.CLASSES * rows.ONE + 0.5)
+    placement = rows.Placement(int(row_0), downwards, column, ahead, per_row)
+    cover = rows.Cover(low, climb, height)
+    _add_rows(ground, texture, placement, cover, (row_count, count), scratch)
     integrated = scratch.cells
     cells.merge_classes(scratch.totals, count - 1, scratch.cells)
     if ground.averaged:
@@ -238,23 +214,23 @@ def _integrate_line(
     cells.sum_cells(integrated, count, scratch.integral)
 
     step = 2.0 * half / len(line)
-    start = (-half - (origin + 0.5 - rest)) * CLASSES
-    weight = CLASSES * step * (height >> (POINT - WEIGHT_BITS))
-    slant = tangent * CLASSES / math.sqrt(12.0)
-    edges = cells.Edges(start, step * CLASSES, slant, 1.0 / weight, ground.middle)
+    start = (-half - (origin + 0.5 - rest)) * rows.CLASSES
+    weight = rows.CLASSES * step * (height >> (rows.POINT - rows.WEIGHT_BITS))
+    slant = tangent * rows.CLASSES / math.sqrt(12.0)
+    edges = cells.Edges(start, step * rows.CLASSES, slant, 1.0 / weight, np.float32(ground.middle))
     cells.read_pixels(scratch.integral, edges, scratch.values, line)
 
 
 @njit(cache=True, nogil=True)
 def _add_rows(
-    ground: _Ground,
+    ground: PaddedTexture,
     texture: Int8Array,
-    placement: Placement,
-    cover: Cover,
+    placement: rows.Placement,
+    cover: rows.Cover,
     counts: tuple[int, int],
     scratch: _Scratch,
 ) -> None:
-    """Add numbers of rows and columns to the totals of the classes."""
+    """Add the rows to the totals of the classes; `counts` are numbers of rows and columns."""
     row_count, count = counts
     room = scratch.rows
     placed = Rows(
@@ -263,6 +239,6 @@ def _add_rows(
     rows.place_rows(ground.texels, ground.stride, placement, placed)
     rows.bound_rows(cover, count, placed)
     rows.list_rows(count, placed)
-    for cls in range(CLASSES):
+    for cls in range(rows.CLASSES):
         rows.add_rows(texture, placed, cls, scratch.sums, scratch.totals[cls, :count])
-    rows.add_edges(texture, cover, placed.offsets, scratch.totals[HALF, :count])
+    rows.add_edges(texture, cover, placed.offsets, scratch.totals[rows.HALF, :count])

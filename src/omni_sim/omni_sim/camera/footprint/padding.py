@@ -1,8 +1,7 @@
-"""A ground texture prepared for the line cameras: padded, in both orientations, in levels."""
+"""Ground texture prepared for the line cameras: padded, transposed, and at several resolutions."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -16,25 +15,27 @@ from omni_sim.camera.footprint import average, blocks
 from omni_sim.texture.texture import GroundTexture
 
 LEAST_WIDTH = 10.0
-"""Narrowest footprint that is integrated well [texels]."""
+"""Narrowest footprint for which the integral is accurate enough [texels]."""
 
 _CACHE_LINE = 64  # bytes
-# Texels that may be read beyond the footprint's length times sqrt(2): room for its corners, and
-# for the two blocks of columns in which the integral's runs end.
+# Number of texels that may be read beyond the footprint's length times sqrt(2): room for the
+# corners of the footprint, and for the two blocks of columns in which the runs of the integral end.
 _MARGIN = 2 * 8 + 3 * blocks.BLOCK
 
 
 class Coarsening(NamedTuple):
-    """Rules for texels that are coarser than those of the ground.
+    """Rules for the use of texels coarser than those of the ground.
 
-    If many texels across a footprint are averaged, little more than one per pixel is enough.
+    If many texels across a footprint are averaged, slightly more than one texel per pixel suffices.
 
     Attributes:
-        sufficient: fewest texels per pixel along the axis, and across the footprint.
+        sufficient: smallest number of texels per pixel along the axis, and across the footprint.
         wide: the same two numbers for a wide footprint.
-        most: most texels per period; they need a quarter of a gigabyte: 20 cm at 1200 dpi.
-        worth: smallest size of coarser texels over that of the ground, to be worth the error [1].
-        whole: largest increase of the number of texels so that each consists of whole ones [1].
+        most: largest number of texels per period, which need a quarter of a gigabyte: 20 cm at 1200
+            dpi.
+        worth: smallest ratio of coarse to fine texel size for which coarse texels are used [1].
+        whole: largest increase of the number of texels that is accepted to compose each of whole
+            texels of the ground [1].
     """
 
     sufficient: tuple[float, float] = (4.0, 128.0)
@@ -47,18 +48,18 @@ class Coarsening(NamedTuple):
 _COARSENING = Coarsening()
 
 
-@dataclasses.dataclass(frozen=True)
-class PaddedTexture:
+class PaddedTexture(NamedTuple):
     """A periodic texture prepared for `integrate_lines`.
 
     Attributes:
-        rows: gray - middle, row after row, each continued periodically to `stride` texels.
-        columns: rows of the transposed texture, in the same layout.
-        middle: gray level that is stored as 0, near the mean, so that errors of weights are small.
+        rows: gray level minus `middle`, row by row, each continued periodically to `stride` texels.
+        columns: transposed texture in the same layout.
+        middle: gray level stored as 0; it is near the mean, so that errors of the weights are
+            small.
         texels: texels per period.
-        stride: length of a padded row [texels].
-        texel: edge of a texel [m].
-        reach: longest footprint that may be integrated [m].
+        stride: number of texels in a padded row.
+        texel: edge length of a texel [m].
+        reach: length of the longest footprint [m].
         averaged: whether the texels are means of finer ones.
     """
 
@@ -75,24 +76,25 @@ class PaddedTexture:
     def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
         """Prepare a texture.
 
-        No copy is made meanwhile, because a ground may have a third of a gigabyte.
+        The ground is not copied, because it may occupy a third of a gigabyte.
 
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
-            texels: texels per period, at most as many as the ground has; 0 for as many.
+            texels: number of texels per period, at most that of the ground; 0 for that of the
+                ground.
         """
         texels = texels or len(texture.gray)
         texel = texture.size / texels
         columns = math.ceil(math.sqrt(2.0) * reach / texel) + _MARGIN
-        # An odd number of cache lines per row: a power of two would map all rows to a few sets of
-        # the cache.
+        # The number of cache lines per row is odd, because a power of two would map all rows to a
+        # few sets of the cache.
         stride = (math.ceil((texels + columns) / _CACHE_LINE) | 1) * _CACHE_LINE
         gray = texture.gray
         middle = min(max(round(float(gray.mean())), int(gray.max()) - 127), int(gray.min()) + 128)
         rows = _room(texels, stride)
         if texels == len(gray):
-            # Modulo 256, which gives two's complement.
+            # Modulo 256 gives the two's complement.
             np.subtract(gray, np.uint8(middle), out=rows[:, :texels].view(np.uint8))
         else:
             average.average_texels(gray, middle, rows)
@@ -115,11 +117,6 @@ class PaddedTexture:
             averaged=texels < len(gray),
         )
 
-    @property
-    def nbytes(self) -> int:
-        """Memory held [bytes]."""
-        return self.rows.nbytes + self.columns.nbytes
-
 
 def _room(texels: int, stride: int) -> NDArray[np.int8]:
     """Return an array for padded rows, each aligned to a cache line."""
@@ -131,16 +128,16 @@ def _room(texels: int, stride: int) -> NDArray[np.int8]:
 def padded_levels(
     sensors: Mapping[str, LineSensor], texture: GroundTexture, headroom: float = 1.0
 ) -> dict[str, PaddedTexture]:
-    """Return the ground for each sensor with the coarsest texels of sufficient accuracy.
+    """Return the ground for each sensor, with the coarsest texels that are accurate enough.
 
     Args:
         sensors: the cameras by name.
         texture: the ground.
-        headroom: largest factor on the length of the views.
+        headroom: factor by which heave may lengthen the views [1].
 
     Raises:
-        ConfigurationError: a footprint is longer or wider than the period of the ground, or
-            narrower than 10 texels.
+        ConfigurationError: a footprint exceeds the period of the texture or is narrower than 10
+            texels.
     """
     check_footprints(sensors, texture)
     texels = {name: _texels(sensor, texture) for name, sensor in sensors.items()}
@@ -152,11 +149,11 @@ def padded_levels(
 
 
 def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) -> None:
-    """Refuse footprints that do not fit a ground.
+    """Check that the footprints of all sensors fit into the texture of a ground.
 
     Raises:
-        ConfigurationError: a footprint is longer or wider than the period of the ground, or
-            narrower than 10 texels.
+        ConfigurationError: a footprint exceeds the period of the texture or is narrower than 10
+            texels.
     """
     for name, sensor in sensors.items():
         for field in ("length", "width"):
@@ -177,12 +174,12 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return the texels per period that a sensor needs.
 
-    A coarse texel loses the distribution of gray within it. This matters only where the edge of a
-    pixel cuts the texel: there its error is a share of its internal contrast, on most grounds
-    independent of other texels. So the error of a pixel is proportional to the texel's size over
-    the pixel's pitch and to the inverse square root of the number of texels across. On wood, a line
-    across the grain has the error of a single texel, which determines the smallest number per
-    pixel.
+    A coarse texel loses the distribution of gray levels within it. This loss matters only where the
+    edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast, on
+    most grounds independent between texels. The error of a pixel is therefore proportional to the
+    ratio of texel size to pixel pitch, and to the inverse square root of the number of texels
+    across the footprint. On wood, a line across the grain has the error of a single texel. This
+    case determines the smallest number of texels per pixel.
     """
     rules = _COARSENING
     coarsest = max(
@@ -192,7 +189,7 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     texels = len(texture.gray)
     if coarsest >= rules.worth * texture.texel:
         needed = min(math.ceil(texture.size / coarsest - 1e-6), rules.most)
-        # Texels that consist of whole ones preserve fine edges better, if about as many are enough.
+        # Texels composed of whole texels of the ground preserve fine edges better.
         whole = texels // needed
         texels = texels // whole if texels % whole == 0 else needed
         texels = texels if texels <= rules.whole * needed else needed

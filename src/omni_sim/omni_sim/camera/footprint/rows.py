@@ -1,8 +1,8 @@
-"""Adds the rows of texels under a line onto columns along the line.
+"""Addition of the texel rows under a line to columns along the line.
 
-A row's shift against the middle row is rounded to a quarter texel. The whole part moves the row,
-and the fraction chooses one of four accumulators, here called classes. Rows that a column covers in
-part, along the two long sides of the footprint, are added with weights.
+The shift of a row relative to the middle row is rounded to a quarter texel. The integer part moves
+the row, and the fraction selects one of four accumulators, which are called classes here. Rows that
+a column covers only in part, along the two long sides of the footprint, are added with weights.
 """
 
 import math
@@ -16,40 +16,41 @@ from omni_sim.camera.footprint import blocks
 from omni_sim.camera.footprint.blocks import BLOCK
 
 POINT = 24
-"""Binary places of fixed-point positions."""
+"""Fractional bits of fixed-point positions."""
 
 ONE = 1 << POINT
-"""A texel, as a fixed-point position."""
+"""One texel as a fixed-point position."""
 
 WEIGHT_BITS = 8
-"""Binary places of the weights of partly covered rows."""
+"""Fractional bits of the weights of partly covered rows."""
 
 CLASSES = 4
-"""Accumulators, one for each quarter of a texel; the code is written for 4."""
+"""Number of accumulators, one for each quarter of a texel; the code requires 4."""
 
 HALF = CLASSES // 2
 """Class of the rows without a fractional shift."""
 
 GROUP = 4
-"""Rows added at a time."""
+"""Number of rows that are added at a time."""
 
-_SPILL = 248  # rows of |gray - middle| <= 128 that an int16 holds: 248 + 4 <= 255
-_EDGE_COLUMNS = 16  # columns of one step along the long sides
+_SPILL = 248  # rows of |gray - middle| <= 128 whose sum fits into int16: 248 + 4 <= 255
+_EDGE_COLUMNS = 16  # columns per step along the long sides
 _BLOCKS = ~(BLOCK - 1)  # mask that gives the first column of the block of a column
-_LEVEL = 20  # binary places that stand for infinity if rows and columns are parallel
-# Unsigned indices, which need no checks for negative numbers.
-_0, _1, _2, _3, _8 = (np.uint64(i) for i in (0, 1, 2, 3, 8))
+_LEVEL = 20  # bits of the number that replaces infinity if rows and columns are parallel
+# Unsigned indices avoid the check for negative numbers.
+_0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
 
 class Placement(NamedTuple):
     """Positions of the rows of texels under a line.
 
     Attributes:
-        first: the first row, in the texture or in its mirror image.
+        first: index of the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: position of column 0 within the period [texels].
-        ahead: shift of the first row against the middle one [quarter texels, fixed point].
-        ahead_per_row: shift of each row relative to the previous one [quarter texels, fixed point].
+        column: texel of the period of column 0.
+        ahead: shift of the first row relative to the middle row [quarter texels, fixed point].
+        ahead_per_row: shift of each row relative to the row before it [quarter texels, fixed
+            point].
     """
 
     first: int
@@ -60,7 +61,7 @@ class Placement(NamedTuple):
 
 
 class Cover(NamedTuple):
-    """Column c covers rows ``low + c climb .. low + c climb + height`` [rows, fixed point]."""
+    """Column c covers rows ``low + c climb`` to ``low + c climb + height`` [fixed point]."""
 
     low: int
     climb: int
@@ -68,15 +69,15 @@ class Cover(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows of texels under a line, followed by an empty row.
+    """Texel rows under a line, followed by an empty row.
 
     Attributes:
-        offsets: index of column 0 in the texture, for each row.
+        offsets: index in the texture of column 0 of each row.
         starts: first column that each row covers in full.
-        ends: last such column plus one.
+        ends: one past the last such column.
         classes: class of the fractional shift of each row.
-        listed: rows that cover any column, for each class.
-        used: number of listed rows of each class.
+        listed: rows that cover at least one column, for each class.
+        used: number of listed rows in each class.
     """
 
     offsets: IntArray
@@ -89,7 +90,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
-    """Set each row's index of column 0 in the texture, and the class of its fractional shift."""
+    """Set the texture index of column 0 and the class of the fractional shift for each row."""
     row_0, downwards, origin, ahead, ahead_per_row = placement
     offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
     row = row_0 % texels
@@ -97,14 +98,14 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
         row = texels - 1 - row
     step = -1 if downwards else 1
     begin = 0
-    while begin < len(offsets):  # in each pass up to the end of the period
+    while begin < len(offsets):  # each pass extends to the end of the period
         stop = min(len(offsets), begin + (row + 1 if downwards else texels - row))
         here, kinds = offsets[begin:stop], classes[begin:stop]
         for j in range(len(here)):
             at = row + step * j
-            # Half a texel is added, so that classes are centered on zero. At small slopes, rounding
-            # to the nearest would give many neighboring rows the same error; four offsets in turn
-            # average it out.
+            # Half a texel is added so that the classes are centered on zero. At small slopes,
+            # rounding to the nearest class would give many neighboring rows the same error; four
+            # alternating offsets make these errors cancel.
             quarters = (ahead + ahead_per_row * j + _rounding(at)) >> POINT
             kinds[j] = quarters & (CLASSES - 1)
             column = origin - (quarters >> 2)
@@ -120,15 +121,15 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return 1/8, 5/8, 3/8, 7/8 for successive rows, as fixed point."""
+    """Return 1/8, 5/8, 3/8 and 7/8 for successive rows, as a fixed-point number."""
     return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
-    """Set which of `count` columns each row covers in full.
+    """Determine which of `count` columns each row covers completely.
 
-    Row j covers column c in full where low + climb c <= j and j + 1 <= low + climb c + height.
+    Row j covers column c completely if low + climb c <= j and j + 1 <= low + climb c + height.
     """
     low, climb, height = cover
     starts, ends = rows.starts, rows.ends
@@ -136,7 +137,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
     shorter = (1 << POINT) - height - 1
     divisor = climb
     per_row = 1 << POINT
-    if climb == 0:  # a row covers all columns or none
+    if climb == 0:  # a row covers either all columns or none
         divisor = 1
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
@@ -145,7 +146,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
     lead_rest = divisor - shorter % divisor
     for j in range(len(rows.classes)):
         at = above + per_row * j
-        behind = math.floor(at / divisor) + 1  # exact, as these numbers have 40 bits
+        behind = math.floor(at / divisor) + 1  # exact, as the numbers have 40 bits
         carry = 1 if at - (behind - 1) * divisor >= lead_rest else 0
         starts[j] = max(behind + lead + carry, 0)
         ends[j] = min(behind, count)
@@ -153,17 +154,16 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
 
 @njit(cache=True, nogil=True)
 def list_rows(count: int, rows: Rows) -> None:
-    """List by class the rows that cover any of `count` columns in full, in whole groups.
+    """List, for each class, the rows that cover at least one of `count` columns completely.
 
-    Groups are padded with an empty row, and each class with one more empty group, which is
-    prefetched.
+    The lists are padded with an empty row to a multiple of the group size.
     """
     classes, starts, ends, listed = rows.classes, rows.starts, rows.ends, rows.listed
     list_0, list_1, list_2, list_3 = listed[0], listed[1], listed[2], listed[3]
     n_0, n_1, n_2, n_3 = 0, 0, 0, 0
     none = len(classes)
     for j in range(none):
-        # Write the row to all lists but keep it in one, to avoid an unpredictable branch.
+        # Writing the row to all lists, but counting it in only one, avoids an unpredictable branch.
         kind = classes[j] if starts[j] < ends[j] else CLASSES
         list_0[n_0] = list_1[n_1] = list_2[n_2] = list_3[n_3] = j
         n_0 += 1 if kind == 0 else 0
@@ -174,14 +174,14 @@ def list_rows(count: int, rows: Rows) -> None:
     starts[none] = ends[none] = count
     for cls, used in enumerate((n_0, n_1, n_2, n_3)):
         rows.used[cls] = used
-        listed[cls, used : used + 3 * GROUP] = none
+        listed[cls, used : used + GROUP] = none
 
 
 @njit(cache=True, nogil=True)
 def add_rows(
     texture: Int8Array, rows: Rows, cls: int, sums: Int16Array, totals: Int32Array
 ) -> None:
-    """Set `totals` to the sums of a class of rows, on the scale texels x 2^WEIGHT_BITS."""
+    """Set `totals` to the sum of the rows of a class, scaled by 2^WEIGHT_BITS."""
     listed, used = rows.listed[cls], rows.used[cls]
     sums[:] = 0
     for place in range(0, min(used, _SPILL), GROUP):
@@ -201,50 +201,38 @@ def _add_four_rows(
     texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
 ) -> None:
     """Add four rows: whole blocks of their common columns, with masked ends."""
-    offsets = _four(rows.offsets, listed, _0)
-    following = _four(rows.offsets, listed, _8)
-    starts = _four(rows.starts, listed, _0)
-    ends = _four(rows.ends, listed, _0)
-    # The first row begins and ends farthest left, the last one farthest right. At a ragged end two
-    # blocks are added always, even if one is enough: a loop whose length changes from row to row
-    # costs more than a block. Sums behind the last column are not used.
+    offsets = _four(rows.offsets, listed)
+    starts = _four(rows.starts, listed)
+    ends = _four(rows.ends, listed)
+    # The first row begins and ends leftmost, and the last one rightmost. Sums beyond the last
+    # column are not used.
     first = starts[0] & _BLOCKS
-    ragged = starts[3] > first
-    inner = first + 2 * BLOCK if ragged else first
-    even = ends[0] >= count
-    outer = (count + BLOCK - 1 if even else ends[0]) & _BLOCKS
-    within = starts[3] < inner or not ragged
-    if outer < inner or not within or not (even or ends[3] < outer + 2 * BLOCK):
-        for c in range(first, ends[3], BLOCK):
-            blocks.add_four_between(sums, c, texture, offsets, following, (starts, ends))
-        return
-    if ragged:
-        blocks.add_four_from(sums, first, texture, offsets, following, starts)
-    if (outer - inner) & BLOCK:
-        blocks.add_four(sums, inner, texture, offsets)
-        inner += BLOCK
-    for c in range(inner, outer, 2 * BLOCK):
-        blocks.add_four_twice(sums, c, texture, offsets, following)
-    if not even:
-        blocks.add_four_until(sums, outer, texture, offsets, following, ends)
+    outer = (count + BLOCK - 1 if ends[0] >= count else ends[0]) & _BLOCKS
+    inner = min((starts[3] + BLOCK - 1) & _BLOCKS, outer)
+    for c in range(first, inner, BLOCK):
+        blocks.add_four_between(sums, c, texture, offsets, (starts, ends))
+    for c in range(inner, outer, BLOCK):
+        blocks.add_four(sums, c, texture, offsets)
+    for c in range(max(first, outer), ends[3], BLOCK):
+        blocks.add_four_between(sums, c, texture, offsets, (starts, ends))
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _four(numbers: IntArray, listed: IntArray, at: int) -> tuple[int, int, int, int]:
-    """Return the numbers of four rows of a list."""
+def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
+    """Return the values of the first four listed rows."""
     return (
-        numbers[np.uint64(listed[at])],
-        numbers[np.uint64(listed[at + _1])],
-        numbers[np.uint64(listed[at + _2])],
-        numbers[np.uint64(listed[at + _3])],
+        numbers[np.uint64(listed[_0])],
+        numbers[np.uint64(listed[_1])],
+        numbers[np.uint64(listed[_2])],
+        numbers[np.uint64(listed[_3])],
     )
 
 
 @njit(cache=True, nogil=True)
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
-    """Add the two rows that each column covers in part to the class without a fraction.
+    """Add the two rows that each column covers partly to the class without a fractional shift.
 
-    All weights of a column add up to the height, independent of rounding, so that a uniform ground
+    The weights of a column add up to the height regardless of rounding, so that a uniform ground
     gives uniform lines.
     """
     low, climb, height = cover
@@ -256,7 +244,8 @@ def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32
         under, over = y >> POINT, top >> POINT
         into = totals[first : first + _EDGE_COLUMNS]
         if under == (y + climbed) >> POINT and over == (top + climbed) >> POINT:
-            # All these columns cover the same two rows in part, so the compiler can vectorize.
+            # All these columns share the same two partly covered rows, so the compiler can
+            # vectorize.
             shared = np.int32(whole - ((over - under - 1) << WEIGHT_BITS))
             at_under = np.uint64(offsets[under] + first)
             at_over = np.uint64(offsets[over] + first)

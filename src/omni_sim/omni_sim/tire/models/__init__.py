@@ -1,4 +1,4 @@
-"""The tire models, one file each; a new model needs only a file in this folder.
+"""Tire models, one file each; a new model needs only a new file in this folder.
 
 Each module defines ``MODEL``, a `TireModel`; the module's name is the model's name in YAML.
 """

@@ -1,28 +1,29 @@
-"""The linear tire: force proportional to slip and load, up to a limit proportional to load.
+"""Linear tire: force proportional to slip and load, up to a limit proportional to load.
 
-``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. The force does not fall beyond the peak, so a patch
-has no second state: it slides exactly while it is saturated. It is the simplest tire, and a
-reference for the effects of the falling part and the load dependence of the other models.
+``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. The force does not fall beyond the peak, so the
+contact patch has no second stable state: it slides if and only if the force is saturated. This is
+the simplest tire. It serves as a reference for the effects of the falling part and of the load
+dependence in the other models.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+from omni_sim.tire.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 
 class LinearConfiguration(Configuration):
     """A linear tire; the defaults are the tire of Table 1 at its first nominal load."""
 
-    largest_load: float = parameter(6000.0, unit="N", above=0.0)
+    largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
-    stiffness: float = parameter(50000.0 / 3000.0, above=0.0)
+    stiffness: float = parameter(50000.0 / 3000.0, above=0.0, maximum=1000.0)
     """Slope dF/ds at zero slip per wheel load"""
-    friction: float = parameter(1.0, above=0.0)
+    friction: float = parameter(1.0, above=0.0, maximum=10.0)
     """Largest force per wheel load"""
 
 
@@ -80,14 +81,6 @@ def _start(seen: Landmarks) -> FloatArray:
     return np.array([np.mean(seen.slope / seen.load), np.mean(seen.peak_force / seen.load)])
 
 
-def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
-    return {
-        "largest_load": float(largest_load),
-        "stiffness": float(values[0]),
-        "friction": float(values[1]),
-    }
-
-
 MODEL = TireModel(
     description="Proportional to slip and load, saturated at the friction limit",
     configuration=LinearConfiguration,
@@ -104,6 +97,6 @@ MODEL = TireModel(
         loads=1,
         start=_start,
         parameters=lambda values, _: LinearParameters(*(float(value) for value in values)),
-        mapping=_mapping,
+        mapping=plain_mapping("stiffness", "friction"),
     ),
 )

@@ -5,19 +5,19 @@ dynamics studies", SAE 890087, 1989. The force over slip is
 
     F = D sin(C atan(x - E (x - atan x))),  x = B s
 
-with the peak ``D = mu(F_z) F_z``, where ``mu = a_1 F_z + a_2``, and the slope at zero
-``B C D = (a_3 F_z + a_4) F_z``. Here slip is a pure number and loads are in [N]. The original uses
-per cent and [kN], and damps the slope by ``exp(-a_5 F_z)``, which this parabola approximates at
-small loads. Shape ``C`` and curvature ``E`` do not depend on the load, so the ``x`` of the peak and
-of the steepest fall are constants. Shifts of the origin are omitted, so that a freely rolling wheel
-has no force.
+with the peak ``D = mu(F_z) F_z``, where ``mu = a_1 F_z + a_2``, and the slope at zero ``B C D =
+(a_3 F_z + a_4) F_z``. Here slip is dimensionless and loads are in [N]. The original uses per cent
+and [kN], and reduces the slope by ``exp(-a_5 F_z)``, which this parabola approximates at small
+loads. The shape ``C`` and the curvature ``E`` do not depend on the load, so the values of ``x`` at
+the peak and at the steepest fall are constants. Shifts of the origin are omitted, so that a freely
+rolling wheel has no force.
 
-A friction factor scales ``D``. As ``B C D`` is kept, ``B`` scales inversely, and the slips scale
-like ``D``.
+A friction factor scales ``D``. Since ``B C D`` is preserved, ``B`` scales inversely, and the slips
+scale like ``D``.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.contact import solve_contact
-from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+from omni_sim.tire.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 _SHAPE_RANGE = (1.05, 1.95)
 _CURVATURE_RANGE = (-20.0, 0.95)
@@ -34,15 +34,17 @@ _CURVATURE_RANGE = (-20.0, 0.95)
 class MagicFormulaConfiguration(Configuration):
     """A Magic Formula tire; the defaults resemble the longitudinal tire of Table 1."""
 
-    largest_load: float = parameter(6000.0, unit="N", above=0.0)
+    largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
-    friction: float = parameter(1.25, above=0.0)
+    friction: float = parameter(1.25, above=0.0, maximum=10.0)
     """Largest force per wheel load at small loads, a_2"""
-    friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N")
+    friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N", minimum=-0.01, maximum=0.01)
     """Change of the largest force per load with the load, a_1"""
-    stiffness: float = parameter(62500.0 / 3000.0, above=0.0)
+    stiffness: float = parameter(62500.0 / 3000.0, above=0.0, maximum=1000.0)
     """Slope dF/ds at zero slip per wheel load at small loads, a_4"""
-    stiffness_gradient: float = parameter(-12500.0 / 3000.0**2, unit="1/N")
+    stiffness_gradient: float = parameter(
+        -12500.0 / 3000.0**2, unit="1/N", minimum=-1.0, maximum=1.0
+    )
     """Change of the slope per load with the load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
     """Shape C; the force at unlimited slip is sin(C 90 deg) of the peak"""
@@ -50,7 +52,7 @@ class MagicFormulaConfiguration(Configuration):
     """Curvature E around the peak"""
 
     def check_consistency(self) -> None:
-        """Refuse forces and slopes that turn negative or fall with the load."""
+        """Check that forces and slopes stay positive and do not decrease with the load."""
         for name, value, gradient in (
             ("friction_gradient", self.friction, self.friction_gradient),
             ("stiffness_gradient", self.stiffness, self.stiffness_gradient),
@@ -68,7 +70,7 @@ _KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "sh
 
 
 class MagicFormulaParameters(NamedTuple):
-    """Constants of the kernels: a_1 to a_4, C, E, and landmarks of the unit curve in ``x``.
+    """Constants of the kernels: a_1 to a_4, C, E, and properties of the unit curve in ``x``.
 
     ``peak`` is the ``x`` of the peak; ``steepest`` is the ``x`` of the steepest descent beyond it,
     and ``fall`` is its slope; ``slide`` is the height at unlimited slip.
@@ -105,7 +107,7 @@ class MagicFormulaCurve(NamedTuple):
 
 @lean
 def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
-    """Return ``F / D`` and its derivative by ``x = B s`` [1]."""
+    """Return ``F / D`` and its derivative with respect to ``x = B s`` [1]."""
     bend = math.atan(x)
     inner = x - curvature * (x - bend)
     angle = shape * math.atan(inner)
@@ -119,7 +121,7 @@ def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -
     p = parameters
     peak_force = (p.friction + p.friction_gradient * load) * load * friction
     slope = (p.stiffness + p.stiffness_gradient * load) * load
-    # B with the load canceled, since it would be 0 / 0 for an unloaded wheel.
+    # The load is canceled from B, which would otherwise be 0 / 0 for an unloaded wheel.
     scale = (p.stiffness + p.stiffness_gradient * load) / (
         p.shape * (p.friction + p.friction_gradient * load) * friction
     )
@@ -177,13 +179,13 @@ def constants(
         shape: C, between 1 and 2.
         curvature: E, below 1.
     """
-    # The sine peaks where its argument is a right angle.
+    # The sine has its peak where its argument is a right angle.
     peak = _solve(curvature, math.tan(0.5 * math.pi / shape))
 
     def fall(logarithm: float) -> float:
         return -float(unit_curve(shape, curvature, math.exp(logarithm))[1])
 
-    # Steepest descent by golden section on log x; beyond the peak there is exactly one.
+    # Beyond the peak the slope has a single minimum: golden-section search on log x.
     low, high = math.log(peak), math.log(peak) + 12.0
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     for _ in range(80):
@@ -216,7 +218,7 @@ def _start(seen: Landmarks) -> FloatArray:
     for share in (seen.peak_force / seen.load, seen.slope / seen.load):
         gradient = (share[1] - share[0]) / (seen.load[1] - seen.load[0])
         values += [max(share[0] - gradient * seen.load[0], 0.1 * share[0]), gradient]
-    # The curvature that puts the peak at its measured slip, for a shape in the middle of the range.
+    # Curvature with which the peak is at its measured slip, for a shape in the middle of the range.
     shape = 1.4
     x = seen.slope[1] / (shape * seen.peak_force[1]) * seen.peak_slip[1]
     curvature = (x - math.tan(0.5 * math.pi / shape)) / (x - math.atan(x))
@@ -228,11 +230,6 @@ def _scale(values: FloatArray, largest_load: float) -> FloatArray:
     return np.array(
         [friction, friction / largest_load, stiffness, stiffness / largest_load, 1.0, 2.0]
     )
-
-
-def _mapping(values: FloatArray, largest_load: float) -> dict[str, Any]:
-    mapping = {key: float(value) for key, value in zip(_KEYS, values, strict=True)}
-    return {"largest_load": float(largest_load), **mapping}
 
 
 MODEL = TireModel(
@@ -252,6 +249,6 @@ MODEL = TireModel(
         start=_start,
         scale=_scale,
         parameters=lambda values, _: constants(*(float(value) for value in values)),
-        mapping=_mapping,
+        mapping=plain_mapping(*_KEYS),
     ),
 )

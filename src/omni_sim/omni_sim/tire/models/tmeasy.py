@@ -1,17 +1,18 @@
-"""The TMeasy tire: its parameters, how they depend on the wheel load, and the curve they span.
+"""TMeasy tire: parameters, their dependence on the wheel load, and the curve that they define.
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 2.3.1 with Table 1 and Eqs. (1)-(4), after W. Hirschberg, G. Rill and H. Weinfurter,
 "Tire model TMeasy", Vehicle System Dynamics 45(S), 2007.
 
 The curve of each direction has five numbers: the slope ``dF0`` at zero slip [N], the slip ``s_max``
-[1] and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N]
-where sliding begins. They depend on the wheel load: slope and forces by the parabola (3), the slips
-linearly, as in the source of the model. The dissertation interpolates all parameters by the
-parabola, which is not done here for the slips: they would vanish with the load, and the curve of a
-light wheel would begin flatter than the chord to its own peak. At the nominal loads both agree; at
-1 kN the forces differ by up to 26 %. Above the second nominal load the parabola has no physical
-meaning, so the load is clamped there and the caller reports the overload.
+[1] and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N] at
+which full sliding begins. They depend on the wheel load: slope and forces by the parabola (3), and
+the slips linearly, as in the source of the model. The dissertation interpolates all parameters by
+the parabola. This is not done here for the slips, because they would vanish with the load, and the
+curve of a light wheel would begin with a smaller slope than the chord to its own peak. At the
+nominal loads both interpolations agree; at 1 kN the forces differ by up to 26 %. Above the second
+nominal load the parabola has no physical meaning, so the load is limited there and the caller
+reports the overload.
 """
 
 import dataclasses
@@ -28,31 +29,31 @@ from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 
 
 class TMeasyCurve(Configuration):
-    """Force over slip in one direction at the two nominal loads, a half of Table 1."""
+    """Force over slip in one direction at the two nominal loads; one half of Table 1."""
 
-    slope_1: float = parameter(unit="N", above=0.0)
+    slope_1: float = parameter(unit="N", above=0.0, maximum=1.0e10)
     """Slope dF/ds at zero slip and nominal load 1"""
-    slope_2: float = parameter(unit="N", above=0.0)
+    slope_2: float = parameter(unit="N", above=0.0, maximum=1.0e10)
     """Slope dF/ds at zero slip and nominal load 2"""
-    peak_slip_1: float = parameter(above=0.0)
+    peak_slip_1: float = parameter(above=0.0, maximum=10.0)
     """Slip of the largest force at nominal load 1"""
-    peak_slip_2: float = parameter(above=0.0)
+    peak_slip_2: float = parameter(above=0.0, maximum=10.0)
     """Slip of the largest force at nominal load 2"""
-    peak_force_1: float = parameter(unit="N", above=0.0)
+    peak_force_1: float = parameter(unit="N", above=0.0, maximum=1.0e8)
     """Largest force at nominal load 1"""
-    peak_force_2: float = parameter(unit="N", above=0.0)
+    peak_force_2: float = parameter(unit="N", above=0.0, maximum=1.0e8)
     """Largest force at nominal load 2"""
-    slide_slip_1: float = parameter(above=0.0)
-    """Slip where sliding begins at nominal load 1"""
-    slide_slip_2: float = parameter(above=0.0)
-    """Slip where sliding begins at nominal load 2"""
-    slide_force_1: float = parameter(unit="N", above=0.0)
+    slide_slip_1: float = parameter(above=0.0, maximum=100.0)
+    """Slip at which full sliding begins, at nominal load 1"""
+    slide_slip_2: float = parameter(above=0.0, maximum=100.0)
+    """Slip at which full sliding begins, at nominal load 2"""
+    slide_force_1: float = parameter(unit="N", above=0.0, maximum=1.0e8)
     """Force of full sliding at nominal load 1"""
-    slide_force_2: float = parameter(unit="N", above=0.0)
+    slide_force_2: float = parameter(unit="N", above=0.0, maximum=1.0e8)
     """Force of full sliding at nominal load 2"""
 
     def check_consistency(self) -> None:
-        """Refuse a peak beyond the sliding point or below its force."""
+        """Check that the peak is before the sliding point and is not below the sliding force."""
         for load, peak_slip, slide_slip, peak_force, slide_force in (
             (1, self.peak_slip_1, self.slide_slip_1, self.peak_force_1, self.slide_force_1),
             (2, self.peak_slip_2, self.slide_slip_2, self.peak_force_2, self.slide_force_2),
@@ -81,15 +82,15 @@ def _table_1(direction: str) -> TMeasyCurve:
 
 
 class TMeasyConfiguration(Configuration):
-    """A tire; the defaults are Table 1.
+    """TMeasy tire; the defaults are those of Table 1.
 
-    The single-roller omni-wheel uses direction ``x`` along its active direction; ``y`` belongs
-    to the rollers of the individual-roller wheel.
+    The single-roller omni-wheel uses direction ``x`` along its active direction; direction ``y``
+    belongs to the rollers of the wheel with individual rollers.
     """
 
-    nominal_load_1: float = parameter(3000.0, unit="N", above=0.0)
+    nominal_load_1: float = parameter(3000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Nominal wheel load F_z1"""
-    nominal_load_2: float = parameter(6000.0, unit="N", above=0.0)
+    nominal_load_2: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load F_z2"""
     x: TMeasyCurve = section(lambda: _table_1("x"))
     """Longitudinal curve"""
@@ -97,7 +98,7 @@ class TMeasyConfiguration(Configuration):
     """Lateral curve"""
 
     def check_consistency(self) -> None:
-        """Refuse curves that turn negative or cross between zero load and the largest."""
+        """Check that curves stay positive and do not cross at any load up to the largest."""
         if self.nominal_load_2 <= self.nominal_load_1:
             raise ConfigurationError(
                 "nominal_load_2",
@@ -167,10 +168,10 @@ def curve_coefficients(curve: TMeasyCurve, load_1: float, load_2: float) -> Floa
 
 
 class CurvePoint(NamedTuple):
-    """A curve at one load and friction factor; slope and forces in [N], slips in [1].
+    """Force-slip curve at one load and friction factor; slope and forces in [N], slips in [1].
 
-    ``steepest_slip`` is the middle between peak and sliding, where the force falls fastest, and
-    ``steepest_fall`` is ``-dF/ds`` there; see `tire.contact.solve_contact`.
+    ``steepest_slip`` is midway between peak and sliding, where the force falls fastest,
+    and ``steepest_fall`` is the value of ``-dF/ds`` there; see `tire.contact.solve_contact`.
     """
 
     slope: float
@@ -186,7 +187,7 @@ class CurvePoint(NamedTuple):
 def curve_through(
     slope: float, peak_slip: float, peak_force: float, slide_slip: float, slide_force: float
 ) -> CurvePoint:
-    """Return the curve of five numbers: slope and forces in [N], slips in [1]."""
+    """Return the curve with five given numbers: slope and forces in [N], slips in [1]."""
     fall = 1.5 * (peak_force - slide_force) / (slide_slip - peak_slip)
     middle = 0.5 * (peak_slip + slide_slip)
     return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force, middle, fall)
@@ -202,11 +203,11 @@ class TMeasyParameters(NamedTuple):
 def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> CurvePoint:
     """Return the curve at a load, Eq. (3).
 
-    The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, not the slope.
+    The friction factor ``mu/mu_0`` scales forces and slips of peak and sliding, but not the slope.
 
     Args:
         parameters: constants of a direction.
-        load: wheel load [N] from 0 to the largest permissible one.
+        load: wheel load [N] between 0 and the largest permissible load.
         friction: ``mu/mu_0`` [1].
     """
     c = parameters.coefficients
@@ -224,7 +225,7 @@ def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> Curv
 def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
     """Return force [N] and its derivative [N] at ``slip >= 0`` [1].
 
-    The curve is a rational function up to the peak, a cubic from there to sliding, then a constant.
+    The curve is a rational function up to the peak, then a cubic up to sliding, then constant.
     """
     peak_slip, peak_force = curve.peak_slip, curve.peak_force
     if peak_force <= 0.0:
@@ -249,7 +250,7 @@ def curve_of(
 
     Args:
         tire: tire with the curves of both directions, as in Table 1.
-        load: wheel load [N], clamped to the model's range.
+        load: wheel load [N], limited to the model's range.
         friction: ``mu/mu_0`` [1].
         direction: ``x`` or ``y``.
     """
@@ -263,7 +264,7 @@ def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
 
 
 def _fitted_parameters(values: FloatArray, largest_load: float) -> TMeasyParameters:
-    # The attributes of a TMeasyCurve without its checks, which an unfinished fit may violate.
+    # Has the attributes of a TMeasyCurve but not its checks, which an unfinished fit may violate.
     nominal: Any = SimpleNamespace(**dict(zip(_FITTED, values.tolist(), strict=True)))
     return TMeasyParameters(curve_coefficients(nominal, 0.5 * largest_load, largest_load))
 
@@ -274,7 +275,7 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 def _values(unknowns: FloatArray) -> FloatArray:
-    """Return the values for unknowns in which sliding slips and forces are ratios to the peak's."""
+    """Return the values of unknowns whose sliding slip and force are ratios to the peak."""
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
     values[8:10] *= values[4:6]

@@ -106,7 +106,7 @@ function roundTicks(low, high, count) {
   return { ticks: multiples(step, low, high), step, digits };
 }
 
-// The multiples of a step within a range; never many, whatever the numbers are.
+// The multiples of a step within a range; the count is bounded for any range.
 function multiples(step, low, high) {
   const first = Math.ceil(low / step - 1e-9);
   const count = Math.floor(high / step + 1e-9) - first + 1;

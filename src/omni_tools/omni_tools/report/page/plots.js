@@ -1,7 +1,7 @@
 // The plots over time. All share the player's time; the run in front is drawn over the others.
 
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
-// By the number of the color: some readers see its third and fourth alike.
+// By the number of the color: some readers cannot distinguish the third and the fourth.
 const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
 // A curve has a label, times, values and the number of its color; `curves` gives those of a run.

@@ -1,6 +1,7 @@
 """The exact integral that the line camera approximates: every texel clipped to every pixel.
 
-It is a thousand times slower than `integral`, whose tests and benchmark use it as the reference.
+It is a thousand times slower than the integral of the simulator, and its reference in tests and in
+the benchmark of line cameras.
 """
 
 import math

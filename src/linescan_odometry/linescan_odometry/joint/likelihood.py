@@ -1,0 +1,363 @@
+"""Log-likelihood of a displacement and its change, expanded to second order, and Newton steps.
+
+The lines are cut to the ground that all of them show, so that no texture enters or leaves, and are
+then transformed again. The fixed pattern is marginalized.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # scipy.fft is loaded at first use, not for reading a configuration
+from numpy.typing import NDArray
+
+from linescan_odometry.joint.candidates import REACH
+from linescan_odometry.joint.spectra import (
+    HIGHEST,
+    Doubles,
+    Floats,
+    Spectrum,
+    bands,
+    covariance,
+    phases,
+    transform_size,
+    whiten,
+    window,
+)
+from omni_platform.kernels import kernel
+
+
+class Precision(NamedTuple):
+    """Precision of the fixed pattern (logarithm of the gains) at the frequencies of whole lines.
+
+    Attributes:
+        before: precision by the prior and earlier batches, shape (F,); infinite if the pattern is
+            known.
+        batch: precision that this batch adds, shape (F,).
+    """
+
+    before: Doubles
+    batch: Doubles
+
+
+class _Model(NamedTuple):
+    """Covariance model of the lines at each frequency.
+
+    Attributes:
+        edges: edges of the frequency bands [bins], shape (B + 1,).
+        bands: texture power S, coherence rho and noise power N of each band, shape (3, B).
+        precision: inverse variance of the fixed pattern, shape (F,).
+        rate: angular frequency of each bin [rad per px], shape (F,).
+        along: derivatives of `paths` with respect to d and a, shape (2, m).
+        paths: displacement of each line [px], shape (m,).
+    """
+
+    edges: NDArray[np.int64]
+    bands: Doubles
+    precision: Doubles
+    rate: Doubles
+    along: Doubles
+    paths: Doubles
+
+
+class Cut(NamedTuple):
+    """Lines cut to the ground that they share, block by block.
+
+    Attributes:
+        spectra: spectra in the ground frame, shape (t, F).
+        line: number of the line in each row, shape (t,).
+        first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
+        ground: ground position at which each block begins [px], shape (blocks,).
+        length: length of the cut lines [px].
+        size: length of the Fourier transform [px].
+    """
+
+    spectra: Spectrum
+    line: NDArray[np.int64]
+    first: NDArray[np.int64]
+    ground: Doubles
+    length: int
+    size: int
+
+
+class Expansion(NamedTuple):
+    """Log-likelihood near a displacement, expanded to second order.
+
+    Attributes:
+        cut: cut lines, without the pattern.
+        model: covariance model of the lines.
+        white: lines multiplied by the inverse covariance, shape (t, F).
+        moments: power of each band, and its covariance between neighboring lines, shape (2, B).
+        slopes: derivatives of the log-likelihood with respect to d and a, shape (2,).
+        inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if there is
+            no information on either.
+    """
+
+    cut: Cut
+    model: _Model
+    white: Spectrum
+    moments: Doubles
+    slopes: Doubles
+    inverse: Doubles
+
+
+@kernel
+def _cut(lines: Floats, paths: Doubles) -> Cut:
+    """Cut lines into blocks of shared ground; neighboring blocks have one line in common."""
+    m, n = lines.shape
+    largest = 1e-6
+    for k in range(m - 1):
+        largest = max(largest, abs(paths[k + 1] - paths[k]))
+    per = max(2, min(m, 1 + int(REACH * n / largest)))
+    blocks = -(-(m - 1) // (per - 1))
+    first, ground = np.zeros(blocks + 1, np.int64), np.zeros(blocks)
+    line = np.zeros(m - 1 + blocks, np.int64)
+    lowest, highest = np.zeros(blocks, np.int64), np.zeros(blocks, np.int64)
+    row, length = 0, n
+    for block in range(blocks):
+        start, end = round((m - 1) * block / blocks), round((m - 1) * (block + 1) / blocks)
+        for k in range(start, end + 1):
+            line[row] = k
+            row += 1
+            shift = round(paths[k] - paths[start])
+            lowest[block], highest[block] = min(lowest[block], shift), max(highest[block], shift)
+        first[block + 1] = row
+        ground[block] = paths[start] + highest[block]
+        length = max(0, min(length, n - highest[block] + lowest[block]))
+    size = transform_size(max(length, 16))
+    part, fraction = np.zeros((row, size), np.float32), np.zeros(row)
+    if length > 0:
+        taper = window(length)
+        for block in range(blocks):
+            start = paths[line[first[block]]]
+            for r in range(first[block], first[block + 1]):
+                shift = round(paths[line[r]] - start)
+                fraction[r] = paths[line[r]] - start - shift
+                begin = highest[block] - shift
+                own, out = lines[line[r], begin : begin + length], part[r, :length]
+                mean = own.mean()
+                for i in range(length):
+                    out[i] = (own[i] - mean) * taper[i]
+    spectra = scipy.fft.rfft(part, size, 1)[:, : int(HIGHEST * size)].copy()
+    spectra *= phases(fraction, size, spectra.shape[1])
+    return Cut(spectra, line, first, ground, length, size)
+
+
+@kernel
+def _marginalize(
+    spectra: Spectrum, turn: Spectrum, model: _Model, along: Doubles, white: Spectrum
+) -> Doubles:
+    """Marginalize the fixed pattern in the log-likelihood of one block.
+
+    A pattern of variance V adds ``V u u'`` to T, with ``u_k = exp(-2 pi i f X_k)`` in the ground
+    frame. With ``c = 1 / V + u' T^-1 u``, the log-likelihood decreases by ``log c / 2``, and
+    ``u (u' T^-1 z) / c`` is subtracted from the lines.
+
+    Args:
+        spectra: spectra of the lines z, shape (m, F); the pattern is subtracted in place.
+        turn: u of each line, shape (m, F).
+        model: covariance of the lines.
+        along: derivatives of the paths with respect to d and a, shape (2, m).
+        white: output, ``T^-1 z`` without the pattern, shape (m, F).
+
+    Returns:
+        Derivatives of ``-log c / 2`` with respect to d and a, shape (2,).
+    """
+    m, count = spectra.shape
+    fixed = np.zeros((m, count), np.complex64)
+    whiten(turn, model.edges, model.bands, fixed)
+    whiten(spectra, model.edges, model.bands, white)
+    total, slope = np.zeros(count, np.complex64), np.zeros((2, count), np.float32)
+    pattern = np.zeros(count, np.complex64)
+    for k in range(m):
+        by_d, by_a = np.float32(along[0, k]), np.float32(along[1, k])
+        u, q, w = turn[k], fixed[k], white[k]
+        for f in range(count):
+            product = np.conj(u[f]) * q[f]
+            total[f] += product
+            slope[0, f] += by_d * product.imag
+            slope[1, f] += by_a * product.imag
+            pattern[f] += np.conj(u[f]) * w[f]
+    slopes = np.zeros(2)
+    for f in range(model.edges[0], count):
+        c = model.precision[f] + total[f].real
+        pattern[f] /= np.float32(c)
+        slopes[0] += model.rate[f] / c * slope[0, f]
+        slopes[1] += model.rate[f] / c * slope[1, f]
+    for k in range(m):
+        for f in range(model.edges[0], count):
+            white[k, f] -= fixed[k, f] * pattern[f]
+            spectra[k, f] -= turn[k, f] * pattern[f]
+    return slopes
+
+
+@kernel
+def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
+    """Return the lines times T^-1, shape (t, F), and the gradient of the log-likelihood.
+
+    The part of the pattern that is still unknown is subtracted from the lines, see `_marginalize`.
+    """
+    rows, count = cut.spectra.shape
+    white = np.zeros((rows, count), np.complex64)
+    slopes, sums = np.zeros(2), np.zeros((2, count), np.float32)
+    for block in range(len(cut.first) - 1):
+        i, j = cut.first[block], cut.first[block + 1]
+        own = cut.line[i:j]
+        turn = phases(model.paths[own] - model.paths[own[0]], cut.size, count)
+        slopes += _marginalize(cut.spectra[i:j], turn, model, model.along[:, own], white[i:j])
+    for r in range(rows):
+        by_d = np.float32(model.along[0, cut.line[r]])
+        by_a = np.float32(model.along[1, cut.line[r]])
+        z, w = cut.spectra[r], white[r]
+        for f in range(count):
+            turned = w[f].imag * z[f].real - w[f].real * z[f].imag
+            sums[0, f] += by_d * turned
+            sums[1, f] += by_a * turned
+    for f in range(count):
+        slopes[0] += model.rate[f] * sums[0, f]
+        slopes[1] += model.rate[f] * sums[1, f]
+    return white, slopes
+
+
+@kernel
+def _information(cut: Cut, model: _Model) -> Doubles:
+    """Return the Fisher information on d and a, shape (2, 2), evaluated at each band's center."""
+    total = np.zeros((2, 2))
+    for block in range(len(cut.first) - 1):
+        own = cut.line[cut.first[block] : cut.first[block + 1]]
+        m = len(own)
+        along, path = model.along[:, own], model.paths[own] - model.paths[own[0]]
+        unit, white = np.zeros((m, m), np.complex64), np.zeros((m, m), np.complex64)
+        for k in range(m):
+            unit[k, k] = 1.0
+        for b in range(len(model.edges) - 1):
+            first, last = model.edges[b], model.edges[b + 1]
+            whiten(unit, np.array([0, m]), model.bands[:, b : b + 1].copy(), white)
+            middle = (first + last - 1) // 2
+            u = np.exp(-1j * model.rate[middle] * path)
+            texture = model.bands[0, b] * model.bands[1, b] ** np.arange(m)
+            part = _information_at(texture, white.real, along, u, model.precision[middle])
+            total += 0.5 * (model.rate[first:last] ** 2).sum() * part
+    return total
+
+
+@kernel
+def _inner(one: Spectrum, other: Spectrum) -> complex:
+    total = 0j
+    for k in range(len(one)):
+        total += np.conj(one[k]) * other[k]
+    return total
+
+
+@kernel
+def _product(matrix: Floats, vector: Spectrum) -> Spectrum:
+    product = np.zeros(len(vector), vector.dtype)
+    for k in range(len(vector)):
+        for j in range(len(vector)):
+            product[k] += matrix[k, j] * vector[j]
+    return product
+
+
+@kernel
+def _information_at(
+    texture: Doubles, inverse: Floats, along: Doubles, u: Spectrum, c: float
+) -> Doubles:
+    """Return the Fisher information on d and a at one frequency, over its square, shape (2, 2).
+
+    Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
+    information is ``-tr(C^-1 B C^-1 B)``. The marginalized pattern gives ``C^-1 = T^-1 - q q' / c``
+    with ``q = T^-1 u``, where c is the sum of the pattern's precision and ``u' q``.
+
+    Args:
+        texture: covariance of the texture as a function of line spacing, shape (m,).
+        inverse: T^-1, shape (m, m).
+        along: derivatives of the paths with respect to d and a, shape (2, m).
+        u: see `_marginalize`, shape (m,).
+        c: the scalar c of `_marginalize`.
+    """
+    q = _product(inverse, u)
+    c += _inner(u, q).real
+    turned, slope, part = np.zeros((2, len(u)), np.complex128), np.zeros(2), np.zeros((2, 2))
+    for k in range(len(u)):
+        for j in range(k):
+            by_d, by_a = along[0, k] - along[0, j], along[1, k] - along[1, j]
+            share = texture[k - j]
+            turned[0, k] += by_d * share * q[j]
+            turned[1, k] += by_a * share * q[j]
+            turned[0, j] -= by_d * share * q[k]
+            turned[1, j] -= by_a * share * q[k]
+            # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
+            share *= 2.0 * inverse[k, j]
+            part[0, 0] -= share * by_d * by_d
+            part[0, 1] -= share * by_d * by_a
+            part[1, 1] -= share * by_a * by_a
+    part[1, 0] = part[0, 1]
+    for i in range(2):
+        slope[i] = _inner(q, turned[i]).imag / c
+        white = _product(inverse, turned[i])
+        for j in range(2):
+            part[i, j] -= 2.0 / c * _inner(white, turned[j]).real
+    return part + np.outer(slope, slope)
+
+
+@kernel
+def _on_grid(precision: Precision, cut: Cut, pixels: int) -> Doubles:
+    """Return the fixed pattern's precision from all other blocks, at the frequencies of the cut.
+
+    Args:
+        precision: precision of the pattern; each block of this batch contributes an equal share.
+        cut: cut lines, which have fewer than n pixels.
+        pixels: number of pixels n of a line.
+    """
+    before, batch = precision
+    known = np.zeros(cut.spectra.shape[1])
+    others = 1.0 - 1.0 / (len(cut.first) - 1)
+    scale = pixels / cut.length
+    for f in range(len(known)):
+        i = min(f * len(before) // len(known), len(before) - 1)
+        known[f] = scale * (before[i] + others * batch[i])
+    return known
+
+
+@kernel
+def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Expansion:
+    """Expand the log-likelihood at a displacement and its change; see `step`."""
+    m, n = lines.shape
+    along = np.empty((2, m))
+    along[0] = np.arange(m) - 0.5 * (m - 1)
+    along[1] = 0.5 * along[0] ** 2
+    paths = motion[0] * along[0] + motion[1] * along[1]
+    cut = _cut(lines, paths)
+    edges = bands(cut.size)
+    covariances, moments = covariance(cut.spectra, cut.first, edges)
+    rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
+    known = _on_grid(precision, cut, n)
+    model = _Model(edges, covariances, known, rate, along, paths)
+    white, slopes = _slopes(cut, model)
+    slopes[1] -= motion[1] / spread**2
+    information = _information(cut, model)
+    information[1, 1] += 1.0 / spread**2
+    determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
+    inverse = np.full((2, 2), math.nan)
+    if cut.length > 0 and information[0, 0] > 0.0 and determinant > 0.0:
+        inverse[0, 0], inverse[1, 1] = information[1, 1], information[0, 0]
+        inverse[0, 1] = inverse[1, 0] = -information[0, 1]
+        inverse /= determinant
+    return Expansion(cut, model, white, moments, slopes, inverse)
+
+
+@kernel
+def step(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Doubles:
+    """Return displacement and change after a Newton step; not finite without information.
+
+    Args:
+        lines: logarithm of the lines minus the pattern, shape (m, n).
+        precision: precision of the fixed pattern.
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+        spread: prior standard deviation of the change [px].
+    """
+    here = expand(lines, precision, motion, spread)
+    by = (here.inverse * here.slopes).sum(axis=1)
+    by[0] = min(max(by[0], -1.0), 1.0)  # px; the distance between displacements in the slant stack
+    return np.asarray(motion + by)

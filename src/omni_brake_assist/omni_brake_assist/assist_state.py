@@ -1,0 +1,189 @@
+"""Inputs, constants and memory of a step of the brake assistant."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omni_brake_assist import braking_line, fail_safe
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.filter_bank import state as bank_state
+from omni_brake_assist.laws import built_in
+from omni_brake_assist.laws.law import Motion
+from omni_brake_assist.monitors import brake_monitor, effect_monitor
+from omni_brake_assist.valve_dwell import new_valves
+from omni_platform.geometry import PlatformGeometry
+from omni_platform.quantities import SECOND_NS, FloatArray
+from omni_platform.signals import ImuSample, TwistSample, WheelSample
+
+_STEP = np.dtype(
+    [
+        ("followed_ns", "i8"),  # stamp of the last valid twist [ns]
+        ("switched_ns", "i8"),  # stamp of the last valve update [ns]
+        ("slow", "?"),  # whether the speed has fallen below the threshold
+        ("reckoned", "?"),  # whether the motion is estimated without the twist
+        ("contradicted", "?"),  # whether there is no valid estimate
+        ("no_effect", "?"),
+        ("fault", "i8"),  # first fault present, a row of `conditions.CONDITIONS`
+        ("faulty", "?"),  # whether a fault applied all brakes in the last step
+        ("start_speed", "f8"),  # speed when the line was stored [m/s]
+        ("observed_ns", "i8"),  # stamp of the last step [ns]
+        ("assisting", "?"),  # whether the law has been called since the pedal went down
+        ("answer", "i8"),  # last return value of the law, such as ASSIST
+        ("dead", "i8"),  # number of the wheel whose brake failed, counted from 1; 0 for none
+    ]
+)
+
+
+class Constants(NamedTuple):
+    """Constants of an assistant step.
+
+    Attributes:
+        limits: limits within which the twist is valid.
+        laws: constants of the control laws.
+        fault_detection: whether the filter bank and the monitors are used.
+        bank: constants of the filter bank.
+        effect: constants of the effect monitor.
+        brakes: constants of the brake monitor.
+        r_x: wheel positions, x [m], shape (N,).
+        r_y: wheel positions, y [m], shape (N,).
+        pedal_threshold: pedal position from which the driver brakes [1].
+        minimum_reference_speed: speed at the start of braking below which no line of motion is
+            stored [m/s].
+        maximum_time_step: longest step over which the heading may be integrated [s].
+        speed_threshold: speed of the fastest wheel center below which all brakes act [m/s].
+        speed_hysteresis: rise of the speed above this threshold at which assistance resumes [m/s].
+        dwell: shortest time between two switchings of a valve [ns].
+    """
+
+    limits: fail_safe.Limits
+    laws: built_in.LawConstants
+    fault_detection: bool
+    bank: bank_state.BankConstants
+    effect: effect_monitor.EffectConstants
+    brakes: brake_monitor.BrakeConstants
+    r_x: FloatArray
+    r_y: FloatArray
+    pedal_threshold: float
+    minimum_reference_speed: float
+    maximum_time_step: float
+    speed_threshold: float
+    speed_hysteresis: float
+    dwell: float
+
+
+class Memory(NamedTuple):
+    """State of the assistant between steps; see `new_memory`.
+
+    Attributes:
+        gate: state of the gate, a record of `fail_safe.GATE_STATE`, shape (1,).
+        step: stamps and flags, shape (1,).
+        line: line of motion to keep, see `braking_line`, shape (1,).
+        valves: state of the valves, see `valve_dwell`, shape (N,).
+        laws: state of the control laws.
+        bank: state of the filter bank, see `filter_bank`.
+        effect: state of the effect monitor, see `effect_monitor`, shape (1,).
+        brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
+        law_speeds: wheel speeds given to the law [rad/s], NaN where faulty or unknown, shape (N,).
+        commanded: brake enables of the last step [1], shape (N,).
+        answer: estimated twist at the present time [m/s, m/s, rad/s], shape (3,).
+        speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
+        workspace: temporary storage for the IMU reading and the variances of the twist,
+            shape (2, 3).
+        held: errors and enables from the last call of the law, shape (2, N).
+    """
+
+    gate: NDArray[np.void]
+    step: NDArray[np.void]
+    line: NDArray[np.void]
+    valves: NDArray[np.void]
+    laws: built_in.LawMemory
+    bank: bank_state.BankMemory
+    effect: NDArray[np.void]
+    brakes: FloatArray
+    law_speeds: FloatArray
+    commanded: FloatArray
+    answer: FloatArray
+    speeds: FloatArray
+    workspace: FloatArray
+    held: FloatArray
+
+
+class Inputs(NamedTuple):
+    """Inputs of an assistant step.
+
+    Attributes:
+        now_ns: stamp of the driver's demand [ns].
+        pedal: the driver's brake demand, 0 to 1; 1 if it cannot be read.
+        enabled: whether the assistant may release brakes.
+        outside: condition detected before the kernel is called: INVALID_DEMAND, UNKNOWN_WHEEL or
+            GOOD.
+        feedback: latest received twist.
+        wheels: latest received wheel speeds.
+        imu: latest received IMU reading.
+    """
+
+    now_ns: int
+    pedal: float
+    enabled: bool
+    outside: int
+    feedback: TwistSample
+    wheels: WheelSample
+    imu: ImuSample
+
+
+class LawCall(NamedTuple):
+    """Input of a law for this step, and whether its answer may be used.
+
+    Attributes:
+        ready: whether the law is called in this step.
+        motion: input of the law.
+        answer: ASSIST, NO_HELP, FAILED or HELD.
+    """
+
+    ready: bool
+    motion: Motion
+    answer: int
+
+
+def make_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> Constants:
+    """Convert a configuration to the constants of the compiled step."""
+    r_x, r_y = np.ascontiguousarray(geometry.position.T)
+    return Constants(
+        fail_safe.make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),
+        built_in.law_constants(configuration, geometry),
+        configuration.fault_detection,
+        bank_state.bank_constants(configuration, geometry),
+        effect_monitor.effect_constants(geometry),
+        brake_monitor.brake_constants(configuration, geometry),
+        r_x,
+        r_y,
+        configuration.pedal_threshold,
+        configuration.minimum_reference_speed,
+        configuration.maximum_time_step,
+        configuration.speed_threshold,
+        configuration.speed_hysteresis,
+        float(round(configuration.minimum_dwell_time * SECOND_NS)),
+    )
+
+
+def new_memory(wheels: int) -> Memory:
+    """Return the initial memory for N wheels, without any received message."""
+    return Memory(
+        fail_safe.new_gate(),
+        np.zeros(1, _STEP),
+        braking_line.new_line(),
+        new_valves(wheels),
+        built_in.law_memory(wheels),
+        bank_state.bank_memory(wheels),
+        effect_monitor.effect_memory(),
+        brake_monitor.brake_memory(wheels),
+        np.zeros(wheels),
+        np.ones(wheels),
+        np.zeros(3),
+        np.zeros(wheels),
+        np.zeros((2, 3)),
+        np.zeros((2, wheels)),
+    )

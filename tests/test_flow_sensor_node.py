@@ -1,0 +1,102 @@
+"""The node of a flow chip publishes its readings, and opens a chip again that was lost."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+import sys
+from contextlib import closing
+
+import numpy as np
+from bystander import Bystander
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_ros.environment import node_environment
+from omni_ros.messages import planar_twist_of, to_nanoseconds
+from omni_ros.qos import RELIABLE
+
+# A chip that is unplugged after seven readings, the fourth of which is of a dark ground. Each time
+# that it is opened, it moves faster.
+PROGRAM = """
+import numpy as np
+from omni_vehicle import flow_chips, flow_sensor_node
+
+
+class Chip:
+    opened = 0
+
+    def __init__(self, configuration):
+        Chip.opened += 1
+        self.readings = 0
+
+    def read(self, time):
+        self.readings += 1
+        if self.readings == 8:
+            raise flow_chips.FlowChipError("the bus failed")
+        if self.readings == 4:
+            return flow_chips.FlowSample.unmeasured("surface quality 3")
+        velocity = np.array([0.1 * Chip.opened, -0.2, np.nan])
+        return flow_chips.FlowSample(velocity, np.array([0.01, 0.02, np.nan]), "")
+
+
+flow_chips.open_chip = Chip
+raise SystemExit(flow_sensor_node.main())
+"""
+RETRY_NS = 300_000_000
+
+
+class Listener(Bystander):
+    """The odometry that receives the sensor."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("listener", domain)
+        self.twists: list[TwistWithCovarianceStamped] = []
+        self.reports: set[str] = set()
+        listen = self.node.create_subscription
+        listen(TwistWithCovarianceStamped, "flow/left/twist", self.twists.append, RELIABLE)
+        listen(DiagnosticArray, "/diagnostics", self._read, RELIABLE)
+
+    def _read(self, message: DiagnosticArray) -> None:
+        self.reports |= {status.message for status in message.status}
+
+    def description(self) -> str:
+        return f"{len(self.twists)} twists, {self.reports}"
+
+
+def test_a_lost_chip_is_reported_and_opened_again() -> None:
+    words = ["sensor:=left", "chip:=otos", f"retry_period:={1e-9 * RETRY_NS}"]
+    parameters = itertools.chain.from_iterable(("-p", word) for word in words)
+    with reserved_domain() as domain:
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, "--ros-args", *parameters],
+            env=node_environment(domain),
+            stdin=subprocess.DEVNULL,
+        )
+        try:
+            with closing(Listener(domain)) as listener:
+                listener.wait(lambda: len(listener.twists) > 28)
+                listener.wait(lambda: "the bus failed; trying again" in listener.reports)
+                listener.wait(lambda: "surface quality 3" in listener.reports)
+        finally:
+            process.terminate()
+            assert process.wait(20.0) == 0
+    assert {message.header.frame_id for message in listener.twists} == {"left"}
+    opened: dict[int, int] = {}  # stamp of the first reading by number of the opening
+    unmeasured = 0
+    for message in listener.twists:
+        twist, covariance = planar_twist_of(message)
+        assert covariance[2, 2] == 1e6
+        if covariance[0, 0] == 1e6:
+            unmeasured += 1
+            continue
+        assert twist[1] == -0.2
+        np.testing.assert_allclose(np.diag(covariance)[:2], (1e-4, 4e-4))
+        opened.setdefault(round(10.0 * twist[0]), to_nanoseconds(message.header.stamp))
+    assert unmeasured > 0
+    assert len(opened) >= 4
+    # No message while the chip is away: the assistant brakes all wheels after its timeout.
+    # The listener may have missed the first readings of the first opening.
+    for before, after in itertools.pairwise(sorted(opened.values())[1:]):
+        assert after - before > 0.9 * RETRY_NS
