@@ -137,6 +137,9 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
     Args:
         arguments: paths of ``summary.json`` files, or ``NAME=path``.
         used: references to fill, which determine the tables to read.
+
+    Raises:
+        SystemExit: if two documents have different values of one metric of one study.
     """
     found: dict[str, dict[str, float | None]] = {}
     for argument in arguments:
@@ -146,7 +149,13 @@ def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str,
         beside_recording = (file.parent / "metadata.yaml").exists()
         name = own or ("run_" if beside_recording else "") + document["name"]
         numbers = found.setdefault(name, {})
-        numbers |= {key: metric["value"] for key, metric in document["metrics"].items()}
+        values = {key: metric["value"] for key, metric in document["metrics"].items()}
+        if twice := {key for key in numbers.keys() & values if numbers[key] != values[key]}:
+            raise SystemExit(
+                f"{file}: an earlier file has another value of {name} {min(twice)}; "
+                f"name one of the two studies, as in OTHER_NAME={file}"
+            )
+        numbers |= values
         others = {place.metric for place in used if place.study == name} - set(numbers)
         for table in {file.parent / f"{metric.partition('.')[0]}.csv" for metric in others}:
             if table.exists():

@@ -69,6 +69,17 @@ def test_a_number_typed_into_a_page_is_found(
     assert "page.md: its numbers are not those" in capsys.readouterr().err
 
 
+def test_two_values_of_one_metric_are_refused(
+    workspace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = summary(workspace, "ice", {"rotation.assisted": 2.4})
+    (workspace / "other").mkdir()
+    second = summary(workspace / "other", "ice", {"rotation.assisted": 2.5})
+    with pytest.raises(SystemExit, match=f"{second}: .* another value of ice rotation.assisted"):
+        run(monkeypatch, first, second)
+    assert run(monkeypatch, first, f"dry={second}") == 0
+
+
 def test_a_line_is_repeated_for_entries_and_reads_tables(
     workspace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
