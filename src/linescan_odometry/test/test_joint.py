@@ -112,6 +112,32 @@ def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
     assert estimator().estimate(lines).reason != ""
 
 
+@pytest.mark.parametrize("displacement", [1.7, 5.0])
+def test_errors_on_a_smooth_ground_that_leaves_the_view_sideways_are_stated(
+    displacement: float,
+) -> None:
+    grain, contrast, coherence = 10.0, 10.0, 0.7  # px, gray levels, 1
+    rate = 2.0 * math.pi * np.fft.rfftfreq(4 * PIXELS)
+    scores = []
+    for seed in range(40):
+        generator = np.random.default_rng(seed)
+        white = np.fft.rfft(generator.standard_normal((LINES, 4 * PIXELS)))
+        fresh = white * np.exp(-0.5 * (grain * rate) ** 2)
+        ground = [fresh[0]]
+        for new in fresh[1:]:
+            kept = coherence * ground[-1] + math.sqrt(1.0 - coherence**2) * new
+            ground.append(kept * np.exp(1j * displacement * rate))
+        lines = np.fft.irfft(ground)[:, :PIXELS]
+        lines *= contrast / lines.std()
+        lines += generator.normal(128.0, 2.0, lines.shape)
+        found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+        if not found.reason:
+            scores.append((found.value - displacement) ** 2 / found.variance)
+    assert len(scores) >= 20
+    assert max(scores) < 5.0**2
+    assert np.mean(scores) < 2.0**2  # the stated deviation is right within a factor of 2
+
+
 def test_lines_of_nothing_but_noise_are_not_measured() -> None:
     noise = np.random.default_rng(4).normal(100.0, 3.0, (LINES, PIXELS))
     assert estimator().estimate(np.rint(noise).astype(np.uint8)).reason != ""

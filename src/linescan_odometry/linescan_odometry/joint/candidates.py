@@ -283,16 +283,42 @@ def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) 
 
 
 @kernel
-def advantage(products: Products, layout: Layout, displacement: float) -> float:
-    """Return the log-likelihood ratio of a displacement against rest [nats], at least 0."""
-    largest = 0.0
+def scatter(
+    products: Products, layout: Layout, displacement: float, limits: tuple[float, float]
+) -> float:
+    """Return the variance of a displacement among rivals that are nearly as likely [px^2].
+
+    The rivals are rest, and whole pixels from the displacement outwards. On a smooth ground, rest
+    is nearly as likely as slow motion, and the likelihood has many small maxima on one peak that is
+    several pixels wide, so that the curvature at the largest one does not give the variance.
+
+    Args:
+        products: see `correlate`.
+        layout: sizes of the batch.
+        displacement: displacement per line [px].
+        limits: loss of log-likelihood that excludes a rival [nats]; share of the loss that counts,
+            because neighboring frequencies are not independent [1].
+    """
+    excluded, share = limits
     last = farthest(displacement, layout)
     spread = 0.5 / lags(layout.lines)[last]
+    own = np.zeros(last + 1)
     for which in range(last + 1):
-        own = coherent(products, layout, products.mean, displacement, spread, which)
-        rest = coherent(products, layout, products.mean, 0.0, spread, which)
-        largest = max(largest, own - rest)
-    return largest
+        own[which] = coherent(products, layout, products.mean, displacement, spread, which)
+    away = np.arange(1.0, _APART + 1.0)
+    total, moment = 1.0, 0.0
+    for rivals in (np.zeros(1), displacement - away, displacement + away):
+        for rival in rivals:
+            loss, which = 0.0, last
+            while which >= 0 and loss < excluded:
+                other = coherent(products, layout, products.mean, rival, spread, which)
+                loss, which = max(loss, own[which] - other), which - 1
+            if loss >= excluded:
+                break
+            weight = math.exp(-share * loss)
+            total += weight
+            moment += weight * (rival - displacement) ** 2
+    return moment / total
 
 
 @kernel

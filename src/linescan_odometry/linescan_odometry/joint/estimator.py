@@ -143,9 +143,7 @@ class JointEstimator:
             return Estimate(d, variance, reason, rest)
         if parted:
             self._learn(information, batch)
-            # On a smooth ground, rest is nearly as likely as slow motion.
-            odds = math.exp(-_RATIO * candidates.advantage(products, layout, d))
-            variance += odds / (1.0 + odds) * max(d * d - variance, 0.0)
+            variance += candidates.scatter(products, layout, d, (_LIKELY, _RATIO))
         return Estimate(d, variance, "", rest, best.coherence, best.details)
 
     def _choose(
