@@ -1,200 +1,21 @@
-"""The launcher: set-up, its failures, and what it hands over to.
-
-Most tests start `./omni` for real, in a small workspace whose environment borrows the packages of
-the Python that runs the tests, so that nothing is downloaded.
-"""
+"""The launcher hands a command over to the Python and the environment of its workspace."""
 
 from __future__ import annotations
 
 import ast
-import contextlib
-import fcntl
 import json
 import os
-import re
-import shutil
-import signal
 import subprocess
 import sys
-import sysconfig
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import IO
 
 import pytest
-from omni_process import wait_until
+from launcher_workspace import Workspace, assert_one_sentence
+from omni_process import WORKSPACE
 
-from setup import failures
 from setup import workspace as places
 
-ROOT = Path(__file__).resolve().parent.parent
-LAUNCHER = ROOT / "omni"
-
-
-SETUP = """
-from setuptools import setup
-setup(
-    name="omni_bringup", version="0.1.0", packages=["omni_bringup"], zip_safe=False,
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/omni_bringup"]),
-        ("share/omni_bringup", ["package.xml"]),
-    ],
-    entry_points={"console_scripts": ["omni = omni_bringup.cli:main"]},
-)
-"""
-PACKAGE = """<?xml version="1.0"?>
-<package format="3">
-  <name>omni_bringup</name><version>0.1.0</version><description>A stand-in</description>
-  <maintainer email="a@example.org">A</maintainer><license>Apache-2.0</license>
-  <export><build_type>ament_python</build_type></export>
-</package>
-"""
-CLI = """
-import json, os, sys
-
-def main():
-    print(json.dumps({"words": sys.argv[1:], "cwd": os.getcwd(), "env": dict(os.environ)}))
-    return 7 if "fail" in sys.argv else 0
-"""
-
-
-class Workspace:
-    """A copy of the launcher with one package and a ready environment."""
-
-    def __init__(self, root: Path) -> None:
-        self.root = root
-        self.package = root / "src" / "omni_bringup"
-        module = self.package / "omni_bringup"
-        module.mkdir(parents=True)
-        shutil.copy(LAUNCHER, root / "omni")
-        shutil.copytree(ROOT / "setup", root / "setup")
-        shutil.copytree(ROOT / "requirements", root / "requirements")
-        (module / "__init__.py").write_text("")
-        (module / "cli.py").write_text(CLI)
-        (self.package / "setup.py").write_text(SETUP)
-        (self.package / "package.xml").write_text(PACKAGE)
-        (self.package / "setup.cfg").write_text(
-            "[install]\ninstall_scripts=$base/lib/omni_bringup\n"
-        )
-        (self.package / "resource").mkdir()
-        (self.package / "resource" / "omni_bringup").write_text("")
-
-    @property
-    def log(self) -> Path:
-        return self.root / ".cache" / "setup.log"
-
-    @property
-    def prefix(self) -> Path:
-        return self.root / "install" / "omni_bringup"
-
-    @property
-    def libraries(self) -> list[Path]:
-        version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
-        return [self.package, self.prefix / "lib" / version / "site-packages"]
-
-    def borrow_environment(self) -> None:
-        venv = self.root / ".venv"
-        (venv / "bin").mkdir(parents=True)
-        (venv / "made-by-omni").touch()
-        shutil.copy(Path(sys.prefix) / "pyvenv.cfg", venv)
-        (venv / "bin" / "python").symlink_to(os.path.realpath(sys.executable))
-        shutil.copy(Path(sys.prefix) / "bin" / "colcon", venv / "bin")
-        # All clones import the same files of the libraries, and share their bytecode.
-        own = sysconfig.get_path("purelib")
-        site = venv / Path(own).relative_to(sys.prefix)
-        site.mkdir(parents=True)
-        (site / "borrowed.pth").write_text(f"import site; site.addsitedir({own!r})\n")
-        bytecode = self.root.parents[1] / "bytecode"
-        bytecode.mkdir(exist_ok=True)
-        (self.root / ".cache").mkdir()
-        (self.root / ".cache" / "bytecode").symlink_to(bytecode)
-        workspace = places.Workspace(self.root, None)
-        libraries = [str(venv / "lib")]
-        places.write_stamp(
-            venv, places.environment_identity(workspace), libraries=libraries, made=1
-        )
-
-    def command(self, *words: str, by: Path | None = None) -> list[str]:
-        return [sys.executable, str(by or self.root / "omni"), *words]
-
-    def start(
-        self,
-        *words: str,
-        by: Path | None = None,
-        cwd: Path | None = None,
-        environ: Mapping[str, str] | None = None,
-    ) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            self.command(*words, by=by),
-            cwd=cwd or self.root,
-            env={**os.environ, "OMNI_ROS": "wheels", "LD_LIBRARY_PATH": "", **(environ or {})},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
-
-    @contextlib.contextmanager
-    def background(self, *words: str) -> Iterator[subprocess.Popen[str]]:
-        process = subprocess.Popen(
-            self.command(*words),
-            cwd=self.root,
-            env={**os.environ, "OMNI_ROS": "wheels"},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            yield process
-        finally:
-            process.kill()
-            process.communicate()
-
-    @contextlib.contextmanager
-    def locked(self, mode: int) -> Iterator[None]:
-        (self.root / ".cache").mkdir(exist_ok=True)
-        with open(self.root / ".cache" / "lock", "w") as file:
-            fcntl.flock(file, mode)
-            yield
-
-    def edit(self) -> None:
-        with open(self.package / "setup.py", "a") as file:
-            file.write("\n")
-
-
-def _wait_for(stream: IO[str] | None, word: str) -> str:
-    """Read lines until one has `word`; return it. The end of the stream is a failure."""
-    assert stream is not None
-    for line in stream:
-        if word in line:
-            return line
-    raise AssertionError(f"nothing said '{word}'")
-
-
-def _assert_one_sentence(result: subprocess.CompletedProcess[str], *parts: str) -> None:
-    assert result.returncode == 1
-    assert result.stdout == ""
-    assert "Traceback" not in result.stderr
-    last = result.stderr.splitlines()[-1]
-    assert last.startswith("omni: ")
-    assert last.endswith(".")
-    for part in parts:
-        assert part in last
-
-
-@pytest.fixture
-def bare(tmp_path: Path) -> Workspace:
-    """A fresh clone; the space in its name is deliberate."""
-    return Workspace(tmp_path / "a clone")
-
-
-@pytest.fixture
-def workspace(bare: Workspace) -> Workspace:
-    """A clone with packages installed and nothing built."""
-    bare.borrow_environment()
-    return bare
+LAUNCHER = WORKSPACE / "omni"
 
 
 @pytest.fixture(scope="module")
@@ -211,7 +32,7 @@ def built_once(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 
 @pytest.mark.parametrize("path", ["omni", "setup/__init__.py", "setup/pythons.py"])
 def test_what_an_old_python_reads_parses_there(path: str) -> None:
-    tree = ast.parse((ROOT / path).read_text(), feature_version=(3, 5))
+    tree = ast.parse((WORKSPACE / path).read_text(), feature_version=(3, 5))
     # The parser accepts f-strings whatever the version.
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
 
@@ -235,7 +56,7 @@ def test_an_unsupported_python_is_refused(
     version: tuple[int, int], word: str, tmp_path: Path
 ) -> None:
     result = _start_as_python(version, tmp_path)
-    _assert_one_sentence(result, word, "3.10 to 3.14", "start again")
+    assert_one_sentence(result, word, "3.10 to 3.14", "start again")
 
 
 def test_an_old_python_gives_way_to_a_supported_one(tmp_path: Path) -> None:
@@ -246,97 +67,6 @@ def test_an_old_python_gives_way_to_a_supported_one(tmp_path: Path) -> None:
         script.chmod(0o755)
     result = _start_as_python((3, 8), tmp_path)
     assert (result.returncode, result.stdout) == (0, "started run\n")
-
-
-# ---------------------------------------------------------------- what a machine lacks
-
-
-def test_missing_venv_module_is_named(tmp_path: Path) -> None:
-    python = tmp_path / "python3.12"
-    python.write_text("#!/bin/sh\nexit 1\n")
-    python.chmod(0o755)
-    with pytest.raises(failures.SetupError, match=r"apt install python3\.12-venv"):
-        failures.check_venv_module(str(python))
-    failures.check_venv_module(sys.executable)
-
-
-@pytest.mark.parametrize(
-    ("machine", "part"),
-    [
-        (("Linux", "aarch64", "glibc 2.36", 64), "aarch64"),
-        (("Linux", "x86_64", "glibc 2.27", 64), "glibc 2.27"),
-        (("Linux", "x86_64", "", 64), "another C library"),
-        (("Linux", "x86_64", "glibc 2.36", 32), "32-bit"),
-        (("Darwin", "x86_64", "", 64), "Darwin"),
-    ],
-)
-def test_unsupported_machine_is_named(machine: tuple[str, str, str, int], part: str) -> None:
-    with pytest.raises(failures.SetupError, match=part):
-        failures.check_platform(*machine)
-
-
-def test_supported_machines_pass() -> None:
-    failures.check_platform("Linux", "x86_64", "glibc 2.28", 64)
-    failures.check_platform("Linux", "x86_64", "glibc 3.0", 64)
-
-
-def test_a_full_disk_is_refused_before_anything_is_made(tmp_path: Path) -> None:
-    free = shutil.disk_usage(tmp_path).free
-    with pytest.raises(failures.SetupError, match="make room"):
-        failures.check_space(tmp_path, 2 * free + 1e12)
-
-
-@pytest.mark.parametrize(
-    ("output", "part"),
-    [
-        ("OSError: [Errno 28] No space left on device", "disk is full"),
-        ("THESE PACKAGES DO NOT MATCH THE HASHES", "not the locked one"),
-        (
-            "WARNING: Retrying after connection broken: Temporary failure in name resolution\n"
-            "ERROR: No matching distribution found for numpy==2.4.6",
-            "no connection",
-        ),
-        ("ERROR: No matching distribution found for numpy==2.4.6", "no wheel of numpy==2.4.6"),
-        ("Segmentation fault", "see /log"),
-    ],
-)
-def test_failed_installation_is_explained(output: str, part: str) -> None:
-    sentence = failures.explain_install(output, Path("/log"))
-    assert part in sentence
-    assert "/log" in sentence
-
-
-def test_no_network_at_first_start(bare: Workspace) -> None:
-    offline = {
-        "PIP_CONFIG_FILE": os.devnull,
-        "PIP_INDEX_URL": "http://127.0.0.1:9/simple",
-        "PIP_EXTRA_INDEX_URL": "",
-        "PIP_FIND_LINKS": "",
-        "PIP_RETRIES": "0",
-    }
-    result = bare.start("run", environ=offline)
-    _assert_one_sentence(result, "no connection", str(bare.log))
-    assert "127.0.0.1" in bare.log.read_text()
-    # The half-made environment is not taken for a finished one.
-    assert not places.environment_ready(places.Workspace(bare.root, None))
-
-
-def test_a_folder_that_cannot_be_written(bare: Workspace) -> None:
-    (bare.root / ".cache").write_text("in the way")
-    _assert_one_sentence(bare.start("run"), str(bare.root / ".cache"))
-
-
-def test_read_only_folder_is_explained(tmp_path: Path) -> None:
-    sentence = failures.explain_file_error(OSError(30, "Read-only file system", "/x"), tmp_path)
-    assert "/x cannot be written" in sentence
-
-
-def test_an_environment_of_the_users_own_is_left_alone(bare: Workspace) -> None:
-    precious = bare.root / ".venv" / "precious"
-    precious.parent.mkdir()
-    precious.write_text("mine")
-    _assert_one_sentence(bare.start("run"), "move it away")
-    assert precious.read_text() == "mine"
 
 
 # ---------------------------------------------------------------- starting
@@ -433,130 +163,6 @@ def test_test_runs_pytest_on_paths_of_the_caller(built_once: Workspace, tmp_path
     assert "1 passed" in result.stdout
 
 
-def test_help_needs_no_set_up(bare: Workspace) -> None:
-    result = bare.start("--help")
-    assert result.returncode == 0
-    assert "./omni run" in result.stdout
-    assert not (bare.root / ".venv").exists()
-
-
-# ---------------------------------------------------------------- building
-
-
-def test_an_edit_of_a_module_needs_no_build(workspace: Workspace) -> None:
-    assert workspace.start("run").returncode == 0
-    built = workspace.log.stat().st_mtime_ns
-    module = workspace.package / "omni_bringup" / "extra.py"
-    look = ("exec", "python", "-c", "from omni_bringup import extra; print(extra.VALUE)")
-    for value in ("1", "22"):  # bytecode counts as current while size and second of its source are
-        module.write_text(f"VALUE = {value}\n")
-        result = workspace.start(*look)
-        assert (result.stdout, result.stderr) == (f"{value}\n", "")
-    module.unlink()
-    assert "ImportError" in workspace.start(*look).stderr
-    assert workspace.log.stat().st_mtime_ns == built
-
-
-def test_what_colcon_installs_is_built_again_when_it_changes(workspace: Workspace) -> None:
-    assert workspace.start("run").returncode == 0
-    installed = workspace.prefix / "lib" / "omni_bringup" / "another"
-    assert not installed.exists()
-
-    setup = workspace.package / "setup.py"
-    setup.write_text(SETUP.replace("cli:main", 'cli:main", "another = omni_bringup.cli:main'))
-    assert "building" in workspace.start("run").stderr
-    assert installed.exists()
-
-    # Same size, same modification time.
-    status = setup.stat()
-    setup.write_text(setup.read_text().replace("another", "renamed"))
-    os.utime(setup, ns=(status.st_atime_ns, status.st_mtime_ns))
-    workspace.start("run")
-    assert not installed.exists()
-    assert installed.with_name("renamed").exists()
-
-    (workspace.package / "test").mkdir()
-    (workspace.package / "test" / "test_x.py").write_text("")
-    assert workspace.start("run").stderr == ""
-
-
-def test_failing_build_names_the_package(workspace: Workspace) -> None:
-    (workspace.package / "setup.py").write_text(SETUP + "\nraise SystemExit('no')\n")
-    _assert_one_sentence(workspace.start("run"), "omni_bringup", str(workspace.log))
-    (workspace.package / "setup.py").write_text(SETUP)
-    assert workspace.start("run").returncode == 0
-
-
-def test_invalid_manifest_is_refused(workspace: Workspace) -> None:
-    (workspace.package / "package.xml").write_text(PACKAGE.replace("<license>", "<licens>"))
-    _assert_one_sentence(workspace.start("run"), "package.xml")
-
-
-def test_interrupted_and_killed_builds_are_made_up_for(workspace: Workspace) -> None:
-    with workspace.background("run") as process:
-        _wait_for(process.stderr, "building")
-        process.send_signal(signal.SIGINT)
-        _wait_for(process.stderr, "interrupted")
-        assert process.wait(60) == 130
-    with workspace.background("run") as process:
-        _wait_for(process.stderr, "building")
-        process.kill()
-        process.wait(60)
-    result = workspace.start("run")
-    assert result.returncode == 0
-    assert (workspace.prefix / "lib" / "omni_bringup" / "omni").exists()
-
-
-def test_a_killed_set_up_leaves_no_process_at_work(tmp_path: Path) -> None:
-    (tmp_path / ".cache").mkdir()
-    code = (
-        "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from pathlib import Path\n"
-        "from setup.steps import Steps\n"
-        "from setup.workspace import Workspace\n"
-        "steps = Steps(Workspace(Path(sys.argv[2]), None), None)\n"
-        "child = 'import os, time; print(os.getpid(), flush=True); time.sleep(600)'\n"
-        "steps.run([sys.executable, '-c', child], {}, print)\n"
-    )
-    command = [sys.executable, "-u", "-c", code, str(ROOT), str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        child = Path(f"/proc/{int(process.stdout.readline())}/stat")
-        assert child.exists()
-        process.kill()
-        process.wait(60)
-        # Whoever inherits it may not have asked for its end yet: then it is a zombie.
-        wait_until(lambda: not child.exists() or child.read_text().split()[2] == "Z")
-
-
-def test_a_start_waits_for_another_that_sets_up(workspace: Workspace) -> None:
-    with contextlib.ExitStack() as other:
-        other.enter_context(workspace.locked(fcntl.LOCK_EX))
-        with workspace.background("run") as process:
-            _wait_for(process.stderr, "waiting")
-            assert not (workspace.root / "install").exists()
-            other.close()
-            _wait_for(process.stderr, "ready")
-            assert process.wait(60) == 0
-
-
-def test_a_rebuild_waits_for_running_commands(workspace: Workspace) -> None:
-    assert workspace.start("run").returncode == 0
-    stamp = (workspace.root / "install" / "omni.json").stat().st_mtime_ns
-    workspace.edit()
-    with contextlib.ExitStack() as running:
-        running.enter_context(workspace.locked(fcntl.LOCK_SH))
-        with workspace.background("run") as process:
-            _wait_for(process.stderr, "waiting")
-            assert (workspace.root / "install" / "omni.json").stat().st_mtime_ns == stamp
-            # A start from within the running command must not wait for it.
-            within = workspace.start("run", environ={"OMNI_RUNNING": str(workspace.root)})
-            assert (within.returncode, within.stderr) == (0, "")
-            running.close()
-            _wait_for(process.stderr, "ready")
-            assert process.wait(60) == 0
-
-
 # ---------------------------------------------------------------- sourced ROS
 
 
@@ -578,25 +184,3 @@ def test_a_sourced_jazzy_is_used(tmp_path: Path) -> None:
     assert kept["PYTHONPATH"] == f"{prefix}/lib/p"
     assert kept["AMENT_PREFIX_PATH"] == f"/overlay:{prefix}"
     assert kept["ROS_DISTRO"] == "jazzy"
-
-
-def test_a_demanded_but_missing_ros_is_refused(bare: Workspace) -> None:
-    environ = {"ROS_DISTRO": "", "OMNI_ROS": "sourced"}
-    _assert_one_sentence(bare.start("run", environ=environ), "setup.bash")
-    _assert_one_sentence(bare.start("run", environ={"OMNI_ROS": "x"}), "OMNI_ROS")
-
-
-# ---------------------------------------------------------------- locks
-
-
-@pytest.mark.parametrize("name", ["wheels", "sourced-ros"])
-def test_locks_are_exact_and_complete(name: str) -> None:
-    lock = (ROOT / "requirements" / f"{name}.lock").read_text()
-    entries = re.findall(r"(?m)^(\S+)==\S+.*\\\n((?:    --hash=sha256:[0-9a-f]{64}.*\n)+)", lock)
-    assert len(entries) == len(re.findall(r"(?m)^\S", lock))  # every line belongs to an entry
-    locked = {entry[0] for entry in entries}
-    for source in (f"{name}.in", "shared.in"):
-        text = (ROOT / "requirements" / source).read_text()
-        wanted = re.findall(r"(?m)^([A-Za-z][\w-]*)", text)
-        assert {word.lower() for word in wanted} <= locked
-    assert "://" not in lock
