@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 from bystander import Bystander
 from omni_process import WORKSPACE, omni_command, omni_environment
+from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
 from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.node_check.drive_node import receive_drive
+from omni_bringup.node_check.exchange_node import Partner
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -23,6 +26,7 @@ from omni_ros.qos import RELIABLE
 EXPERIMENT = ExperimentLibrary(WORKSPACE / "config").load("commissioning", "assisted")
 WHEELS = tuple(EXPERIMENT.vehicle.wheels)
 PERIOD_NS = 10_000_000
+STEPS = 2050
 
 
 class Vehicle(Bystander):
@@ -36,21 +40,32 @@ class Vehicle(Bystander):
     def description(self) -> str:
         return "nobody subscribed"
 
-    def drive(self, signs: FloatArray) -> None:
+    def drive(self, signs: FloatArray, *, acknowledged: bool = False) -> FloatArray:
+        """Publish the drive; return the published wheel speeds [rad/s].
+
+        Args:
+            signs: sign with which each wheel speed is published, shape (4,).
+            acknowledged: whether the full queue of a publisher waits for its receiver.
+        """
         demands = EXPERIMENT.maneuver.demands
         assert demands is not None
         kinematics = PlatformKinematics.of(EXPERIMENT.vehicle.wheels)
-        braked = np.zeros(3)
-        for step in range(2050):
+        braked, speeds = np.zeros(3), []
+        for step in range(STEPS):
             now = 0.01 * step
             columns = (demands.forward, demands.left, demands.turn, demands.pedal)
             *twist, pedal = (np.interp(now, demands.time, column) for column in columns)
             braked = 0.95 * braked if pedal > 0.0 else np.array(twist)
             speed = signs * kinematics.wheel_speeds(braked)
+            speeds.append(speed)
             stamp_ns = step * PERIOD_NS
             self.states.publish(joint_state(stamp_ns, WHEELS, velocity=speed))
             self.pedal.publish(joint_state(stamp_ns, ("pedal",), position=np.array([pedal])))
+            if acknowledged and step % 100 == 0:
+                self.states.wait_for_all_acked(Duration(seconds=30))
+                self.pedal.wait_for_all_acked(Duration(seconds=30))
             time.sleep(0.003)  # paced, so that a subscriber keeps up
+        return np.array(speeds)
 
 
 @pytest.mark.parametrize(
@@ -76,3 +91,27 @@ def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str]) -> Non
     assert [mistake["name"] for mistake in document["mistakes"]] == found
     assert set(document["unchecked"]) == {"odometry/twist", "imu"}
     assert process.returncode == bool(found)
+
+
+class BusyPartner(Partner):
+    """A receiver that takes no message while the vehicle drives."""
+
+    def __init__(self, domain: int, vehicle: Vehicle) -> None:
+        super().__init__(domain, "robot1")
+        self.vehicle = vehicle
+        self.published: FloatArray | None = None
+
+    def spin(self, until: float) -> None:
+        count = self.vehicle.node.count_subscribers
+        subscribed = count("robot1/wheel_states") and count("robot1/brake/pedal")
+        if self.published is None and subscribed:
+            self.published = self.vehicle.drive(np.ones(4), acknowledged=True)
+        super().spin(until)
+
+
+def test_no_message_of_a_drive_is_lost_while_the_receiver_is_busy() -> None:
+    with reserved_domain() as domain, closing(Vehicle(domain)) as vehicle:
+        with closing(BusyPartner(domain, vehicle)) as partner:
+            signals = receive_drive(partner, WHEELS, timeout=60.0)
+        assert partner.published is not None
+        np.testing.assert_allclose(signals.wheel_speed, partner.published[:-1], atol=1e-9)

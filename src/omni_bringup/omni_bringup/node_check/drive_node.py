@@ -2,6 +2,9 @@
 
 import time
 from collections.abc import Sequence
+from typing import Any
+
+from rclpy.qos import QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 
 from omni_bringup.node_check.exchange_node import Partner, subscribe
 from omni_loop.recorded_run import Stream
@@ -10,6 +13,10 @@ from omni_platform.configuration import ConfigurationError, WorkError
 from omni_ros.messages import to_nanoseconds
 from omni_ros.qos import BEST_EFFORT
 from omni_tools.commissioning.signals import TOPICS, Signals, motions_of, signals_of
+
+# All messages are kept until they are taken, so that none is lost while a drive is evaluated.
+_LOSSLESS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE)
+_DISCOVERY = 0.1  # period at which publishers that have appeared are subscribed to [s]
 
 
 def receive_drive(
@@ -26,13 +33,19 @@ def receive_drive(
 
     Raises:
         WorkError: wheel speeds or pedal are not published.
-        ConfigurationError: wheels or motions differ from the expected ones.
+        ConfigurationError: wheels or motions differ from the expected ones, or wheel speeds are
+            missing for too long.
     """
-    # A best-effort subscription also receives reliable publishers.
-    seen = subscribe(partner, {topic.name: topic for topic in TOPICS}, BEST_EFFORT)
-    deadline = time.monotonic() + timeout
+    seen: dict[str, list[tuple[float, Any]]] = {topic.name: [] for topic in TOPICS}
+    unseen, deadline = list(TOPICS), time.monotonic() + timeout
     while True:
-        partner.spin(time.monotonic() + rest)
+        until = time.monotonic() + rest
+        while time.monotonic() < until:
+            for topic in [topic for topic in unseen if partner.publishers(topic.name)]:
+                qos = _LOSSLESS if all(partner.publishers(topic.name)) else BEST_EFFORT
+                seen |= subscribe(partner, {topic.name: topic}, qos)
+                unseen.remove(topic)
+            partner.spin(time.monotonic() + _DISCOVERY)
         late = time.monotonic() > deadline
         needed = (topics.WHEEL_STATES.name, topics.PEDAL.name)
         missing = [name for name in needed if len(seen[name]) < least]

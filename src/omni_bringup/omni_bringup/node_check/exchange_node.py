@@ -121,13 +121,17 @@ class Partner:
             WorkError: no publisher appears within a minute, or the node has ended.
         """
         deadline = time.monotonic() + _START
-        while not (found := self.node.get_publishers_info_by_topic(topic)):
+        while not self.publishers(topic):
             if not alive():
                 raise WorkError("the node ended before it published anything; see its output")
             if time.monotonic() > deadline:
                 raise WorkError(f"nothing publishes {topic} in this ROS domain; start the node")
             self.spin(time.monotonic() + 0.1)
         self.spin(time.monotonic() + 1.0)  # until the node has discovered this one too
+        return self.publishers(topic)
+
+    def publishers(self, topic: str) -> list[bool]:
+        """Return whether each discovered publisher of a topic is reliable."""
         found = self.node.get_publishers_info_by_topic(topic)
         reliable = QoSReliabilityPolicy.RELIABLE
         return [entry.qos_profile.reliability == reliable for entry in found]

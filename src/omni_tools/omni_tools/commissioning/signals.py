@@ -22,6 +22,9 @@ TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics
 
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
+_SHORTEST = 0.3
+"""Shortest duration of a motion, and of a rest between two motions [s]."""
+
 
 class Signals(NamedTuple):
     """Signals of a drive at T equally spaced times with N wheels; missing values are NaN.
@@ -85,13 +88,16 @@ def signals_of(
 ) -> Signals:
     """Return the signals of a drive.
 
+    Wheel speeds are interpolated, all other signals hold their newest value.
+
     Args:
         streams: messages by name of the topic, at least those of wheels and pedal.
         wheels: names in the order of the columns.
         period: period of the rows [s].
 
     Raises:
-        ConfigurationError: the wheels of the messages have other names.
+        ConfigurationError: the wheels of the messages have other names, or wheel speeds are missing
+            for so long that a motion or a rest may be missing.
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
@@ -100,6 +106,12 @@ def signals_of(
     if set(names) != set(wheels):
         raise configuration.ConfigurationError(
             "wheels", f"the recording has {', '.join(names)}, the file {', '.join(wheels)}"
+        )
+    gaps = np.diff(states.stamp_ns, append=states.stamp_ns[-1]) * 1e-9
+    if np.max(gaps) > _SHORTEST:
+        at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
+        raise configuration.ConfigurationError(
+            "recording", f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s"
         )
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 
@@ -118,6 +130,7 @@ def signals_of(
         ]
         return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
 
+    speeds = np.array(by_wheel(_WHEELS, "velocity"), np.float64).reshape(-1, len(wheels))
     imu = [
         (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
         for message in streams[_IMU].messages
@@ -125,7 +138,7 @@ def signals_of(
     twists = [measured_twist(message.twist) for message in streams[_TWIST].messages]
     return Signals(
         time=(time - time[0]) * 1e-9,
-        wheel_speed=sampled(_WHEELS, by_wheel(_WHEELS, "velocity"), len(wheels)),
+        wheel_speed=np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1),
         twist=sampled(_TWIST, twists, 3),
         imu=sampled(_IMU, imu, 3),
         pedal=sampled(_PEDAL, [m.position[0] for m in streams[_PEDAL].messages], 1)[:, 0],
@@ -182,7 +195,6 @@ def _runs(
     speed: quantities.FloatArray,
     period: float,
     moves: tuple[float, float] = (0.01, 0.03),
-    shortest: float = 0.3,
 ) -> list[slice]:
     """Return the spans of motion; short rests are included, short or slow spans are omitted.
 
@@ -191,14 +203,13 @@ def _runs(
         period: period of the rows [s].
         moves: speed above which a wheel counts as moving, and smallest peak speed of a motion, both
             as a share of the largest speed [1].
-        shortest: shortest duration of a motion, and of a rest between two motions [s].
     """
     fastest = float(np.max(speed, initial=1e-9))
     moving = (speed > moves[0] * fastest).astype(int)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], moving, [0]))))
     joined: list[list[int]] = []
     for first, last in edges.reshape(-1, 2):
-        if joined and (first - joined[-1][1]) * period < shortest:
+        if joined and (first - joined[-1][1]) * period < _SHORTEST:
             joined[-1][1] = last
         else:
             joined.append([first, last])
@@ -207,5 +218,5 @@ def _runs(
     return [
         slice(max(first - edge, 0), last + edge)
         for first, last in joined
-        if (last - first) * period >= shortest and np.max(speed[first:last]) > moves[1] * fastest
+        if (last - first) * period >= _SHORTEST and np.max(speed[first:last]) > moves[1] * fastest
     ]

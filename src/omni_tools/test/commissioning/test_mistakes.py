@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import yaml
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import make_estimator, steps
+from omni_loop.recorded_run import Stream
 from omni_platform.brakes import (
     ON_OFF,
     PROPORTIONAL,
@@ -30,7 +32,7 @@ from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
 from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
-from omni_tools.commissioning.signals import Motions, Signals, motions_of
+from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of
 
 CONFIG = Path(__file__).parents[4] / "config"
 Wheels = dict[str, WheelMount]
@@ -249,6 +251,33 @@ def test_gaps_of_twist_and_enables_hide_no_exchange(
     gaps = signals._replace(twist=twist, enable=enable)
     expected = [f"brakes {FORKLIFT[0]} and {FORKLIFT[2]} are exchanged"]
     assert found(wheels, gaps, known) == expected
+
+
+def test_lost_wheel_speeds_change_no_result_or_are_refused(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    stamps = np.round(signals.time * 1e9).astype(np.int64)
+
+    def received(gap: float) -> Signals:
+        """Return the signals without the wheel speeds of each motion's first `gap` seconds."""
+        lost = np.zeros(len(stamps), bool)
+        for begin in (0.7, 4.2, 7.7):
+            lost |= (signals.time > begin) & (signals.time < begin + gap)
+        states = [
+            (stamp, SimpleNamespace(name=list(wheels), velocity=speed))
+            for stamp, speed in zip(stamps[~lost], signals.wheel_speed[~lost], strict=True)
+        ]
+        pedal = [
+            (stamp, SimpleNamespace(position=[value]))
+            for stamp, value in zip(stamps, signals.pedal, strict=True)
+        ]
+        streams = {"wheel_states": Stream.of(states), "brake/pedal": Stream.of(pedal)}
+        return signals_of(streams, list(wheels))
+
+    assert found(wheels, received(0.25), known) == []
+    with pytest.raises(ConfigurationError, match=r"no wheel speeds for 0\.\d+ s"):
+        received(0.5)
 
 
 def test_brakes_that_only_act_together_are_not_distinguished(
