@@ -48,7 +48,7 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
         prefix = workspace.install / package.name
         if not (prefix / "share" / package.name / "hook" / "ament_prefix_path.dsv").exists():
             raise SetupError(
-                f"colcon has not taken {package} for an ament_python package: correct its "
+                f"colcon does not recognize {package} as an ament_python package: correct its "
                 f"package.xml "
                 f"(details in {workspace.log})."
             )

@@ -108,5 +108,5 @@ def explain_file_error(error: OSError, root: Path) -> str:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "the disk is full: make room and start again."
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return f"{place} cannot be written: copy this folder to where you may write."
+        return f"{place} is not writable: copy this folder to a place where you may write."
     return f"{place}: {error.strerror or error}; correct that and start again."

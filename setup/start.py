@@ -43,7 +43,7 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
     except OSError as error:
         say(explain_file_error(error, root))
     except KeyboardInterrupt:
-        say("interrupted; the next start takes up from here.")
+        say("interrupted; the next start continues from here.")
         return 130
     return 1
 

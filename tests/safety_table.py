@@ -16,7 +16,7 @@ from typing import NamedTuple
 WORKSPACE = Path(__file__).resolve().parents[1]
 PAGE = WORKSPACE / "docs/safety.md"
 _PLACE = re.compile(r"(?<=<!-- hazards -->\n).*?(?=<!-- /hazards -->)", re.DOTALL)
-_HEAD = "| what goes wrong | by which single fault | what catches it | within | test |"
+_HEAD = "| hazard | single fault | detected or limited by | within | test |"
 
 
 class Row(NamedTuple):

@@ -19,8 +19,8 @@ CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05)
         (1000, 1, 0.0, ""),
         (0, 0, 0.0, ""),  # a driver that does not know its calibration
         (1000, 480, 800.0, ""),  # an area camera's focal length
-        (500, 1, 20_000.0, "says 500 px a line, the configuration 1000 px"),
-        (1000, 1, 19_000.0, "says 19000 px/m, the configuration 20000 px/m"),
+        (500, 1, 20_000.0, "width of 500 px, but 1000 px are configured"),
+        (1000, 1, 19_000.0, "scale of 19000 px/m, but 20000 px/m are configured"),
     ],
 )
 def test_width_and_scale_are_compared(width: int, height: int, scale: float, words: str) -> None:

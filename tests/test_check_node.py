@@ -98,7 +98,7 @@ def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path)
         (
             "odometry",
             (
-                "is published best effort",
+                "is published with best effort",
                 "a stamp is later than that of the newest input",
                 "frame_id 'front' must be base_link",
             ),

@@ -217,5 +217,5 @@ def test_a_killed_recorder_ends_the_run_and_the_remains_are_reported(tmp_path: P
     assert process.returncode == 1
     assert "recorder ended (signal 9)" in words
     assert f"what was recorded is in {folder}" in words
-    assert ".mcap was not finished" in words
+    assert ".mcap is incomplete" in words
     assert not node_processes(process.pid)

@@ -287,8 +287,8 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     ("words", "problem"),
     [
         (["--port", "80000"], "at most 65535"),
-        (["--host", "0.0.0.0"], "every address"),
-        (["--host", "nowhere"], "no IP address"),
+        (["--host", "0.0.0.0"], "all addresses"),
+        (["--host", "nowhere"], "not an IP address"),
     ],
 )
 def test_a_place_that_cannot_be_served_is_refused(words: list[str], problem: str) -> None:

@@ -60,7 +60,7 @@ class LineChain:
         count, pixels = batch.lines.shape
         fault = batch.fault
         if count > 0 and pixels != self._pixels:
-            fault = f"lines of {pixels} px, the configuration says {self._pixels} px"
+            fault = f"lines have {pixels} px, but {self._pixels} px are configured"
         if fault:
             self.reset()
             restart()
@@ -100,8 +100,8 @@ class LineChain:
                 elapsed = None
             elif elapsed < 0.0:
                 raise Unmeasured(
-                    f"time: the stamp is {-elapsed:.3g} lines older than the one before, batches "
-                    "are swapped"
+                    f"time: the stamp is {-elapsed:.3g} line periods older than that of the "
+                    "previous batch; batches are swapped"
                 )
         last = self._buffer[self._last_row] if self._last_row >= 0 else None
         if last is not None and count > 1 and elapsed:

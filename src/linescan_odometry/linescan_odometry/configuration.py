@@ -62,9 +62,9 @@ class OdometryConfiguration(Configuration):
     """Largest yaw rate of the vehicle, by which the variance of the yaw angle grows while no
     twist is measured"""
     cover_detection: bool = parameter(True)
-    """Whether a camera counts as covered, or its measurement as false because of an oblique
-    texture, if its view does not change while the platform moves across its axis; switch it off
-    for grounds with stripes along the path"""
+    """Whether a camera is rejected if its view does not change while the platform moves across its
+    axis, because it is covered or sees an oblique texture; switch it off for grounds with stripes
+    along the path"""
     contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
     """Largest contradiction between a sensor and the others, in standard deviations. Beyond it,
     the sensor is excluded (five or more sensors) or the covariance is increased (four sensors);

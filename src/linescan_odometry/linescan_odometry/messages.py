@@ -38,13 +38,13 @@ def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
     """
     if message.width not in (0, sensor.pixels):
         return (
-            f"camera_info says {message.width} px a line, the configuration {sensor.pixels} px: "
-            f"set sensors.<name>.pixels"
+            f"camera_info has a width of {message.width} px, but {sensor.pixels} px are "
+            "configured: set sensors.<name>.pixels"
         )
     scale = float(message.k[0])
     if message.height == 1 and scale > 0.0 and abs(scale * sensor.pixel_pitch - 1.0) > _SAME_SCALE:
         return (
-            f"camera_info says {scale:.6g} px/m, the configuration {1.0 / sensor.pixel_pitch:.6g} "
-            "px/m: set sensors.<name>.length"
+            f"camera_info has a scale of {scale:.6g} px/m, but {1.0 / sensor.pixel_pitch:.6g} px/m "
+            "are configured: set sensors.<name>.length"
         )
     return ""

@@ -295,7 +295,7 @@ class LineScanOdometry:
         if self._axle is not None and not solution.assumed:
             skid = self._skid(self._axle, solution.twist, covariance, solution.last_variance)
             if skid and solution.count == _UNKNOWNS:
-                skid += "; or one of the three sensors is wrong"
+                skid += "; or one of the three sensors is faulty"
         return TwistEstimate(
             self._stamp_ns,
             solution.twist,
@@ -318,7 +318,7 @@ class LineScanOdometry:
             return ""
         return (
             f"the platform skids: its axle at x = {axle:g} m moves sideways at {sideways:.3g} m/s, "
-            f"{score:.3g} standard deviations of one that grips"
+            f"{score:.3g} standard deviations from the zero of an axle that grips"
         )
 
 
@@ -333,7 +333,8 @@ def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
     folder = Path(configuration.flat_field_tables).expanduser()
     if not folder.is_dir():
         raise ConfigurationError(
-            "flat_field_tables", f"there is no folder {folder}; omni lines reference makes one"
+            "flat_field_tables",
+            f"the folder {folder} does not exist; ./omni lines reference writes it",
         )
     file = folder / f"{name}.npz"
     return file if file.exists() else None

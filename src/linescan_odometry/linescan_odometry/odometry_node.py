@@ -32,7 +32,7 @@ from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 from omni_ros.transforms import MISSING, TransformPublisher
 
-_ASSUMED = "the sideways motion is not measured but that of an axle that does not slip"
+_ASSUMED = "sideways velocity not measured, but computed for an axle that does not slip"
 
 
 class InterfaceConfiguration(Configuration):
@@ -174,7 +174,7 @@ class OdometryNode(Node):
         if estimate.skid:
             words += ", the platform skids"
         if unlike:
-            words += f", camera_info contradicts the configuration of {', '.join(unlike)}"
+            words += f", camera_info differs from the configuration of {', '.join(unlike)}"
         level = WARN if blind or estimate.skid or unlike else OK
         words += f", without {', '.join(blind)}" if blind else ""
         status = Status(level if estimate.measured else ERROR, words, values)

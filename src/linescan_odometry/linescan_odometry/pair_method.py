@@ -69,8 +69,8 @@ class PairsMethod:
             )
         if 2 * matched < len(pairs.usable):
             return (
-                f"no match: {matched} of {len(pairs.usable)} line pairs have a peak of "
-                f"{self._settings.minimum_correlation:g} or more within the shift limit, "
+                f"no match: {matched} of {len(pairs.usable)} line pairs have a correlation "
+                f"of at least {self._settings.minimum_correlation:g} within the shift limit; "
                 f"the median is {float(np.median(pairs.similarity)):.2f}"
             )
         return f"the displacements of {len(pairs.usable)} line pairs disagree with their median"

@@ -54,7 +54,7 @@ class References:
         for lines in (dark, white):
             if lines is not None and lines.shape[1:] != (pixels,):
                 raise LineBatchError(
-                    f"references have lines of {pixels} px, not of shape {lines.shape}"
+                    f"reference lines must have the shape (m, {pixels}), not {lines.shape}"
                 )
         self.dark = np.zeros(pixels) if dark is None else dark.mean(axis=0)
         if white is not None:
@@ -86,7 +86,7 @@ class References:
             raise LineBatchError(f"{path} contains no tables of a camera: {error}") from None
         if len(dark) != len(self.dark):
             raise LineBatchError(
-                f"{path} is of {len(dark)} px, this camera has {len(self.dark)} px"
+                f"{path} has tables for {len(dark)} px, but this camera has {len(self.dark)} px"
             )
         self.dark, self.gain, self.dead = dark, gain, dead
         self.pattern = pattern if len(pattern.precision) else None

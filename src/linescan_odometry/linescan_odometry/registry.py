@@ -17,7 +17,7 @@ class Odometry(Protocol):
     """Interface of an odometry."""
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Start to process the lines of a camera; `update` receives the same lines again."""
+        """Start to process a batch early; the next `update` receives the same batch."""
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
         """Estimate the twist from the batches since the last update."""

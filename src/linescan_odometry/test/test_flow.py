@@ -156,7 +156,7 @@ def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int)
         ({"covariance": 1e6 * np.eye(2)}, "no measurement"),
         ({"covariance": np.array(((1e-4, 2e-4), (2e-4, 1e-4)))}, "positive definite"),
         ({"covariance": np.diag((1e-4, -1e-4))}, "positive definite"),
-        ({"velocity": np.array((2.9, 1.0))}, "faster than the 3 m/s"),
+        ({"velocity": np.array((2.9, 1.0))}, "its maximum_speed of 3 m/s"),
     ],
 )
 def test_what_cannot_be_used_is_named(change: dict[str, Any], words: str) -> None:
@@ -190,10 +190,10 @@ def test_without_a_stated_covariance_the_configured_one_holds() -> None:
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"flow_sensors": only("front")}, "these are 1: front (a flow sensor counts as two)"),
+        ({"flow_sensors": only("front")}, "there are 1: front (a flow sensor counts as two)"),
         (
             {"flow_sensors": only("front") | {"same": CORNERS["front"]}},
-            "turning about it cannot be measured",
+            "a rotation about it cannot be measured",
         ),
         (
             {

@@ -155,7 +155,7 @@ def test_covariance_is_the_scatter_where_the_axle_scatters_as_stated() -> None:
 @pytest.mark.parametrize(
     ("sensors", "words"),
     [
-        ({"left": sensor(0.1, 0.4)}, "two sensors are needed in addition.*these are 1: left"),
+        ({"left": sensor(0.1, 0.4)}, "two sensors are needed in addition.*there are 1: left"),
         (
             {"front": sensor(0.6, 0.0, 90.0), "back": sensor(-0.6, 0.0, -90.0)},
             "axes of front, back and of the axle at x = -0.5 m are parallel",
@@ -178,7 +178,7 @@ def test_an_axle_far_away_is_no_hindrance_to_sensors_that_suffice() -> None:
 
 
 def test_with_two_sensors_the_constraint_is_reported() -> None:
-    with pytest.raises(ConfigurationError, match=r"these are 2: left, right; .*constraint"):
+    with pytest.raises(ConfigurationError, match=r"there are 2: left, right; .*constraint"):
         OdometryConfiguration(sensors=SIDES)
     # A crossed pair needs an axle elsewhere: it sees no turn about itself.
     crossed = {"along": sensor(0.3, 0.0), "across": sensor(0.3, 0.0, 90.0)}

@@ -150,7 +150,7 @@ def test_a_wrong_number_of_pixels_breaks_the_chain_and_says_so(expose: Expose) -
     sensor.update(batch(lines[:1], 0))
     reading = sensor.update(batch(lines[1:2, :255], 1))
     assert (reading.measured, reading.variance) == (False, UNMEASURED_VARIANCE)
-    assert reading.reason == "lines of 255 px, the configuration says 256 px"
+    assert reading.reason == "lines have 255 px, but 256 px are configured"
     assert "single line" in sensor.update(batch(lines[2:3], 2)).reason
     assert sensor.update(batch(lines[3:], 3)).measured
 

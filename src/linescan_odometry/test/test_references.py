@@ -80,7 +80,7 @@ def test_no_gain_saturates_a_pixel(dtype: Any) -> None:
 @pytest.mark.parametrize(
     ("dark", "white", "complaint"),
     [
-        (np.zeros((3, 8), np.uint8), None, "references have lines of 256 px"),
+        (np.zeros((3, 8), np.uint8), None, r"must have the shape \(m, 256\)"),
         (np.full((3, PIXELS), 9, np.uint8), np.full((3, PIXELS), 9, np.uint8), "no brighter"),
     ],
 )
@@ -99,7 +99,7 @@ def test_tables_are_read_as_they_were_written(tmp_path: Path) -> None:
     assert read.gain == pytest.approx(taken.gain)
     assert read.pattern is not None
     assert read.pattern.precision == pytest.approx(2.0)
-    with pytest.raises(LineBatchError, match="is of 256 px, this camera has 64 px"):
+    with pytest.raises(LineBatchError, match="tables for 256 px, but this camera has 64 px"):
         References(64).load(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", mean=np.ones(3))
     with pytest.raises(LineBatchError, match="contains no tables of a camera"):

@@ -159,7 +159,7 @@ def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None
 @pytest.mark.parametrize(
     ("reading", "forward", "words"),
     [
-        (seen(), 0.0, "rolls at 0 m/s, below 0.5 m/s"),
+        (seen(), 0.0, "rolls at 0 m/s; below 0.5 m/s"),
         (seen(), -0.49, "below 0.5 m/s"),
         (seen(), math.nan, "must be finite"),
         (SensorReading.unmeasured("no contrast"), 4.0, "no contrast"),
@@ -214,9 +214,9 @@ def test_the_monitor_names_every_wheel(expose: Expose) -> None:
     ("changes", "key", "words"),
     [
         ({"sensor": "rear"}, "sideslip.front.sensor", "'rear' is not one of left"),
-        ({"sensor": "left"}, "sideslip.front.sensor", r"looks 80\.0 deg away"),
-        ({"steering_deg": 40.0}, "sideslip.front.sensor", r"looks 35\.0 deg away"),
-        ({"steering_deg": 35.3}, "sideslip.front.sensor", r"looks 30\.3 deg away"),
+        ({"sensor": "left"}, "sideslip.front.sensor", r"is 80\.0 deg from"),
+        ({"steering_deg": 40.0}, "sideslip.front.sensor", r"is 35\.0 deg from"),
+        ({"steering_deg": 35.3}, "sideslip.front.sensor", r"is 30\.3 deg from"),
     ],
 )
 def test_cameras_that_do_not_see_the_slide_are_refused(

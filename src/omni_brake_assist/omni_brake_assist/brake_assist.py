@@ -238,7 +238,7 @@ class BrakeAssist:
         )
         if code != gate["cause"] or gate["good"] == 0:
             return fault
-        progress = f"{gate['good']} of {self.configuration.recovery_count} good feedbacks since"
+        progress = f"{gate['good']} of {self.configuration.recovery_count} valid twists since"
         return Fault(fault.state, f"{progress}: {fault.reason}")
 
     @property

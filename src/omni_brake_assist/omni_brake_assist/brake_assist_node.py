@@ -133,7 +133,7 @@ class BrakeAssistNode(Node):
         """Reject invalid values, and any change of a tunable parameter while the pedal is down."""
         changes = _tuning(parameters)
         if changes and self._is_braking():
-            return SetParametersResult(successful=False, reason="not while the pedal is down")
+            return SetParametersResult(successful=False, reason="cannot be changed while braking")
         try:
             dataclasses.replace(self._assist.configuration, **changes)
         except ConfigurationError as error:

@@ -177,7 +177,7 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(
         _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel center fell below {limit:g} m/s"
     ),
-    Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative"),
+    Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative: all brakes on"),
     Condition(_S.DEAD_BRAKE, ERROR, _DEAD + _LATCHED),
     Condition(
         _S.DEAD_BRAKE,
@@ -187,7 +187,7 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(
         _S.DEAD_RECKONING,
         OK,
-        "no valid twist, using IMU and wheel speeds: brakes with a negative error are on",
+        "motion estimated from IMU and wheel speeds: brakes with a negative error are on",
     ),
     Condition(_S.ASSISTING, OK, "brakes with a negative error are on"),
 )

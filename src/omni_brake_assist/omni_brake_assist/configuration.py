@@ -55,7 +55,8 @@ class BrakeAssistConfiguration(Configuration):
     """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
     the shortest distance, enhanced is between them, depending on k"""
     k: int = parameter(7, minimum=1, maximum=999)
-    """Tuning constant k of the weighting enhanced, an odd number; a larger k is closer to zero"""
+    """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
+    closer to zero"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
     """Largest change of heading, and of the direction of motion, that the law allocation allows
     in order to stop shorter"""
@@ -101,9 +102,9 @@ class BrakeAssistConfiguration(Configuration):
     maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0, maximum=1000.0)
     """Largest plausible angular acceleration between two twists"""
     speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=100.0)
-    """Change of the velocity between two twists that noise alone may cause"""
+    """Largest change of the velocity between two twists that is attributed to noise"""
     yaw_rate_noise: float = parameter(0.3, unit="rad/s", minimum=0.0, maximum=100.0)
-    """Change of the yaw rate between two twists that noise alone may cause"""
+    """Largest change of the yaw rate between two twists that is attributed to noise"""
     fault_detection: bool = parameter(True)
     """Fault detection: whether the twist is compared with IMU and wheel speeds, which replace a
     missing twist, and whether the effect of braking is monitored"""

@@ -341,7 +341,7 @@ def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
     except ValueError:  # the rows have different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "fiu":
-        raise ValueError(f"{name} is not made of real numbers")
+        raise ValueError(f"{name} must contain real numbers")
     if array.shape != shape:
         raise ValueError(f"{name} has shape {array.shape}, must be {shape}")
     return np.array(array, dtype=np.float64, order="C")

@@ -43,7 +43,7 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
     ("inf", with_twist(INF, 0.0, 0.3), S.NON_FINITE_FEEDBACK, "twist contains inf"),
     ("nan variance", with_variance(2, NAN), S.NON_FINITE_FEEDBACK, "covariance contains nan"),
     ("shape", with_twist(9.7, 0.0), S.NON_FINITE_FEEDBACK, "twist has shape (2,), must be (3,)"),
-    ("text", with_twist("a", "b", "c"), S.NON_FINITE_FEEDBACK, "twist is not made of real numbers"),
+    ("text", with_twist("a", "b", "c"), S.NON_FINITE_FEEDBACK, "twist must contain real numbers"),
     ("blind", with_variance(0, 1e6), S.LOW_CONFIDENCE, "velocity is 1000 m/s, more than 0.2"),
     ("blind y", with_variance(1, 0.05), S.LOW_CONFIDENCE, "0.2236 m/s, more than 0.2 m/s"),
     ("blind yaw", with_variance(2, 1e6), S.LOW_CONFIDENCE, "yaw rate is 1000 rad/s, more than"),

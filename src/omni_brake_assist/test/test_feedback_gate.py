@@ -69,7 +69,7 @@ def test_brakes_are_released_after_the_first_valid_twists(mecanum: Wheels) -> No
     for step in range(3):
         decision = assist.update(demand(step))
         require_all_on(decision, AssistState.NO_FEEDBACK)
-        assert f"{step + 1} of 4 good" in decision.reason
+        assert f"{step + 1} of 4 valid" in decision.reason
     assert assist.update(demand(3)).state is AssistState.ASSISTING
 
 
@@ -176,6 +176,6 @@ def test_after_a_long_gap_nothing_is_left_to_compare_with(mecanum: Wheels) -> No
         assist.update(dataclasses.replace(demand(step), feedback=None))
     sideways = with_twist(0.0, -9.0, 0.3)
     reason = assist.update(sideways(demand(35))).reason
-    assert reason.startswith("1 of 3 good feedbacks since: no feedback")
+    assert reason.startswith("1 of 3 valid twists since: no feedback")
     assist.update(sideways(demand(36)))
     assert assist.update(sideways(demand(37))).state is AssistState.ASSISTING

@@ -118,8 +118,8 @@ def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
         ("NotANumber", AssistState.INTERNAL_ERROR, "outside [0, 1]: [nan"),
         ("TooMuch", AssistState.INTERNAL_ERROR, "outside [0, 1]"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
-        ("Yes", AssistState.INTERNAL_ERROR, "True, must be nothing, ASSIST or NO_HELP"),
-        ("Words", AssistState.INTERNAL_ERROR, "'brake', must be nothing, ASSIST or NO_HELP"),
+        ("Yes", AssistState.INTERNAL_ERROR, "True, must be None, ASSIST or NO_HELP"),
+        ("Words", AssistState.INTERNAL_ERROR, "'brake', must be None, ASSIST or NO_HELP"),
     ],
 )
 def test_a_law_that_fails_has_all_brakes_on(

@@ -43,7 +43,7 @@ def test_a_precise_twist_gives_a_certain_torque(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert omni(BAGS / "assisted", "--twist", "ground_truth/odom", "--out", tmp_path) == 0
-    assert "the torque is uncertain by" not in capsys.readouterr().out
+    assert "standard error of the torque" not in capsys.readouterr().out
 
 
 def test_an_uncertain_torque_is_noted(
@@ -57,7 +57,7 @@ def test_an_uncertain_torque_is_noted(
     precise = fit.fit_brakes
     monkeypatch.setattr(fit, "fit_brakes", uncertain)
     assert omni(BAGS / "assisted", "--twist", "ground_truth/odom", "--out", tmp_path) == 0
-    assert "the torque is uncertain by 20 %" in capsys.readouterr().out
+    assert "the standard error of the torque is 20 %" in capsys.readouterr().out
 
 
 def test_what_does_not_suffice_is_refused(

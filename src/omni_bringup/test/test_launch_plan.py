@@ -95,7 +95,7 @@ def test_a_drive_gets_the_parameters_of_the_command_line(out: str, tmp_path: Pat
 
 
 def test_a_run_without_a_folder_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"^out: is needed"):
+    with pytest.raises(ConfigurationError, match=r"^out: is required"):
         launch_plan("lockstep", arguments())
 
 

@@ -91,7 +91,7 @@ def test_an_import_is_replayed_and_shown(
     ("words", "complaint"),
     [
         (["left"], "lacks the name of a camera"),
-        (["middle=x.npy"], "none of the cameras left, right, front"),
+        (["middle=x.npy"], "cameras: left, right, front"),
         (["left=nowhere.npy"], "no such file"),
         (["left=x.npy", "left=y.npy"], "given twice"),
         (["left=x.npy", "--rows", "a:b"], "neither a row nor FIRST:END"),
@@ -125,7 +125,7 @@ def test_references_and_a_drive_become_tables_that_the_odometry_takes(
     assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "replayed") == 0
     # Without a folder, and of another camera, they are refused.
     assert omni("replay", bag, "--offline", "--set", f"{taken}_none", "--out", tmp_path / "b") == 2
-    assert "omni lines reference makes one" in capsys.readouterr().err
+    assert "omni lines reference writes it" in capsys.readouterr().err
     np.savez(tables / "right.npz", mean=np.ones(3))
     assert omni("replay", bag, "--offline", "--set", taken, "--out", tmp_path / "c") == 2
     assert "right.npz contains no tables of a camera" in capsys.readouterr().err
@@ -134,7 +134,7 @@ def test_references_and_a_drive_become_tables_that_the_odometry_takes(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ([], "neither --dark, --white nor --drive"),
+        ([], "give --dark, --white or --drive"),
         (["--white", "right=dark.npy"], "right: the white reference is no brighter"),
         (["--dark", "dark.npy"], "lacks the name of a camera"),
     ],

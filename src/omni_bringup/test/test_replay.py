@@ -177,7 +177,7 @@ def test_what_cannot_be_replayed_is_refused_by_name(
         ([lines, "--experiment", "straight_lin"], "did you mean 'straight_line'"),
         (
             [lines, "--experiment", "straight_line", "--check"],
-            f"compare the results with on {TWIST}",
+            f"no recorded results on {TWIST}",
         ),
         ([blind], "contains no message on /line_scan/left/lines"),
         ([twisted], "configuration.yaml is not valid YAML"),

@@ -30,7 +30,7 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
         table = _read_table(path) if path.suffix.lower() == ".csv" else _read_recording(path)
     except (OSError, ValueError, BagError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise ConfigurationError(key, f"cannot take demands from {path}: {reason}") from None
+        raise ConfigurationError(key, f"cannot read demands from {path}: {reason}") from None
     return {name: table[:, column].tolist() for column, name in enumerate(COLUMNS)}
 
 
@@ -41,11 +41,11 @@ def _read_table(path: Path) -> quantities.FloatArray:
         if missing:
             names = ",".join(COLUMNS)
             raise ValueError(
-                f"its first line lacks {', '.join(sorted(missing))}; it must be {names}"
+                f"{', '.join(sorted(missing))} missing in its first line, which must be {names}"
             )
         values = [[_number(row, name, rows.line_num) for name in COLUMNS] for row in rows]
     if not values:
-        raise ValueError("it has no row")
+        raise ValueError("it contains no rows")
     return np.array(values)
 
 
@@ -67,7 +67,7 @@ def _read_recording(path: Path) -> quantities.FloatArray:
     commands = next((found[topic] for topic in _COMMANDS if found[topic]), {})
     stamps = sorted(commands.keys() & found[_PEDAL].keys())
     if not stamps:
-        raise ValueError(f"it has no {_COMMANDS[0]} with {_PEDAL}")
+        raise ValueError(f"it has no {_COMMANDS[0]} and {_PEDAL} with equal stamps")
     rows = []
     for stamp in stamps:
         twist, pedal = commands[stamp].twist, found[_PEDAL][stamp].position[0]

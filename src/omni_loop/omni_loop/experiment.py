@@ -94,7 +94,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
         if not self.sensors and max(rates, default=0.0) * self.simulation.control_period < 1.0:
             raise ConfigurationError(
                 "flow_sensors",
-                "without line cameras, one must measure in every control period of "
+                "without line cameras, one flow sensor must measure in every control period of "
                 f"{self.simulation.control_period:g} s; set its rate",
             )
         if self.uses_lines and not self.simulation.render_lines:
@@ -349,7 +349,7 @@ def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return a layer without the names of parts; the names are stored in `named` by path."""
+    """Return a layer without the names of parts (see `_PARTS`); store them in `named` by key."""
     rest: dict[str, Any] = {}
     for key, value in layer.items():
         path = declared.join_key(prefix, str(key))
@@ -375,8 +375,8 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
         if not isinstance(name, str) or not re.fullmatch(_VARIANT, name):
             raise ConfigurationError(
                 "variants",
-                f"{str(name)[:40]!r} is no name of letters, digits, '_' and '-' that begins with a "
-                "letter",
+                f"{str(name)[:40]!r} is not a valid name (a letter, then letters, digits, '_' "
+                "or '-')",
             )
     return variants
 

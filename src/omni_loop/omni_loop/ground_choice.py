@@ -68,7 +68,7 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
             raise ConfigurationError(
                 "ground.texture.picture",
                 f"{texture.picture} shows {ground.size:.3g} m of ground at {texture.dpi:g} dpi, "
-                f"and {error}; take a picture of at least {needed:g} m, or check the dpi",
+                f"and {error}; use a picture of at least {needed:g} m, or check the dpi",
             ) from None
 
 

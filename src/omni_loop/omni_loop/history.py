@@ -170,7 +170,7 @@ class RunHistory:
 
     @property
     def braking_time(self) -> FloatArray:
-        """Time since the pedal goes down [s], or since the first stamp if it never does, (T,)."""
+        """Time since the start of braking [s], or since the first stamp without braking, (T,)."""
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
 

@@ -63,7 +63,7 @@ def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterato
     """Run the loop endlessly: observe, estimate, decide, advance.
 
     Args:
-        plant: vehicle, advanced by one control period between two moments.
+        plant: vehicle, advanced by one control period after each yielded moment.
         estimator: source of the twist, called with every observation.
         controller: brake assistant, called with every estimate.
     """

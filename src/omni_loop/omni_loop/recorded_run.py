@@ -91,7 +91,7 @@ def read_run(bag_folder: Path | str) -> RunHistory:
     try:
         return _to_history(streams, assistant)
     except (ValueError, IndexError) as error:
-        raise BagError(bag.path, f"does not hold one run: {error}") from error
+        raise BagError(bag.path, f"is not the recording of a single run: {error}") from error
 
 
 def read_streams(
@@ -142,7 +142,7 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     streams = {name: one for name, one in streams.items() if name != _ESTIMATE or _TRUTH in streams}
     stamps = motion["stamp_ns"]
     if np.any(np.diff(stamps) == 0):
-        raise ValueError("stamps of the ground truth repeat, is it more than one run?")
+        raise ValueError("stamps of the ground truth occur twice")
     wheel_names = tuple(streams[_WHEELS].messages[0].name)
     wheels = len(wheel_names)
 

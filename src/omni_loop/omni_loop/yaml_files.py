@@ -49,7 +49,7 @@ def load_yaml(text: str) -> Any:
         ValueError: the text is too long, or a value such as a date is invalid.
     """
     if len(text) > LARGEST_YAML:
-        raise ValueError(f"it has {len(text)} characters, and at most {LARGEST_YAML} are read")
+        raise ValueError(f"it has {len(text)} characters, more than the limit of {LARGEST_YAML}")
     try:
         return yaml.load(text, Loader=_Loader)
     except RecursionError:

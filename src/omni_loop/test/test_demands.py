@@ -80,13 +80,13 @@ def test_a_recording_is_driven_again() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("time,forward\n0,1\n", "lacks left, pedal, turn"),
+        ("time,forward\n0,1\n", "left, pedal, turn missing"),
         (HEAD, "no row"),
         (HEAD + "0,1,0,0,x\n", "line 2: pedal is 'x'"),
         (HEAD + "0,1,0,0,0\n0,1,0,0,0\n", "time: must increase"),
         (HEAD + "0,1,0,0,2\n", r"pedal\[0\]: 2 is out of range"),
         (HEAD + "0,nan,0,0,1\n", "forward.*nan.* is not a finite number"),
-        (HEAD + "0,1,0,0,0\n90,1,0,0,1\n", "duration_limit: 30 s end before"),
+        (HEAD + "0,1,0,0,0\n90,1,0,0,1\n", "duration_limit: 30 s is before"),
     ],
 )
 def test_a_table_that_is_none_is_refused(tmp_path: Path, text: str, words: str) -> None:

@@ -41,5 +41,7 @@ def test_no_failure_of_one_of_them_turns_the_vehicle(name: str, failure: str) ->
 
 def test_without_cameras_every_period_needs_a_measurement() -> None:
     rates = [f"flow_sensors.{name}.rate=50" for name in ("front", "left", "right")]
-    with pytest.raises(ConfigurationError, match="without line cameras, one must measure in every"):
+    with pytest.raises(
+        ConfigurationError, match="without line cameras, one flow sensor must measure in every"
+    ):
         LIBRARY.load("flow_sensors", "assisted", rates)

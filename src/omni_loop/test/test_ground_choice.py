@@ -53,7 +53,7 @@ def test_a_picture_needs_a_scale(scan: Path) -> None:
 
 def test_a_picture_smaller_than_what_a_camera_sees_is_refused(scan: Path) -> None:
     configuration = LIBRARY.load("straight_line", "assisted", ground_overrides(str(scan), 600.0))
-    with pytest.raises(ConfigurationError, match=r"take a picture of at least 0\.05 m"):
+    with pytest.raises(ConfigurationError, match=r"use a picture of at least 0\.05 m"):
         prepare_grounds([configuration], CACHE)
 
 

@@ -53,7 +53,7 @@ class MessageDecoder:
             return self._store.deserialize_cdr(message.data, name)
         except Exception as error:
             words = " ".join(str(error).split())[:200]
-            raise DecodeError(f"its bytes are no {name} ({words})") from None
+            raise DecodeError(f"its bytes are not a {name} ({words})") from None
 
     def is_known(self, type_name: str) -> bool:
         """Return whether a type belongs to ROS 2 Jazzy."""
@@ -71,7 +71,7 @@ class MessageDecoder:
         if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
             return ""  # nothing to compare; decoding will show whether it works
         if len(channel.definition) > LIMITS.definition:
-            return f"the definition of its type has {len(channel.definition)} characters"
+            return f"the definition of its type is too long ({len(channel.definition)} characters)"
         return self._difference(channel)
 
     def _difference(self, channel: RecordedChannel) -> str:

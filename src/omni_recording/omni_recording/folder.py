@@ -104,7 +104,7 @@ def open_vehicle(path: Path | str) -> Bag:
         names = ", ".join(sorted(name or "/" for name in found))
         raise BagError(
             bag.path,
-            f"contains the vehicles {names}; `ros2 bag convert` keeps the topics of one",
+            f"contains the vehicles {names}; `ros2 bag convert` can extract one of them",
         )
     return dataclasses.replace(bag, namespace=found.pop() if found else "")
 

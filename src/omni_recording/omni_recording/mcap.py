@@ -185,10 +185,10 @@ def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
         file.seek(max(end, 0))
         tail = file.read(_FOOTER_SIZE)
         if end < len(MAGIC) or not tail.endswith(MAGIC):
-            raise McapError("is cut off, its recording was not finished", unfinished=True)
+            raise McapError("is truncated, its recording was not finished", unfinished=True)
         opcode, length = _HEAD.unpack_from(tail)
         if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _HEAD.size - len(MAGIC):
-            raise McapError("is damaged: its footer is not where it must be")
+            raise McapError("is damaged: its footer is not at its end")
         start = _parsed(Footer, tail[_HEAD.size :]).summary_start
         if start == 0:
             return None
@@ -296,7 +296,7 @@ def _check_head(file: IO[bytes]) -> None:
     if not MAGIC.startswith(head):
         raise McapError("is not an MCAP file")
     if head != MAGIC:
-        raise McapError("is cut off within its first bytes", unfinished=True)
+        raise McapError("is truncated within its first bytes", unfinished=True)
 
 
 def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
@@ -306,7 +306,7 @@ def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
     _check_head(file)
     yield from _framed(file, size, wanted=_DATA_RECORDS)
     if file.read(len(MAGIC)) != MAGIC or file.read(1):
-        raise McapError("is cut off, its recording was not finished", unfinished=True)
+        raise McapError("is truncated, its recording was not finished", unfinished=True)
 
 
 def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
@@ -317,7 +317,7 @@ def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tupl
         if not head and wanted is _SUMMARY_RECORDS:
             return
         if len(head) < _HEAD.size:
-            raise McapError("is cut off, its recording was not finished", unfinished=True)
+            raise McapError("is truncated, its recording was not finished", unfinished=True)
         opcode, length = _HEAD.unpack(head)
         end = place + _HEAD.size + length
         if opcode == 0:
@@ -330,7 +330,7 @@ def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tupl
         if opcode in wanted:
             if length > LIMITS.record:
                 raise McapError(
-                    f"has a record of {length} bytes, and more than {LIMITS.record} are not read"
+                    f"has a record of {length} bytes, more than the limit of {LIMITS.record}"
                 )
             yield opcode, file.read(length)
         else:
@@ -368,7 +368,7 @@ def _unpacked(chunk: Any) -> bytes:
     size = chunk.uncompressed_size
     if size > LIMITS.record:
         raise McapError(
-            f"has a chunk of {size} bytes unpacked, and more than {LIMITS.record} are not read"
+            f"has a chunk of {size} unpacked bytes, more than the limit of {LIMITS.record}"
         )
     unpack = _UNPACKERS.get(chunk.compression)
     if unpack is None:
@@ -378,7 +378,7 @@ def _unpacked(chunk: Any) -> bytes:
     except (RuntimeError, ValueError, EOFError, MemoryError) as error:
         raise McapError(f"is damaged: a chunk cannot be unpacked ({error})") from None
     if len(raw) != size:
-        raise McapError(f"is damaged: a chunk does not unpack to the {size} bytes that it claims")
+        raise McapError(f"is damaged: a chunk does not unpack to its {size} bytes")
     if chunk.uncompressed_crc and zlib.crc32(raw) != chunk.uncompressed_crc:
         raise McapError("is damaged: the checksum of a chunk is wrong")
     return raw

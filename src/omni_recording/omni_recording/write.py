@@ -180,8 +180,8 @@ class Rosbag2Writer:
         except FileExistsError:
             if any(self._folder.iterdir()):
                 raise RecordingError(
-                    f"{self._folder} is not empty, and a recording never overwrites; name another "
-                    "folder or remove this one"
+                    f"{self._folder} is not empty, and recordings never overwrite files; choose "
+                    "another folder or remove this one"
                 ) from None
 
     def _register_topics(self) -> dict[str, int]:

@@ -65,7 +65,7 @@ def refuse_unknown_parameters(node: Node) -> None:
 
 
 def _given(node: Node) -> Mapping[str, Parameter]:
-    """Return the values that files and arguments give, by parameter name."""
+    """Return the parameter values from files and command-line arguments, by name."""
     given: Mapping[str, Parameter] = node._parameter_overrides  # rclpy shows them in no other way
     return given
 

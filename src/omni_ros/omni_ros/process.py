@@ -122,7 +122,7 @@ def _initialize_ros() -> None:
         raise ConfigurationError("--ros-args", words) from None
     if surplus:
         raise ConfigurationError(
-            "arguments", f"unknown: {' '.join(surplus)}; arguments for ROS follow --ros-args"
+            "arguments", f"unknown: {' '.join(surplus)}; put arguments for ROS after --ros-args"
         )
 
 

@@ -54,6 +54,7 @@ class SharedClock:
                 self._publisher = None
             _, namespace, name = others[0]
             self._node.get_logger().warning(
-                f"{_TOPIC} is published by {namespace.rstrip('/')}/{name}; not by this simulator",
+                f"{_TOPIC} is published by {namespace.rstrip('/')}/{name}, so this "
+                "simulator does not publish it",
                 once=True,
             )

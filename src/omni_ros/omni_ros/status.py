@@ -95,7 +95,7 @@ class StatusReporter:
     def _repeat(self) -> None:
         silence = 0.0 if self._updated is None else time.monotonic() - self._updated
         if silence > _SILENCE:
-            words = f"no input for {silence:.0f} s; before: {self._status.message}"
+            words = f"no input for {silence:.0f} s; last status: {self._status.message}"
             self._publish(
                 self._now_ns(), dataclasses.replace(self._status, level=ERROR, message=words)
             )

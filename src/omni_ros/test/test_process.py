@@ -50,7 +50,7 @@ def test_without_a_home_it_runs(home: str | None, monkeypatch: pytest.MonkeyPatc
         (["--ros-args", "--params-file", "broken.yaml"], "", "broken.yaml"),
         (["--ros-args", "--nonsense"], "", "--nonsense"),
         (["--ros-args", "-r", "nonsense"], "", "-r nonsense"),
-        (["-p", "speed:=1.0"], "", "-p speed:=1.0; arguments for ROS follow --ros-args"),
+        (["-p", "speed:=1.0"], "", "-p speed:=1.0; put arguments for ROS after --ros-args"),
         (["--ros-args", "-p", "speed:=1.0"], "", "speed: is not a parameter of idle"),
         (["--ros-args", "-p", "use_sim_time:=3"], "", "use_sim_time"),
         ([], "abc", "ROS_DOMAIN_ID: 'abc'"),

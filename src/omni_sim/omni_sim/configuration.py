@@ -125,6 +125,6 @@ class SimulatorConfiguration(Configuration):
         if last > self.simulation.duration_limit:
             raise ConfigurationError(
                 "simulation.duration_limit",
-                f"{self.simulation.duration_limit:g} s end before the driver's demands, at "
-                f"{last:g} s; set it higher",
+                f"{self.simulation.duration_limit:g} s is before the end of the driver's "
+                f"demands at {last:g} s; increase it",
             )

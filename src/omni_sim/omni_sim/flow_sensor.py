@@ -50,9 +50,8 @@ def check_flow_sensors(
         if round(SECOND_NS / sensor.rate) % control_ns:
             raise ConfigurationError(
                 f"flow_sensors.{name}.rate",
-                f"{sensor.rate:g} 1/s must give a period that is a multiple of the control period "
-                f"of {control_period:g} s "
-                "between two measurements",
+                f"{sensor.rate:g} 1/s is a period of {1.0 / sensor.rate:g} s, which must be a "
+                f"multiple of the control period of {control_period:g} s",
             )
     if configuration.failing and configuration.failing not in sensors:
         raise ConfigurationError(

@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from omni_platform.quantities import FloatArray
 from omni_ros import process, qos
 
-_SCRIPTED = "a scripted run goes from its start to its end; start the node anew, or with driver: "
+_SCRIPTED = "not possible in a scripted run; restart the node, or start it with driver: "
 
 
 class RunControl:

@@ -374,7 +374,7 @@ def _await_reply(node: SimulatorNode, spinner: process.Spinner, stamp_ns: int) -
     elif not spinner.stop:
         raise process.NodeError(
             f"no reply at {stamp_ns / SECOND_NS:.3f} s within {timeout:g} s: "
-            f"{node.silent_node(stamp_ns)} is silent"
+            f"{node.silent_node(stamp_ns)} has not replied"
         )
 
 

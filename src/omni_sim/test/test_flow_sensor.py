@@ -89,7 +89,7 @@ def test_one_fails_from_its_time_on(failure: str, share: float) -> None:
 
 
 def test_rates_that_do_not_fit_and_a_failure_of_an_unknown_sensor_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"flow_sensors.a.rate: 60 1/s must give a period"):
+    with pytest.raises(ConfigurationError, match=r"flow_sensors.a.rate: 60 1/s is a period of"):
         check_flow_sensors(
             {"a": FlowSensor(x=0.0, y=0.0, heading_deg=0.0, rate=60.0)}, FlowConfiguration(), 0.01
         )

@@ -132,10 +132,10 @@ def test_gaps_between_rollers_give_a_rough_ride(forklift: VehicleConfiguration) 
 
 def test_heights_without_springs_are_refused(forklift: VehicleConfiguration) -> None:
     high = {"rear_left": WheelCondition(mounted=0.001)}
-    with pytest.raises(ConfigurationError, match="need springs"):
+    with pytest.raises(ConfigurationError, match="require springs"):
         dataclasses.replace(forklift, conditions=high).check_consistency()
     gaps = dataclasses.replace(forklift.rollers, gap=0.01)
-    with pytest.raises(ConfigurationError, match="needs rollers that count"):
+    with pytest.raises(ConfigurationError, match="requires wheel_model"):
         dataclasses.replace(sprung(forklift), rollers=gaps).check_consistency()
 
 

@@ -141,13 +141,13 @@ def _angle(x_1: float, x_2: float, distance: float) -> float:
     _check_finite(x_1=x_1, x_2=x_2, distance=distance)
     if distance <= 0.0:
         raise DisplacementError(
-            "the sensors are at the same place: their distance must be above 0 m to see a turn"
+            "the sensors are at the same position: a turn needs a distance above 0 m"
         )
     difference = x_2 - x_1
     if abs(difference) > distance:
         raise DisplacementError(
-            f"the sensors moved {difference:g} m apart along x but are {distance:g} m from each "
-            "other: no rigid motion does that, one of them is wrong"
+            f"the displacements along x differ by {difference:g} m, but the sensors are only "
+            f"{distance:g} m apart: no rigid motion explains this, so one sensor is faulty"
         )
     return math.asin(difference / distance)  # Eqs. (75), (78)
 

@@ -147,9 +147,9 @@ def test_least_squares_agree_where_nothing_is_redundant(
 @pytest.mark.parametrize(
     ("second", "d_1", "d_2", "words"),
     [
-        ((0.0, 0.0), 0.0, 0.0, "same place"),
+        ((0.0, 0.0), 0.0, 0.0, "same position"),
         ((0.0, 0.0), -0.1, 0.5, "must not be negative"),
-        ((0.9, 0.0), 0.3, 0.5, "0.9 m apart along x but are 0.8 m from each other"),
+        ((0.9, 0.0), 0.3, 0.5, "differ by 0.9 m, but the sensors are only 0.8 m apart"),
         ((math.nan, 0.0), 0.3, 0.5, "x_2 is nan"),
         ((0.0, math.inf), 0.3, 0.5, "y_2 is inf"),
     ],

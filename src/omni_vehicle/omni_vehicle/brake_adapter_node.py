@@ -47,8 +47,8 @@ class TopicsConfiguration(Configuration):
     """Float64MultiArray for a forward_command_controller, or JointState.effort"""
     pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
     """Type of the demand: 'joint_state' for brake/pedal of another node; 'bool' or 'float' on
-    pedal_input, or 'twist' or 'twist_stamped' on cmd_vel (zero brakes), which this node then
-    publishes as brake/pedal"""
+    pedal_input, or 'twist' or 'twist_stamped' on cmd_vel (a zero command brakes), which this node
+    then publishes as brake/pedal"""
     estop: bool = parameter(False)
     """Whether Bool messages on estop are required; true requests full braking"""
     pedal_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=2.0)

@@ -187,7 +187,7 @@ class CountingChip:
         velocity = moved / (limits.counts_per_meter * elapsed)
         speed = math.hypot(*velocity)
         if speed > limits.maximum_speed > 0.0:
-            return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
+            return FlowSample.unmeasured(f"{speed:.2f} m/s exceeds maximum_speed")
         rounding = 1.0 / math.sqrt(12.0) / (limits.counts_per_meter * elapsed)
         deviation = math.hypot(rounding, limits.relative_deviation * speed)
         return FlowSample(
@@ -229,7 +229,7 @@ class OtosChip:
         x, y = cos * velocity.x + sin * velocity.y, cos * velocity.y - sin * velocity.x
         speed = math.hypot(x, y)
         if speed > self._configuration.maximum_speed > 0.0:
-            return FlowSample.unmeasured(f"{speed:.2f} m/s is faster than it can follow")
+            return FlowSample.unmeasured(f"{speed:.2f} m/s exceeds maximum_speed")
         stated = math.hypot(deviation.x, deviation.y)
         floor = max(self._configuration.relative_deviation * speed, 1e-3)
         linear = math.hypot(stated, floor)

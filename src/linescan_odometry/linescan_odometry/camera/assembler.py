@@ -48,7 +48,7 @@ class LineAssembler:
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))
         if self._shape not in (None, shape):
-            raise FrameError(f"has lines of {shape[0]} px of {shape[1]}, unlike the frames before")
+            raise FrameError(f"has lines of {shape[0]} px ({shape[1]}), unlike earlier frames")
         self._shape = shape
         stamp_ns, lost = self.clock.take(arrival_ns, number)
         stamp_ns -= round(1e9 * self._configuration.latency)

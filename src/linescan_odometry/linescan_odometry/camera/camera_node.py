@@ -45,7 +45,7 @@ class CameraNode(Node):
         self._lines = advertise(self, Image, f"line_scan/{name}/lines")
         self._info = self.create_publisher(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
         self._status = StatusReporter(
-            self, Status(ERROR, f"no frame yet of {configuration.source}")
+            self, Status(ERROR, f"no frame received from {configuration.source} yet")
         )
         self.outputs = (self._lines,)
         self._frames: deque[tuple[Frame, int]] = deque()
@@ -150,15 +150,17 @@ class CameraNode(Node):
         values = {
             "frames per second": f"{clock.rate:.4g} (configured {nominal:g})",
             "lines per second": f"{self._assembler.line_rate:g}",
-            "frames lost": f"{clock.lost}, and {self._overrun} for lack of computing time",
-            "time began anew": str(clock.anew),
+            "frames lost": f"{clock.lost}, and {self._overrun} because of high CPU load",
+            "clock resets": str(clock.anew),
             "mean gray level": f"{frame.picture.mean():.1f}",
         }
         words = []
         if lost > self._lost:
             words.append(f"{lost - self._lost} frames lost")
         if abs(off) > _OFF_RATE:
-            words.append(f"{100.0 * off:+.1f} % off the configured frame rate: set frame_rate")
+            words.append(
+                f"frame rate {100.0 * off:+.1f} % off its configured value: set frame_rate"
+            )
         level = WARN if words else OK
         key = (lost, clock.anew, abs(off) > _OFF_RATE)
         self._lost = lost

@@ -35,12 +35,12 @@ class Cut:
             FrameError: the picture does not have these rows, or its values are not gray levels.
         """
         if picture.ndim != 2:
-            raise FrameError(f"has {picture.ndim} dimensions, lines must have two")
+            raise FrameError(f"has {picture.ndim} dimensions; an array of lines must have two")
         rows = picture.T if self.columns else picture
         if self.rows is not None:
             first, end = self.rows
             if not 0 <= first < end <= len(rows):
-                raise FrameError(f"has {len(rows)} rows, of which {first}:{end} cannot be taken")
+                raise FrameError(f"has {len(rows)} rows, but rows {first}:{end} are selected")
             rows = rows[first:end]
         if self.mean:
             rows = rows.mean(axis=0, keepdims=True)

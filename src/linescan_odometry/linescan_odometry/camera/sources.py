@@ -99,7 +99,8 @@ class ArraySource:
             raise ConfigurationError("source", f"{path} cannot be read: {error}") from None
         if self._pictures.ndim != 3:
             raise ConfigurationError(
-                "source", f"{path} has {self._pictures.ndim} dimensions, pictures have three"
+                "source",
+                f"{path} has {self._pictures.ndim} dimensions; pictures must have three",
             )
         self._next = 0
 
@@ -197,9 +198,9 @@ class GenicamSource:
         serials = [info.serial_number for info in self._harvester.device_info_list]
         if not serials or (serial and serial not in serials):
             self._harvester.reset()
-            known = ", ".join(map(str, serials)) or "none at all"
+            known = ", ".join(map(str, serials)) or "none"
             raise ConfigurationError(
-                "source", f"{producer} finds no camera {serial or ''}; there are: {known}"
+                "source", f"{producer} finds no camera {serial or ''}; cameras found: {known}"
             )
         self._camera = self._harvester.create({"serial_number": serial} if serial else 0)
         try:

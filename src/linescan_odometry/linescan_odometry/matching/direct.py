@@ -192,7 +192,7 @@ def _best(batch: _Batch, pair: int, within: _Range) -> int:
 
 @njit(cache=True)
 def _distance(batch: _Batch, pair: int, s: int) -> float:
-    """Return the distance of a pair at a shift, infinite where it is undefined."""
+    """Return the distance measure of a line pair at shift `s` [px], infinite if undefined."""
     kind, lines, codes, sums, ranks = batch
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)

@@ -128,8 +128,8 @@ class WheelSideslip:
         speed = abs(forward)
         if speed < self._wheel.minimum_speed:
             return SideslipEstimate.unmeasured(
-                f"the wheel rolls at {speed:.3g} m/s, below {self._wheel.minimum_speed:g} m/s its "
-                "angle has no meaning"
+                f"the wheel rolls at {speed:.3g} m/s; below {self._wheel.minimum_speed:g} m/s the "
+                "angle is undefined"
             )
         seen = reading.velocity - yaw_rate * self._lever
         sideways = (seen - forward * self._along) / self._across
@@ -182,6 +182,6 @@ def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
     if skew > _SKEWEST + _ROUNDING:
         raise ConfigurationError(
             "sensor",
-            f"{wheel.sensor} looks {skew:.1f} deg away from the wheel's axis of rotation, must be "
-            f"parallel to it within {_SKEWEST:g} deg",
+            f"the axis of {wheel.sensor} is {skew:.1f} deg from the wheel's axis of rotation; it "
+            f"must be parallel within {_SKEWEST:g} deg",
         )

@@ -55,7 +55,7 @@ class FlowMonitor:
             return "its covariance must be positive definite"
         speed, limit = math.hypot(*velocity), self._sensor.maximum_speed
         if speed > limit > 0.0:
-            return f"{speed:.3g} m/s is faster than the {limit:g} m/s that it can follow"
+            return f"{speed:.3g} m/s exceeds its maximum_speed of {limit:g} m/s"
         return ""
 
     def _jump(self, stamp_ns: int, velocity: FloatArray, covariance: FloatArray) -> str:

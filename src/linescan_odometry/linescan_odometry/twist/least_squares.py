@@ -190,8 +190,8 @@ class TwistSolver:
     ) -> float:
         """Return the largest normalized squared error that one wrong velocity can cause [1].
 
-        If a velocity with leverage h is so wrong that its normalized residual is 1, the twist has
-        an error of ``h / (1 - h)``, normalized by its covariance.
+        If the error of a velocity with leverage h gives a normalized residual of 1, the squared
+        error of the twist, normalized by its covariance, is ``h / (1 - h)``.
 
         Args:
             variance: as in `solve`.
@@ -270,13 +270,13 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
         if len(matrix) == 2:
             hint += "; two suffice with an axle that does not slip sideways (kinematics.constraint)"
         return (
-            f"three sensors are needed to measure the twist, these are {len(sensors)}: {names}"
+            f"three sensors are needed to measure the twist, but there are {len(sensors)}: {names}"
             + hint
         )
     if axle is not None and len(matrix) < 3:
         return (
             "two sensors are needed in addition to the axle that does not slip sideways, "
-            f"these are {len(sensors)}: {names}"
+            f"but there are {len(sensors)}: {names}"
         )
     position = np.array([[s.x, s.y] for s in sensors.values() for _ in s.directions])
     if axle is not None:
@@ -287,7 +287,7 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
     if np.linalg.eigvalsh(axes.T @ axes)[0] / count < _NARROWEST:
         return (
             f"the axes of {names} are parallel within a few degrees: the velocity across them "
-            "cannot be measured; turn at least one of the sensors"
+            "cannot be measured; change the heading of at least one sensor"
         )
     velocity, *_ = np.linalg.lstsq(axes, levers, rcond=None)
     lever = float(np.linalg.norm(levers - axes @ velocity)) / math.sqrt(count)
@@ -297,7 +297,7 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
         center_x, center_y = (round(float(c), 2) + 0.0 for c in (velocity[1], -velocity[0]))
         return (
             f"the axes of {names} pass through one point, ({center_x:.2f}, {center_y:.2f}) m, "
-            f"within {1e3 * lever:.0f} mm: turning about it cannot be measured; set them "
-            "tangentially"
+            f"within {1e3 * lever:.0f} mm: a rotation about it cannot be measured; mount "
+            "them tangentially"
         )
     return ""

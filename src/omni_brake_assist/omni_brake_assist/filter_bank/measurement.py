@@ -286,7 +286,7 @@ def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: 
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Compare the loss of speed in each filter with the range that brakes and tires allow."""
+    """Reduce the likelihood of filters whose loss of speed is impossible for brakes and tires."""
     loss = memory.loss
     for row in range(bank.LOSS_STEPS):
         for k in range(bank.FILTERS + 1):

@@ -94,8 +94,8 @@ def call_law(
             return ASSIST, ""
         if type(answer) is not int or answer not in (ASSIST, NO_HELP):
             raise ValueError(
-                f"step returned {answer!r}, must be nothing, ASSIST or NO_HELP; shares of the "
-                "brake pressure are written into enable"
+                f"step returned {answer!r}, must be None, ASSIST or NO_HELP; step writes the "
+                "shares of the brake pressure into enable"
             )
         return answer, ""
     except Exception as problem:  # an error in the law must not release a brake

@@ -15,11 +15,11 @@ specific force, and as the difference between ``v`` and its low-pass. The larger
 ``a / c`` is used. The possible deceleration ``c`` is the largest one observed in this stop, scaled
 by the pedal position. It is at least `floor`, which is possible even with the lowest friction.
 
-Two more bounds limit how long brakes may be released. One is the duration of a stop with a modest
-deceleration. The other, used only with an IMU, is `stall`: the time without much deceleration at
-the end of a stop. This time passes if two brakes keep a vehicle on a course along which no roller
-is braked. Without an IMU, the monitor could not distinguish the end of a stop from slow wheels of a
-vehicle whose fast wheels are locked.
+Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
+deceleration `least`. The other, used only with an IMU, is `stall`: the time at the end of a stop in
+which the specific force is small. It ends stops in which the braked wheels exert no force along the
+motion, because the vehicle moves along their passive direction. Without an IMU, the end of a stop
+cannot be recognized: slow rims may also be those of locked wheels.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """

@@ -54,7 +54,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         sensors = configuration.odometry.sensors
         if nominal and sensors != nominal:
             raise ConfigurationError(
-                "DRIVE", f"{path} was recorded with other line cameras than the one before"
+                "DRIVE", f"{path} was recorded with other line cameras than the first drive"
             )
         nominal = sensors
         time, twist, kind = read_reference(bag, configuration, options.reference)
@@ -120,8 +120,8 @@ def _yaml(found: Mapping[str, Calibration]) -> str:
         error = one.error
         lines.append(
             f"  {name}: pitch {100.0 * error['pitch'] / one.sensor.pixel_pitch:.2g} %, "
-            f"axis {math.degrees(error['heading']):.2g} deg, across it {1e3 * error['lever']:.2g} "
-            f"mm, line rate {error['line_rate']:.2g}/s"
+            f"axis {math.degrees(error['heading']):.2g} deg, position "
+            f"across the axis {1e3 * error['lever']:.2g} mm, line rate {error['line_rate']:.2g}/s"
         )
         lines += [f"    {words}" for words in _remarks(one)]
     tree = {
@@ -154,4 +154,4 @@ def _remarks(one: Calibration) -> Iterator[str]:
     if one.unseen:
         yield f"the drives do not determine {', '.join(one.unseen)}; nominal values kept"
     if one.mirrored:
-        yield "its lines run against the nominal axis (mirrored)"
+        yield "its lines are mirrored relative to the nominal axis"

@@ -60,7 +60,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     return Report(
         metrics=entries({**values, "breaches.all": (len(breaches), "1")}),
         details={"node": options.node, "breaches": breaches},
-        text=breaches or [f"the {options.node} keeps its contract"],
+        text=breaches or [f"the {options.node} meets its contract"],
         ok=not breaches,
     )
 

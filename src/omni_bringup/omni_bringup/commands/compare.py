@@ -51,7 +51,7 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
             metrics[key] = replace(metrics[key], at_most=limit)
             if metrics[key].status == "missed":
                 found = f"{metrics[key].value:.3g} {metrics[key].unit}"
-                words = f"{name}: {key.replace('_', ' ')} {found} is not at most {limit:g}"
+                words = f"{name}: {key.replace('_', ' ')} is {found}, must be at most {limit:g}"
                 missed.append(command_report.printable(words))
     if options.csv is not None:
         values = {name: {key: m.value for key, m in one.items()} for name, one in columns.items()}

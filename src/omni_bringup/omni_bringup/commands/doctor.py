@@ -164,7 +164,7 @@ def _configuration(workspace: Path) -> str:
         raise TroubleError(f"experiment {name}: {error}") from None
     if not names:
         raise TroubleError(
-            f"there are no experiments in {workspace / 'config'}; start in the workspace"
+            f"there are no experiments in {workspace / 'config'}; start omni in the workspace"
         )
     return f"all {len(names)} experiments can be loaded"
 
@@ -176,9 +176,9 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
     free = shutil.disk_usage(workspace).free
     if free < needed:
         raise TroubleError(
-            f"{free / 1e9:.1f} GB are left in {workspace}; a run may need {needed:.1g} B"
+            f"{free / 1e9:.1f} GB are free in {workspace}, but a run may need {needed / 1e9:.1f} GB"
         )
-    return f"{free / 1e9:.1f} GB are left"
+    return f"{free / 1e9:.1f} GB are free"
 
 
 def _feedback(parameters: Path, _: Path) -> str:
@@ -190,12 +190,12 @@ def _feedback(parameters: Path, _: Path) -> str:
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
         raise TroubleError(f"{parameters} has no parameters of the assistant: {error}") from None
     if warning:
-        raise TroubleError(f"{warning}; take another source or law")
+        raise TroubleError(f"{warning}; use another source or law")
     return "no warning about the source of the twist"
 
 
 def _browser(_: Path) -> str:
     for name in ("xdg-open", "chromium", "google-chrome", "firefox"):
         if shutil.which(name):
-            return f"{name} is there, for reports and ./omni drive"
-    return "none found here; open reports and the page of ./omni drive from another machine"
+            return f"{name} is installed (for reports and ./omni drive)"
+    return "none found; open reports and the page of ./omni drive from another machine"

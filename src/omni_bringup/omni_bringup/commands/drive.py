@@ -115,9 +115,9 @@ def _is_local(host: str) -> bool:
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
-        raise ConfigurationError("--host", f"{host!r} is no IP address") from None
+        raise ConfigurationError("--host", f"{host!r} is not an IP address") from None
     if address.is_unspecified:
-        raise ConfigurationError("--host", f"{host} stands for every address; give a single one")
+        raise ConfigurationError("--host", f"{host} means all addresses; choose a single one")
     return address.is_loopback
 
 

@@ -100,7 +100,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
             f"{key} {error:.2g} {unit}"  # NaN at a bound of the search
             for (key, unit), error in zip(_UNITS.items(), fit.standard_errors, strict=True)
         ),
-        "# The torque is as uncertain as the vehicle's mass: 1 % of mass is 1 % of torque.",
+        "# An error of 1 % in the vehicle's mass causes an error of 1 % in the torque.",
         "brake:",
         f"  kind: {kind}",
     ]
@@ -118,8 +118,8 @@ def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1
     share = fit.standard_errors[0] / fit.values[0]
     if share > vague:
         yield (
-            f"note: the torque is uncertain by {100.0 * share:.0f} %; before you use it, record "
-            "more stops with the pedal halfway, so that the wheels turn on under their brakes"
+            f"note: the standard error of the torque is {100.0 * share:.0f} %; before you use it, "
+            "record more stops with the pedal halfway, so that the wheels keep turning"
         )
     if all(map(math.isnan, fit.wheel_torque)):
         yield "these stops do not distinguish the wheels"

@@ -99,7 +99,7 @@ def _tire_file(fit: TireFit, options: Options, data: TireData) -> str:
         f"{data.load.min():g} to {data.load.max():g} N,",
         f"slips from {data.slip.min():g} to {data.slip.max():g}; differences {fit.residual:.3g} "
         "N (standard deviation).",
-        "Stiffness and damping are not in steady data: estimates from load and radius.",
+        "Stiffness and damping do not follow from steady data: estimates from load and radius.",
         "Values with their standard errors:",
     ]
     lines += [

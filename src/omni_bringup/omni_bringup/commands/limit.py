@@ -89,7 +89,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         figure = save_figure(drawn, workspace.results(options.out, "limit", name) / "front.png")
         text = [f"figure: {figure}"]
     shown = {_WORDS.get(case, case.replace("_", " ")): found for case, found in metrics.items()}
-    table = ComparisonTable(shown, title=f"{name}: no stop is shorter than a bound")
+    table = ComparisonTable(shown, title=f"{name}: lower bounds of the stopping distance")
     if not math.isnan(bounds["bound"].distance):
         text.append(_forces(vehicle, ground, maneuver))
     return Report(**results_document(name, metrics), text=(table, *text))

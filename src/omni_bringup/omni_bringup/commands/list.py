@@ -25,7 +25,7 @@ class Options(CommandOptions):
         (),
         positional=True,
         metavar="KIND",
-        description=f"of {', '.join(EVERY)} (default: all)",
+        description=f"one of {', '.join(EVERY)} (default: all)",
     )
 
 

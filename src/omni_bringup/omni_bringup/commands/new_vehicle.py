@@ -79,13 +79,13 @@ def run(options: Options, workspace: Workspace) -> Report:
         files=paths,
         hints=(
             *(
-                f"{name}: carries {plain(fact.load)} N, the ground holds {plain(fact.grip)} N, "
-                f"the brake {plain(fact.brake_force)} N"
+                f"{name}: load {plain(fact.load)} N, friction limit {plain(fact.grip)} N, "
+                f"brake force {plain(fact.brake_force)} N"
                 for name, fact in facts.items()
             ),
             *(f"note: {note}" for note in notes),
             "estimates are marked in vehicle.yaml; replace what you can measure",
-            f"brake it: ./omni run {folder / 'experiment.yaml'}",
+            f"run a stop: ./omni run {folder / 'experiment.yaml'}",
         ),
     )
 

@@ -66,7 +66,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     known = [topic for topic in plan.outputs if counts.get(topic)]
     if options.check and len(known) < len(plan.outputs):
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
-        raise BagError(bag.path, f"contains nothing to compare the results with on {lacking}")
+        raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
     default = beside(options.bag, f"replayed_{time_in_name()}")
     folder = unused((options.out or default).absolute())
     try:

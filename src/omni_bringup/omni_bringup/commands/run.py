@@ -43,7 +43,7 @@ class Options(LoopOptions, CommandOptions):
     real_time: bool = option(False)
     """run the simulation at the pace of the wall clock instead of waiting for every reply"""
     compression: str = option("none", choices=("none", "zstd", "lz4"))
-    """compression of the recording; it reduces noisy lines by about an eighth"""
+    """compression of the recording, which reduces the size of noisy lines by about an eighth"""
     fsync: bool = option(False)
     """wait for the disk at every flush, so that a power failure loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")
@@ -178,8 +178,8 @@ def _left_behind(folder: Path) -> Iterator[str]:
     yield f"what was recorded is in {folder}"
     for path in unfinished_recordings(folder):
         yield (
-            f"{path.relative_to(folder)} was not finished: what was recorded can be "
-            "streamed from its beginning, but tools that need its index refuse it"
+            f"{path.relative_to(folder)} is incomplete and has no index; ./omni bag recover writes "
+            "a complete copy of its messages"
         )
 
 

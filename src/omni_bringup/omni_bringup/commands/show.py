@@ -84,7 +84,7 @@ def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
             f"{configuration.did_you_mean(options.name, known) or ';'} ./omni list shows all names",
         )
     for kind, _ in found[1:]:
-        workspace.note(f"--kind {kind} shows the one of that name there")
+        workspace.note(f"--kind {kind} shows the other item of this name")
     return found[0]
 
 

@@ -1,4 +1,7 @@
-"""``./omni study``: compute figures and numbers that answer a question."""
+"""``./omni study``: compute figures and numbers that answer a question.
+
+Compute the figures and numbers of a study; ./omni study NAME --help explains the study.
+"""
 
 from __future__ import annotations
 

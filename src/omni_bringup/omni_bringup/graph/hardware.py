@@ -39,11 +39,11 @@ _REFUSED = 2  # exit code for an invalid configuration, which a restart cannot c
 ARGUMENTS = {
     "parameters": (None, "Folder of the parameter files"),
     "namespace": ("", "Namespace of the vehicle, such as robot1"),
-    "frame_prefix": ("", "Before every frame, such as robot1/"),
-    "twist": (_TWIST, "Topic of the body twist; another one starts no odometry"),
-    "log_only": ("true", "true: decide and report, but release no brake; false: assist"),
+    "frame_prefix": ("", "Prefix of every frame, such as robot1/"),
+    "twist": (_TWIST, "Topic of the body twist; with another topic no odometry is started"),
+    "log_only": ("true", "true: report decisions, but release no brake; false: assist"),
     "robot_state_publisher": ("false", "true: publish the wheels' frames, from wheel_states"),
-    "respawn": ("true", "Start a node again that has died; until then all brakes are on"),
+    "respawn": ("true", "Restart a node that has died; until then all brakes are on"),
 }
 
 _PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
@@ -111,7 +111,7 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
     if not (folder / f"{BRAKE_ASSIST}.yaml").is_file():
         raise ConfigurationError(
             "parameters",
-            f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} makes "
+            f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} writes "
             "it",
         )
     # launch would write a mapping to a temporary file and never remove it, so -p is used.
@@ -131,12 +131,12 @@ def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[
         nodes.append(HardwareNode(FRAMES, FRAMES, FRAMES, files, joints, prefix))
     for path in (path for node in nodes for path in node.files):
         if not path.is_file():
-            raise ConfigurationError("parameters", f"{path} is missing; write the folder anew")
+            raise ConfigurationError("parameters", f"{path} is missing; repeat ./omni ros-params")
     return nodes
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether a node that ended with this exit code is restarted."""
+    """Return whether the launch arguments `given` require a restart after this exit code."""
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 

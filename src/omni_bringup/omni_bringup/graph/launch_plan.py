@@ -19,10 +19,10 @@ from omni_platform.configuration import ConfigurationError
 
 # Launch arguments: default and description.
 ARGUMENTS = {
-    "config": ("", "Folder of the configuration; that of this package if empty"),
+    "config": ("", "Folder of the configuration; if empty, that of this package"),
     "experiment": ("straight_line", "A file of config/experiments/"),
-    "variant": ("", "Variant of the experiment; its last if empty"),
-    "overrides": ("", "KEY=VALUE words, as --set of omni takes them"),
+    "variant": ("", "Variant of the experiment; if empty, its last one"),
+    "overrides": ("", "KEY=VALUE texts, as for --set of omni run"),
     "namespace": ("", "Namespace of the vehicle, such as robot1"),
     "out": ("", "Folder of the recording; must not exist"),
 }
@@ -63,7 +63,7 @@ class LaunchPlan:
             RunError: data were lost.
         """
         if self.folder is None:
-            raise ConfigurationError("out", "is needed: the folder of the recording")
+            raise ConfigurationError("out", "is required: the folder of the recording")
         if self.folder.is_dir():  # also after an interruption
             run_folder.write_configuration(self.configuration, self.folder)
         report = self._last_report("simulator")
@@ -101,7 +101,7 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     if folder is not None:
         run_folder.unused(folder, "out")
     elif mode != DRIVE:
-        raise ConfigurationError("out", "is needed: the folder of the recording")
+        raise ConfigurationError("out", "is required: the folder of the recording")
     scratch = Path(tempfile.mkdtemp(prefix="omni-"))
     if mode == DRIVE or folder is None:
         nodes = drive_nodes(configuration, scratch, {}, folder)
@@ -124,5 +124,5 @@ def installed_config() -> Path:
         return Path(get_package_share_directory("omni_bringup")) / "config"
     except PackageNotFoundError:
         raise ConfigurationError(
-            "config", "is needed where omni_bringup is not installed"
+            "config", "is required, because omni_bringup is not installed"
         ) from None

@@ -59,7 +59,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
     if len(exchange.publishers) != 1:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
-        yield f"{topic} is published best effort; its subscribers ask for reliable"
+        yield f"{topic} is published with best effort, but its subscribers request reliable"
     found = metrics(exchange)
     if found["answered.recorded"][0] < 100.0 * CONTRACT.least_answered:
         yield (
@@ -69,8 +69,8 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
     age, _ = found.get("age_p99.recorded", (0.0, "ms"))
     if age > 1e3 * CONTRACT.largest_age[node]:
         yield (
-            f"1 % of the answers came later than {age:.0f} ms; an older one than "
-            f"{1e3 * CONTRACT.largest_age[node]:.0f} ms is not used"
+            f"1 % of the answers are older than {age:.0f} ms; the limit is "
+            f"{1e3 * CONTRACT.largest_age[node]:.0f} ms"
         )
     stamps = [one.stamp_ns for one in exchange.answers]
     for before, after in itertools.pairwise(stamps):
@@ -180,5 +180,5 @@ def _twist_problem(message: Any) -> str:
     if not np.all(np.abs(covariance - covariance.T) <= 1e-6 * scale):
         return "the covariance is not symmetric"
     if np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        return "the covariance is not positive definite; zeros would claim an exact value"
+        return "the covariance is not positive definite; use 1e6 where nothing is measured"
     return ""

@@ -88,5 +88,5 @@ def read_batches(
         topic for topic, name in names.items() if not any(len(b.lines) for b in batches[name])
     ]
     if silent:
-        raise BagError(bag.path, f"contains no lines then on {', '.join(silent)}")
+        raise BagError(bag.path, f"contains no lines in this period on {', '.join(silent)}")
     return batches

@@ -145,7 +145,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
 
 
 def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
-    """Wait until fewer than `ahead` rounds lack a result; return the next value of `ahead`.
+    """Wait until fewer than `ahead` rounds lack a result; return `ahead`, increased on a timeout.
 
     Raises:
         NodeError: no result has come within the timeout.

@@ -65,7 +65,9 @@ class _Findings:
                     f"{sequence.topic}: {sequence.missing} messages are missing by their numbers"
                 )
         if reader.profile != "ros2":
-            self._problems.append(f"{file.name} is not of ROS 2, but of {reader.profile[:40]!r}")
+            self._problems.append(
+                f"{file.name} has the profile {reader.profile[:40]!r}, not that of ROS 2"
+            )
         for channel in reader.channels:
             self._look_at(channel)
             counts.setdefault(channel.topic, 0)
@@ -78,19 +80,21 @@ class _Findings:
             return
         total = sum(self._counts.values())
         if bag.message_count != total:
-            self._problems.append(f"metadata.yaml claims {bag.message_count} messages of {total}")
+            self._problems.append(
+                f"metadata.yaml lists {bag.message_count} messages, but {total} were found"
+            )
         for topic in sorted({*bag.counts, *self._counts}):
             claimed, found = bag.counts.get(topic, 0), self._counts.get(topic, 0)
             if claimed != found:
                 self._problems.append(
-                    f"{topic}: metadata.yaml claims {claimed} messages of {found}"
+                    f"{topic}: metadata.yaml lists {claimed} messages, but {found} were found"
                 )
 
     def result(self) -> BagCheck:
         for topic, (count, words) in self._undecoded.items():
             self._problems.append(f"{topic}: {count} messages cannot be decoded: {words}")
         if not any(self._counts.values()):
-            self._problems.append("there is no message in it")
+            self._problems.append("the recording contains no messages")
         return BagCheck(self._counts, tuple(self._problems), tuple(self._remarks))
 
     def _look_at(self, channel: mcap.RecordedChannel) -> None:
@@ -118,7 +122,7 @@ class _Findings:
         if summary is None:
             self._remarks.append(f"{file.name} has no index; its recording ended early")
         elif {**dict.fromkeys(counts, 0), **summary.counts} != dict(counts):
-            self._problems.append(f"{file.name} holds other messages than its summary claims")
+            self._problems.append(f"{file.name} contains other messages than its summary lists")
 
 
 class _Sequence:

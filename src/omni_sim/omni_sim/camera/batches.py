@@ -37,7 +37,7 @@ class LineExposures:
         self._batches = _Batches({}, self._render)
 
     def complete(self) -> None:
-        """Render the lines that no one has read, because the noise depends on the line count."""
+        """Render all lines not yet rendered; the noise of later lines depends on the line count."""
         for name in self._batches:
             self._batches[name]
 

@@ -77,7 +77,10 @@ class CameraConfiguration(Configuration):
         return 1.0 + self.height_error / self.working_distance
 
     def widening(self, rise: float) -> float:
-        """Return the factor by which a rise of the camera [m] widens the field of view, limited."""
+        """Return the factor by which a rise of the camera [m] widens the field of view [1].
+
+        The factor is limited to `most_widening` and its inverse.
+        """
         if self.lens == TELECENTRIC:
             return 1.0
         widened = 1.0 + rise / (self.working_distance + self.height_error)

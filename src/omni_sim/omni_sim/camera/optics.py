@@ -39,7 +39,7 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
         if configuration.exposure_time * sensor.line_rate > 1.0:
             raise ConfigurationError(
                 "camera.exposure_time",
-                f"{configuration.exposure_time:g} s is longer than a line of sensor {name}, "
+                f"{configuration.exposure_time:g} s is longer than the line period of {name}, "
                 f"{1.0 / sensor.line_rate:g} s",
             )
 

@@ -38,7 +38,7 @@ class DemandConfiguration(Configuration):
             column = getattr(self, name)
             if len(column) != len(self.time):
                 raise ConfigurationError(
-                    name, f"has {len(column)} rows, must have {len(self.time)} as time has"
+                    name, f"has {len(column)} rows, must have {len(self.time)} like time"
                 )
         if np.any(np.diff(self.time) <= 0.0):
             raise ConfigurationError("time", "must increase from row to row")

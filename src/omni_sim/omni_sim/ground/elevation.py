@@ -95,8 +95,8 @@ class ElevationConfiguration(Configuration):
             worst = max(steepness, key=lambda key: steepness[key])
             raise ConfigurationError(
                 worst,
-                f"its steepness of up to {steepness[worst]:.3g} makes that of the ground up to "
-                f"{total:.3g}, must be at most {STEEPEST:g}",
+                f"its steepness of up to {steepness[worst]:.3g} gives a ground with a steepness of "
+                f"up to {total:.3g}, must be at most {STEEPEST:g}",
             )
 
     @property

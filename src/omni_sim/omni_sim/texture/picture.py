@@ -95,9 +95,7 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
     if edge < FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
         remedy = "use a picture of a larger area"
         if edge >= FEWEST_TEXELS:
-            remedy += (
-                f", or check its scale: up to {edge * INCH / _LEAST_SIZE:.0f} dpi it is enough"
-            )
+            remedy += f", or check its scale: {edge * INCH / _LEAST_SIZE:.0f} dpi or less suffice"
         raise ConfigurationError(
             _KEY,
             f"{size}; both edges must have at least {FEWEST_TEXELS} px and {_LEAST_SIZE} m: "
@@ -116,7 +114,9 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
         gray: NDArray[np.uint8] = ((values - (values >> 8) + 128) >> 8).astype(np.uint8)
         return gray
     if picture.mode == "F":
-        raise ConfigurationError(_KEY, f"{path} holds fractions, must hold 8 or 16 bits")
+        raise ConfigurationError(
+            _KEY, f"{path} has floating-point gray levels, must have 8 or 16 bits"
+        )
     if picture.mode in {"P", "PA"}:
         picture = picture.convert("RGB")
     return np.asarray(picture.convert("L"), np.uint8)

@@ -62,12 +62,12 @@ class TextureConfiguration(Configuration):
         if self.kind != PICTURE:
             if self.picture:
                 raise ConfigurationError(
-                    "picture", f"belongs to the kind {PICTURE}, not {self.kind}"
+                    "picture", f"is only valid for the kind {PICTURE}, not {self.kind}"
                 )
             if self.dpi > 0.0 and not FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
                 raise ConfigurationError(
                     "dpi",
-                    f"{self.dpi:g} are {self.extent[0]} texels on {self.size:g} m, must be "
+                    f"{self.dpi:g} dpi give {self.extent[0]} texels over {self.size:g} m, must be "
                     f"{FEWEST_TEXELS} to {MOST_TEXELS}",
                 )
         elif not self.picture:

@@ -182,9 +182,9 @@ class VehicleConfiguration(Configuration):
         ):
             if has and self.suspension.stiffness == 0.0:
                 raise ConfigurationError(
-                    place, "heights of wheels need springs: set suspension.stiffness [N/m]"
+                    place, "mounting heights require springs: set suspension.stiffness [N/m]"
                 )
         if self.rollers.gap > 0.0 and not self.contacts_move:
             raise ConfigurationError(
-                "rollers.gap", "needs rollers that count: wheel_model 'rollers' or contact 'roller'"
+                "rollers.gap", "requires wheel_model 'rollers' or contact 'roller'"
             )

@@ -223,7 +223,7 @@ def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> No
 
 @lean_inline
 def energies(state: layout.State) -> Energies:
-    """Return the energies of a vehicle."""
+    """Return the kinetic, elastic and potential energies of a vehicle [J]."""
     plant, body = state.plant, state.body[0]
     spin, elastic = _wheel_energies(state, state.rollers)
     height = 0.0

@@ -159,7 +159,7 @@ class MujocoVehicle(Vehicle):
 
     def _run(self, control: layout.Control, log: layout.Log) -> None:
         if len(log.wheels) or control.force_x or control.force_y:
-            raise VehicleInputError("wheel_model 'mujoco' has neither pushes nor logs of each step")
+            raise VehicleInputError("wheel_model 'mujoco' supports no external forces and no logs")
         plant, pressure, data = self.state.plant, self.state.pressure, self._data
         set_demand(pressure, control.brake, control.enable)
         limits = self._set_friction()
@@ -212,7 +212,7 @@ class MujocoVehicle(Vehicle):
         return np.array([*place[:2], yaw]), np.array([*velocity[:2], velocity[5]])
 
     def _write_back(self, limits: FloatArray) -> None:
-        """Copy MuJoCo's state to the planar state, for these friction limits of the wheels [N]."""
+        """Copy MuJoCo's state, and the friction limits of the wheels [N], to the planar state."""
         data, body, wheels = self._data, self.state.body[0], self.state.wheels
         (x, y, yaw), (v_x, v_y, rate) = self._base()
         g_x, g_y = in_turned_frame(*self.masses.center, -yaw)

@@ -21,7 +21,7 @@ class Overload:
     def __init__(
         self, wheel_names: Sequence[str], model: str, limit: float, physics_step: float
     ) -> None:
-        """Start without overload.
+        """Create a monitor that has recorded no overload.
 
         Args:
             wheel_names: wheel names in the order of all wheel arrays.
@@ -60,7 +60,7 @@ class Overload:
         wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
         return (
             f"overload: wheels carried more than the {self._limit:.0f} N that the tire model "
-            f"{self._model} covers, for {self.time:.3g} s in sum"
+            f"{self._model} covers, for {self.time:.3g} s in total"
             f"{f' ({wheels})' if wheels else ''}; their forces were computed at "
             f"{self._limit:.0f} N"
         )

@@ -300,7 +300,14 @@ class Log(NamedTuple):
 
     @classmethod
     def of(cls, n_steps: int, n_wheels: int, *, traced: bool, logged: bool) -> Log:
-        """Return an empty log for a number of steps, with those columns that are to be recorded."""
+        """Return an empty log.
+
+        Args:
+            n_steps: number of steps.
+            n_wheels: number of wheels.
+            traced: whether the trajectory is recorded.
+            logged: whether wheels and energies are recorded.
+        """
         rows = n_steps if logged else 0
         return cls(
             n_steps,

@@ -60,7 +60,9 @@ class RandomBraking:
     def __init__(self, library: experiment.ExperimentLibrary, changes: Sequence[str] = ()) -> None:
         for change in changes:
             if change.startswith(_DRAWN):
-                raise ConfigurationError("--set", f"{change!r}: the campaign draws that")
+                raise ConfigurationError(
+                    "--set", f"{change!r}: the campaign draws this value at random"
+                )
         law = [f"brake_assist.{name}={value}" for name, value in _LAW.items()]
         fixed = ["feedback=velocity_sensor", *law, *changes]
         self._bases = {

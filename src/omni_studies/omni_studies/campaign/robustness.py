@@ -1,7 +1,7 @@
 """One run of the robustness campaign: a stop without and with the assistant, and its limits.
 
-If a run violates a limit, it is repeated without each of its disturbances in turn. The disturbance
-without which the limit is met is reported as the cause.
+If a run violates a limit, its disturbances are removed one after the other, and the run is repeated
+after each removal. The disturbance whose removal ends the violation is reported as the cause.
 """
 
 from typing import Any, NamedTuple

@@ -381,7 +381,7 @@ def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
 
     Args:
         stops: campaign that runs the stop, with the law that rotates more.
-        onset: time of the drop-out after the pedal goes down [s].
+        onset: time of the drop-out after the start of braking [s].
     """
     fault = Fault("twist", "drop_out", -1, onset, 0.0, 0.1)
     settings = [Setting(law, True, "straight_line") for law in stops._laws]

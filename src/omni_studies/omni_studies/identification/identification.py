@@ -61,9 +61,11 @@ QUANTITIES = (
     Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3, "distance of front and rear wheels"),
     Quantity("track", "m", 0.7, 1.3, 0.01, 3, "distance of left and right wheels"),
     Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0, "largest torque of a brake"),
-    Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3, "when the pedal goes down"),
-    Quantity("direction", "deg", -60.0, -30.0, 1.0, 2, "of motion from forward, at that moment"),
-    Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2, "at that moment"),
+    Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3, "at the start of braking"),
+    Quantity(
+        "direction", "deg", -60.0, -30.0, 1.0, 2, "of motion from forward, at the start of braking"
+    ),
+    Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2, "at the start of braking"),
     Quantity("friction", "1", 0.5, 0.8, 0.01, 3, "mu/mu_0 of the ground"),
     Quantity("patch_friction", "1", 0.25, 0.5, 0.01, 3, "mu/mu_0 of the patch"),
     Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2, "center of the patch, right of the motion"),

@@ -51,7 +51,7 @@ class Sensitivity:
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return one row per parameter as columns: step, then slope and scatter of each number."""
+        """Return the columns of a table with one row per parameter: step, slopes, scatters."""
         return {
             "parameter": list(self.parameters),
             "step": [quantity.step for quantity in QUANTITIES],

@@ -22,13 +22,13 @@ def kinds_option(*kinds: str) -> Any:
 
 def pairs_option(pairs: int, fewest: int = 1) -> Any:
     """Declare the option for the number of consecutive line pairs."""
-    words = "consecutive pairs of lines that each value is the mean over"
+    words = "consecutive line pairs, over which each value is averaged"
     return parameter(pairs, description=words, minimum=fewest, maximum=10_000)
 
 
 def noise_option(noise: float = 1.0) -> Any:
     """Declare the option for the camera noise, with the default `noise` [gray levels]."""
-    words = "standard deviation in gray levels"
+    words = "standard deviation of the camera noise in gray levels"
     return option(noise, metavar="LEVELS", description=words, minimum=0.0, maximum=100.0)
 
 
@@ -51,15 +51,15 @@ class LineOptions(Configuration):
         return list(dict.fromkeys(self.ground))
 
 
-def grounds_option(*grounds: str) -> Any:
+def grounds_option(*grounds: str, prefix: str = "") -> Any:
     """Declare the option for the grounds, with the default `grounds`."""
-    words = "a file of config/grounds/, or your own scan or photo with --dpi"
+    words = f"{prefix}a file of config/grounds/, or your own scan or photo with --dpi"
     return option(grounds, metavar="NAME|PICTURE", description=words)
 
 
-def runs_option(runs: int, run: str = "of ten pairs of lines each") -> Any:
+def runs_option(runs: int, run: str = ", with ten line pairs each") -> Any:
     """Declare the number of random positions; `run` describes the measurement at a position."""
-    return parameter(runs, description=f"random places {run}", minimum=1, maximum=1000)
+    return parameter(runs, description=f"random positions{run}", minimum=1, maximum=1000)
 
 
 class TextureOptions(Configuration):

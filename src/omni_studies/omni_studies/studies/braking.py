@@ -28,13 +28,13 @@ from omni_studies.identification.files import VEHICLE
 from omni_studies.study import StudyResult, StudyRun
 
 CASES = {
-    "straight_line": "Emergency braking of Table 2's vehicle straight ahead, assisted and not: "
+    "straight_line": "Emergency braking of the vehicle of Table 2, straight ahead: "
     "Figures 30 to 32",
     "three_wheel_diagonal": "The three-wheeled robot stops from a diagonal motion: Figures 33 "
     "to 35",
-    "ice_patch": "Braking with a front wheel already on ice, assisted and not: Figures 36 to 38",
+    "ice_patch": "Braking with a front wheel on ice: Figures 36 to 38",
     "ice_patch_noisy": "Braking on ice with noisy feedback, Eqs. (60), (61): Figures 39 to 42",
-    "turn_while_translate": "Braking out of a turn-while-translate maneuver under every "
+    "turn_while_translate": "Braking from a turn-while-translate maneuver, with every "
     "weighting: Figures 43 to 48",
 }
 

@@ -110,13 +110,13 @@ def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
 def _draw(found: dict[str, list[Trial]], options: Options) -> Figure:
     kind = next(iter(found))
     figure, grid = style.panels(
-        f"Wider views see less contrast and share more of it (Figure 69; lines of {kind} without "
+        f"Wider views have less contrast and more overlap (Figure 69; lines of {kind} without "
         "noise)",
         2,
         2,
         size=(13.0, 7.5),
-        x=("place on the ground [mm]", "width over length [%]"),
-        y="gray level less mean",
+        x=("position on the ground [mm]", "width over length [%]"),
+        y="gray level minus mean",
     )
     for row, (shape, name) in enumerate(((_WIDE, "a"), (_NARROW, "b"))):
         view = _view(shape)

@@ -342,7 +342,7 @@ def warning(summary: Path, law: str, source: str) -> str:
 def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
     """Draw the 95th percentiles of distance and rotation for each source."""
     figure, grid = style.panels(
-        f"{vehicle}: 95 of 100 stops are better than the end of the bar",
+        f"{vehicle}: each bar ends at the 95th percentile of the stops",
         1,
         2,
         size=(10.0, 1.5 + 0.38 * len(sources)),

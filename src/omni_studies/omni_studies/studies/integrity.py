@@ -50,13 +50,13 @@ class Options(CampaignOptions):
     grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
     faults: str = parameter(
         "",
-        description=f"some of {', '.join(trials.FAULTS)}; empty for all, over wood only none, and "
-        "those of time, which no ground changes, over a few grounds",
+        description=f"some of {', '.join(trials.FAULTS)}; empty for all, except that wood has no "
+        "fault and that faults of stamps and lost lines are computed on a few grounds only",
     )
     batches: int = parameter(
         16,
-        description=f"of each of {len(trials.SENSORS)} cameras in each of {len(trials.MOTIONS)} "
-        "motions",
+        description=f"number of batches of each of {len(trials.SENSORS)} cameras in each of "
+        f"{len(trials.MOTIONS)} motions",
         minimum=2,
         maximum=10_000,
     )

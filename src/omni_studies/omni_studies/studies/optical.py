@@ -135,7 +135,7 @@ def _turned(history: RunHistory) -> FloatArray:
 
 def _draw_stops(comparisons: Sequence[Comparison], metrics: Mapping[str, Metric]) -> Figure:
     """Draw the stops of all cases with both kinds of feedback, and their differences."""
-    title = "Assisted braking on either feedback"
+    title = "Assisted braking with both kinds of feedback"
     inches = (10.0, 1.6 + 0.45 * len(comparisons))
     x = ("orientation change [deg]", "stopping distance [m]")
     figure, (panels,) = style.panels(title, 1, 2, size=inches, x=x, sharey=True)

@@ -43,7 +43,7 @@ class Options(CampaignOptions, LoopOptions):
     seed: int = parameter(0, minimum=0)
     """seed of the first run; the others follow"""
     worst: int = parameter(3, minimum=0, maximum=1000)
-    """number of worst runs to replay, for orientation and for distance each"""
+    """number of worst runs written as experiments, for orientation and for distance each"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:

@@ -60,7 +60,9 @@ class Options(line_options.TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("cork", "asphalt", "walking_tile")
-    hard: tuple[str, ...] = line_options.grounds_option("brick", "planks", "bark")
+    hard: tuple[str, ...] = line_options.grounds_option(
+        "brick", "planks", "bark", prefix="difficult ground: "
+    )
     runs: int = line_options.runs_option(40)
     noise: float = line_options.noise_option()
     needed: float = parameter(0.95, minimum=0.0, maximum=1.0)
@@ -118,7 +120,15 @@ def _speeds(
     right: Mapping[str, FloatArray],
     needed: float,
 ) -> dict[str, Metric]:
-    """Return computed and measurable speeds, from the shares of correct medians by ground."""
+    """Return the largest speeds of a camera: computed, confirmed and measurable ones.
+
+    Args:
+        name: name of the camera.
+        sensor: the camera.
+        speeds: simulated sideways speeds [m/s], shape (V,).
+        right: share of correct medians at each speed, by ground, shape (V,) each.
+        needed: share from which a speed counts as measurable [1].
+    """
     preset, computed = _PRESETS[name], sensor.sideways_speed
     limits = {ground: _highest(speeds, share, needed) for ground, share in right.items()}
     slowest, along = min(computed, *limits.values()), sensor.length / 2.0 * sensor.line_rate

@@ -158,7 +158,7 @@ class Options(line_options.TextureOptions):
     """Grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("cork", "asphalt")
-    runs: int = line_options.runs_option(2, "of 40 ms for every angle")
+    runs: int = line_options.runs_option(2, " for every angle, measured for 40 ms each")
     sensors: tuple[str, ...] = parameter(_SENSORS)
     """a file of config/sensors/ whose first camera is used"""
     noise: float = line_options.noise_option()

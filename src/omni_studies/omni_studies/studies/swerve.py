@@ -100,9 +100,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     manifolds = {
         words: SlidingManifold(geometry, weighting_function(kind, k))
         for words, kind, k in (
-            ("\u03c8 = 0: heading and line alone", "zero", 1),
+            ("\u03c8 = 0: only heading and line of motion", "zero", 1),
             (f"enhanced, k = {options.k}", "enhanced", options.k),
-            ("enhanced, k = 1: distance counts more", "enhanced", 1),
+            ("enhanced, k = 1: shorter stop", "enhanced", 1),
         )
     }
     study.figure("forces.png", _draw_forces(wheels))
@@ -179,7 +179,7 @@ def _draw_vehicle(axes: Axes, one: LockedWheels, scale: float) -> None:
     # The arrow of the sum is drawn at half the scale of the wheels' arrows.
     total = 0.5 * scale * ahead_up(one.total[None])[0]
     axes.quiver(
-        *center, *total, color=style.VERMILLION, width=0.014, label="all of them, half as long",
+        *center, *total, color=style.VERMILLION, width=0.014, label="sum of the forces, half scale",
         **arrows,
     )  # fmt: skip
     axes.plot(*center, "o", color=style.BLACK, zorder=6, label="center of gravity")

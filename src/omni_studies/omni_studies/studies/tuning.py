@@ -240,7 +240,7 @@ class Cost(NamedTuple):
 def draw_costs(costs: Sequence[Cost]) -> Figure:
     """Draw the effect of dwell time and lag of the brakes."""
     figure, (panels,) = style.panels(
-        "What slow valves cost", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
+        "Effect of slow valves", 1, 2, size=(9.6, 4.2), x="minimum dwell time [ms]"
     )
     for index, lag in enumerate(dict.fromkeys(cost.lag for cost in costs)):
         _, dwells, *columns = zip(*(cost for cost in costs if cost.lag == lag), strict=True)

@@ -43,7 +43,7 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 
 class Options(Configuration):
-    """Extent of the averages."""
+    """Number of wheel angles and of timed runs, and seed."""
 
     starts: int = parameter(16, minimum=2, maximum=1000)
     """number of initial wheel angles to average over"""
@@ -195,8 +195,8 @@ def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
 
 def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
     """Draw the forces of one wheel over its angle for every wheel model."""
-    title = "Force of one wheel while the vehicle drives at 1 m/s against a fifth of its weight"
-    x = "turned by [deg]"
+    title = "Force of one wheel at 1 m/s, against a resistance of a fifth of the vehicle's weight"
+    x = "wheel angle [deg]"
     y = ("along the nominal\nactive direction [N]", "across it [N]")
     figure, panels = style.panels(title, 2, len(vehicles), size=(12.0, 7.0), x=x, y=y, sharex=True)
     wheels = ((SINGLE, _COMPARED), (CONTACT, _COMPARED), (ROLLERS, _COSTED), (ROLLERS, _COMPARED))
@@ -251,7 +251,7 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
     """Draw the differences over the number of rollers, with the limit of agreement."""
-    heading = "Individual rollers against the single roller, in the mean over the wheel angles"
+    heading = "Individual rollers compared with the single roller, averaged over the wheel angles"
     x = "rollers of a wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")
     figure, panels = style.panels(

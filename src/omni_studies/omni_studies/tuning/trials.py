@@ -291,13 +291,13 @@ def recommended(
     )
     stopping = [trial for trial in trials if math.isfinite(trial.worst_distance)]
     if not stopping:
-        return None, f"No setting gives {limits}: the vehicle never stops."
+        return None, f"No setting meets the limit ({limits}): the vehicle never stops."
     allowed = [trial for trial in stopping if excess(trial) <= 1.0]
     if not allowed:
         nearest = min(front(stopping), key=excess)
         return None, (
-            f"No setting gives {limits}; the nearest, {' '.join(nearest.setting.overrides)}, "
-            f"comes to {_numbers(nearest)}."
+            f"No setting meets the limit ({limits}); the nearest setting, "
+            f"{' '.join(nearest.setting.overrides)}, has {_numbers(nearest)}."
         )
     bound = (1.0 + equal) * min(map(price, allowed))
     choice = min(

@@ -46,7 +46,7 @@ TRIALS = {
     "drive_sideways": Trial("Drive sideways to 2 m/s", command=(0.0, 2.0, 0.0), duration=1.5),
     "brake": Trial("Full braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=1.0),
     "brake_gently": Trial(
-        "Gentle braking from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=0.15, duration=1.5
+        "Partial braking (15 % pedal) from 5 m/s", twist=(5.0, 0.0, 0.0), pedal=0.15, duration=1.5
     ),
     "push": Trial(
         "Pushed sideways, wheels free", pedal=0.1, released=True, push=(0.0, 0.15), duration=2.0

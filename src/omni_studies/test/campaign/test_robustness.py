@@ -164,7 +164,7 @@ def test_what_is_not_drawn_can_be_changed(tmp_path: Path) -> None:
     assert loaded == changed.configurations(draw(3))["assisted"].brake_assist
     assert (loaded.weighting, loaded.k) == ("zero", 7)
     assert changed.fingerprint != RandomBraking(library).fingerprint
-    with pytest.raises(ConfigurationError, match="the campaign draws that"):
+    with pytest.raises(ConfigurationError, match="the campaign draws this value"):
         RandomBraking(library, ["maneuver.speed=3"])
 
 

@@ -240,7 +240,7 @@ def test_disputes_that_come_and_go_are_settled() -> None:
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
-    "the twist is permanently lost 0.3 s after the pedal",
+    "the twist is permanently lost 0.3 s after the start of braking",
     "dead reckoning, then all brakes on: the vehicle rotates by at most 6 deg, with either law",
     within="the whole stop",
 )
@@ -316,7 +316,7 @@ def test_a_configured_delay_costs_little(
 
 @pytest.mark.safety(
     "the stop is longer or rotates more",
-    "twist and all encoders are scaled by 0.64 to 0.74 from the pedal on",
+    "twist and all encoders are scaled by 0.64 to 0.74 from the start of braking on",
     "effect monitor: the stop has at most 1.5 times the distance",
     within="the whole stop",
 )

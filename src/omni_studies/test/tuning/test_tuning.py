@@ -93,7 +93,7 @@ def test_limits_that_nothing_meets_give_one_sentence(
 ) -> None:
     choice, sentence = recommended([trial(20.0, 11.0), trial(50.0, 10.0)], rotation, distance)
     assert choice is None
-    assert sentence.startswith("No setting gives ")
+    assert sentence.startswith("No setting meets the limit ")
     assert nearest in sentence
     assert sentence.count(". ") == 0
     assert sentence.endswith(".")
@@ -176,4 +176,4 @@ def test_pieces_of_a_study_are_put_together(tmp_path: Path) -> None:
 def test_study_says_that_no_setting_meets_the_limit(tmp_path: Path) -> None:
     result = run_study(tmp_path, "--brakes", "0:0", "--max-distance", "1")
     assert math.isnan(result.metrics["stopping_distance.recommended"].value)
-    assert any(sentence.startswith("No setting gives ") for sentence in result.findings)
+    assert any(sentence.startswith("No setting meets the limit ") for sentence in result.findings)

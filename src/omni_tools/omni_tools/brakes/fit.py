@@ -235,7 +235,7 @@ def _pedal_down(stop: BrakeData) -> float:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return the summed differences of fitted and measured impulses [m/s] as one vector."""
+    """Return fitted minus measured impulses [m/s] of all stops, cumulated as in `_summed`."""
     torque, dead_time, time_constant = unknowns
     parts = [
         _summed(
@@ -359,7 +359,7 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
         title: title of the figure.
     """
     x = "Time since the valve opened [ms]"
-    y = ("Speed taken while\nwheels turn [m/s]", "Measured -\nfitted [mm/s]", "Torque [N m]")
+    y = ("Speed loss while\nwheels turn [m/s]", "Measured -\nfitted [mm/s]", "Torque [N m]")
     figure, ((upper,), (middle,), (lower,)) = style.panels(
         title, 3, size=(9.0, 7.4), x=x, y=y, height_ratios=(3.0, 1.2, 1.8)
     )
@@ -381,6 +381,6 @@ def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
     answer = torque * -np.expm1(-since / max(time_constant, 1e-6))
     lower.plot(1e3 * after, answer, color=style.BLACK)
     for axes in (upper, middle):
-        axes.set_xlabel("Time since the pedal went down [s]")
+        axes.set_xlabel("Time since the start of braking [s]")
     upper.legend(loc="lower right")
     return figure

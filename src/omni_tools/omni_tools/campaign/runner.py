@@ -101,7 +101,7 @@ class CampaignOptions(Configuration):
         if not chosen:
             raise ConfigurationError(
                 "--seeds",
-                f"{self.seeds} holds none of the seeds {seeds.start}:{seeds.stop} of the campaign",
+                f"{self.seeds} contains none of the campaign's seeds {seeds.start}:{seeds.stop}",
             )
         return chosen
 
@@ -341,7 +341,7 @@ class ResultTable(Generic[Row]):
         text = path.read_text(encoding="utf-8")
         if not text.startswith(self._head):
             raise ConfigurationError(
-                option_name, f"{path} is not of this campaign: what its runs depend on has changed"
+                option_name, f"{path} is from a campaign with other settings; use another --out"
             )
         # The last line may be incomplete.
         body = text[len(self._head) : text.rfind("\n") + 1]

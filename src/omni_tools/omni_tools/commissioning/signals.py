@@ -105,7 +105,7 @@ def signals_of(
     names = list(states.messages[0].name)
     if set(names) != set(wheels):
         raise configuration.ConfigurationError(
-            "wheels", f"the recording has {', '.join(names)}, the file {', '.join(wheels)}"
+            "wheels", f"the recording names {', '.join(names)}, the vehicle {', '.join(wheels)}"
         )
     gaps = np.diff(states.stamp_ns, append=states.stamp_ns[-1]) * 1e-9
     if np.max(gaps) > _SHORTEST:
@@ -147,7 +147,7 @@ def signals_of(
 
 
 def unchecked(drive: Signals) -> dict[str, str]:
-    """Return what cannot be checked, by the topic that is missing for it."""
+    """Return, for each missing topic, what cannot be checked without it."""
     needs = {_TWIST: (drive.twist, "twist sensor and brakes"), _IMU: (drive.imu, "IMU")}
     return {topic: what for topic, (values, what) in needs.items() if np.all(np.isnan(values))}
 
@@ -167,7 +167,7 @@ def motions_of(drive: Signals) -> Motions:
     if len(found) != len(MOTIONS) + 1 or np.all(free):
         raise configuration.ConfigurationError(
             "recording",
-            f"has {max(len(found) - 1, 0)} motions before one that the pedal ends; drive "
+            f"has {max(len(found) - 1, 0)} motions before the first stop, must have three: drive "
             f"{', '.join(MOTIONS)}, with a pause after each, then drive and brake",
         )
     rows = found[: len(MOTIONS)]

@@ -108,7 +108,8 @@ def straight_bound(
         return Bound(math.nan, reason="the vehicle is at rest or only spins")
     if maneuver.twist[2] != 0.0:
         return Bound(
-            math.nan, reason="the vehicle turns when the pedal goes down: it has no heading to keep"
+            math.nan,
+            reason="the vehicle rotates at the start of braking, so it has no heading to keep",
         )
     cases = _Straight(vehicle, ground, maneuver)
     best = cases.first()
@@ -117,8 +118,8 @@ def straight_bound(
     if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
         return Bound(
             math.nan,
-            reason="no forces of the wheels that this motion drags slow the vehicle down "
-            "without turning it or pushing it off its line",
+            reason="no forces of the wheels that this motion drives decelerate the vehicle "
+            "without yaw moment and side force",
         )
     distance = cases.distance(speed)
     if not math.isfinite(distance):

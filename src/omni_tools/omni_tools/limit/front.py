@@ -85,13 +85,13 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
         stops: stops from `front`.
         bound: lower bound for stops that keep heading and line [m]; NaN if there is none.
     """
-    title = f"{name.replace('_', ' ')}: the best that is known, and the laws"
+    title = f"{name.replace('_', ' ')}: shortest known stops, and stops of the laws"
     x = "stopping distance [m]"
     figure, ((axes,),) = style.panels(title, size=(8.0, 5.0), x=x, y="orientation change [deg]")
     if math.isfinite(bound):
         axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
     for prefix, words, marker, color in (
-        ("best", "best that is known", "o-", style.BLACK),
+        ("best", "shortest known stops", "o-", style.BLACK),
         ("allocation", "allocation by max_rotation", "o", style.VERMILLION),
         ("sliding_mode", "sliding mode", "s", style.BLUE),
         ("unassisted", "all brakes on", "D", style.PURPLE),

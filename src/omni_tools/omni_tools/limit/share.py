@@ -14,8 +14,8 @@ def limit_share(
 ) -> metrics.Metric:
     """Return the bound of the stopping distance divided by the distance of a run [1].
 
-    The bound is that for stops that keep heading and line, from the same velocity but without the
-    yaw rate. The pedal is assumed to be at its largest position throughout.
+    The bound is valid for stops that keep heading and line of motion. It is computed for the same
+    velocity without the yaw rate, and for the largest position of the pedal during the run.
 
     Args:
         history: history of the run.

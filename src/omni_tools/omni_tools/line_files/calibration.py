@@ -122,7 +122,9 @@ def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
     number = np.cumsum([len(batch.lines) for batch in batches])
     stamp = 1e-9 * np.array([batch.stamp_ns - batches[0].stamp_ns for batch in batches])
     if len(batches) < 3 or stamp[-1] <= 0.0:
-        raise ConfigurationError("lines", "fewer than three batches, or all of one stamp")
+        raise ConfigurationError(
+            "lines", "there are fewer than three batches, or all have the same stamp"
+        )
     (period, _), covariance = np.polyfit(number, stamp, 1, cov=True)
     return 1.0 / float(period), math.sqrt(covariance[0, 0]) / float(period) ** 2
 

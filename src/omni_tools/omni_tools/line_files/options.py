@@ -61,10 +61,12 @@ def camera_files(
     for source in sources:
         name, equals, path = source.partition("=")
         if not equals or not path:
-            raise ConfigurationError(key, f"{source!r} lacks the name of a camera, left={source}")
+            raise ConfigurationError(
+                key, f"{source!r} lacks the name of a camera, such as left={source}"
+            )
         if name not in known:
             raise ConfigurationError(
-                key, f"{name!r} is none of the cameras {', '.join(known)} of {where}"
+                key, f"{name!r} is not a camera of {where}; cameras: {', '.join(known)}"
             )
         if name in files:
             raise ConfigurationError(key, f"{name} is given twice")

@@ -106,7 +106,7 @@ def design(task: DesignTask, report: Report) -> Design:
     except NoRoomError as error:
         raise WorkError(
             f"--sensors: {error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; "
-            f"each takes {2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
+            f"each requires {2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
             f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance",
         ) from None
     sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
@@ -154,15 +154,15 @@ def design_speed(
     if limit <= 0.0:
         raise ConfigurationError(
             "--yaw-rate",
-            f"{yaw_rate:g} rad/s alone leave less than 60 % overlap at the corners of the chassis",
+            f"at {yaw_rate:g} rad/s lines at the corners of the chassis overlap by less than 60 %",
         )
     if speed is None:
         return min(usual, limit)
     if not 0.0 < speed <= limit:
         raise ConfigurationError(
             "--speed",
-            f"{speed:g} m/s must be above 0 and at most {limit:.3g} m/s, where this type of camera "
-            "still has 60 % overlap sideways",
+            f"{speed:g} m/s must be above 0 and at most {limit:.3g} m/s, at which consecutive "
+            "lines of this type of camera overlap by 60 % in sideways motion",
         )
     return speed
 

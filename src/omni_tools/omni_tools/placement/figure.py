@@ -148,7 +148,7 @@ def _draw(
     else:
         axes.add_patch(Polygon(scene.chassis, facecolor=style.PALE, hatch="//", edgecolor="white"))
         headline = f"{placement.name}: singular"
-        words = placement.singular or "the error has no bound"
+        words = placement.singular or "the error is unbounded"
         _draw_axes_through(axes, placement, area)
     axes.add_patch(Polygon(scene.chassis, fill=False, edgecolor=style.BLACK, linewidth=1.4))
     nose = scene.chassis_length * np.array([(0.5, 0.0), (0.465, 0.025), (0.465, -0.025)])

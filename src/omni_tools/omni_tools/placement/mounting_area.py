@@ -85,10 +85,10 @@ class MountingArea:
         wheels = tuple(self.scene.wheels)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
-                return f"{name} reaches over the edge"
+                return f"{name} extends beyond the edge"
             wheel = int(self.wheel_in_the_way(pose))
             if wheel >= 0:
-                return f"{name} is in the way of wheel {wheels[wheel]}"
+                return f"{name} is too close to wheel {wheels[wheel]}"
         for i, name in enumerate(names):
             for j in range(i):
                 if not bool(self.apart(poses[i], poses[j])):

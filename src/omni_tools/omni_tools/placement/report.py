@@ -89,18 +89,18 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
     best, found, camera = result.best, result.found, result.trial
     fitted = 1e3 * camera.fitted[[0, -1]]
     sentences = [
-        f"One camera errs by {fitted[0]:.2g} mm/s moving along its axis and {fitted[1]:.2g} mm/s "
-        f"across it at {conditions} (the law is within a factor of "
-        f"{1.0 + camera.misfit:.2f} of the trials).",
-        f"The best placement is {found.symmetry or 'not symmetric'}; rounded to 1 mm and 1 deg it "
-        f"is {100.0 * found.rounding:.2f} % worse.",
+        f"The error of one camera is {fitted[0]:.2g} mm/s in motion along its axis and "
+        f"{fitted[1]:.2g} mm/s across it, at {conditions} (the model is within a factor of "
+        f"{1.0 + camera.misfit:.2f} of the simulated errors).",
+        f"The best placement is {found.symmetry or 'not symmetric'}; rounded to 1 mm and 1 deg, "
+        f"its error is {100.0 * found.rounding:.2f} % larger.",
     ]
     if task.count > design.FEWEST_SENSORS:
         sentences.append(
-            f"Without any one camera it stays regular, at worst without {best.missed_most}: "
-            f"{1e3 * best.worst_without:.2f} mm/s."
+            f"After the failure of any one camera it is not singular; the error is largest after "
+            f"that of {best.missed_most}: {1e3 * best.worst_without:.2f} mm/s."
             if math.isfinite(best.worst_without)
-            else f"Without {best.missed_most} it is singular; --redundant avoids that."
+            else f"After the failure of {best.missed_most} it is singular; --redundant avoids that."
         )
     for placement in result.placements[1:]:
         if placement.singular and placement.name not in task.given:
@@ -108,9 +108,9 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
         elif placement.name in task.given and not placement.singular:
             sentences.append(
                 f"{placement.name} is not singular: its axes spread by {placement.spread_deg:.0f} "
-                f"deg (5 deg are taken for parallel, 45 deg are best), its effective lever is "
+                f"deg (5 deg count as parallel, 45 deg is best), its effective lever is "
                 f"{placement.lever:.2f} m (0 where all axes pass through one point); its mean "
-                f"error is {_compared(placement, best)} the best one's."
+                f"error is {_compared(placement, best)} that of the best."
             )
         if placement.mounting and placement.name in task.given:
             sentences.append(
@@ -118,8 +118,8 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
             )
     other = result.placement("condition")
     sentences.append(
-        f"The smallest condition number, {other.condition:.2f} against {best.condition:.2f}, "
-        f"comes with a mean error {_compared(other, best)} the best one's."
+        f"The placement with the smallest condition number ({other.condition:.2f}; best placement: "
+        f"{best.condition:.2f}) has a mean error {_compared(other, best)} that of the best."
     )
     return sentences
 

@@ -168,7 +168,7 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
                 pairs = (_Unit((_ITSELF, image)),) * ((count - single) // 2)
                 layouts.append((words, (*pairs, *own)))
     if count % 2 == 0:
-        layouts.append(("alike after half a turn", (_Unit((_ITSELF, _TURNED)),) * (count // 2)))
+        layouts.append(("symmetric under a half turn", (_Unit((_ITSELF, _TURNED)),) * (count // 2)))
     return layouts
 
 

@@ -71,7 +71,7 @@ def monitor_parameters(
     """Return the parameters of Nav2's collision monitor as YAML."""
     name = Path(options.vehicle).stem
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
-    checked = f"\nOf {count:.0f} stops held out {outside:.2%} left theirs." if count else ""
+    checked = f"\nOf {count:.0f} held-out stops, {outside:.2%} left their polygon." if count else ""
     # The monitor compares the signed v_x, so a single band must extend from -speed to speed.
     lowest = -options.speed if options.bands == 1 else 0.0
     heading = (
@@ -79,8 +79,8 @@ def monitor_parameters(
         "after the alarm, in base_link.\n"
         f"At least {options.coverage:.2%} of stops stay within the polygon of their motion, with "
         f"a confidence of {options.confidence:.0%} for each polygon:\n"
-        f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to that of "
-        f"the vehicle's file, up to its place.{checked}"
+        f"friction {options.friction_min:g} to {options.friction_max:g}, any load up to the mass "
+        f"and the offset in the vehicle's file.{checked}"
     )
     # Enlarged by a millimeter, so that the rounded polygon still contains the area.
     polygons = {

@@ -213,10 +213,10 @@ def _standard_errors(
     largest_load: float,
     largest_error: float = 0.5,
 ) -> FloatArray:
-    """Return the standard errors of the values, shape (P,), limited by `largest_error`.
+    """Return the standard errors of the values, shape (P,).
 
     Raises:
-        WorkError: a value is not determined; the message names it.
+        WorkError: an error exceeds `largest_error` times the magnitude of its value.
     """
     free = np.flatnonzero(~at_bound)
     size = np.maximum(np.abs(recipe.scale(unknowns, largest_load))[free], 1e-300)

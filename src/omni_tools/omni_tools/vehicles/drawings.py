@@ -32,18 +32,18 @@ def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
     rollers = Rollers.of(vehicle.wheels)
     return {
         "chassis": f"{vehicle.chassis_length:g} x {vehicle.chassis_width:g} m",
-        "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of it load, "
-        f"{plain(masses.yaw_inertia)} kg m^2 about the vertical",
+        "mass": f"{masses.mass:g} kg, {vehicle.load.mass:g} kg of which are load, "
+        f"{plain(masses.yaw_inertia)} kg m^2 about the vertical axis",
         "center of gravity": f"({', '.join(map(plain, masses.center))}) m",
         "wheels": f"{len(vehicle.wheels)} of radius {', '.join(f'{r:g}' for r in radii)} m: "
         f"{', '.join(vehicle.wheels)}",
         "rollers": (f"{rollers.shape} seen from above, " if rollers.shape else "")
         + f"lever in yaw {rollers.yaw_lever:.2g} m, smallest singular value of the kinematics "
         f"{rollers.smallest_singular_value:.2g}",
-        "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is for up to "
+        "wheel loads": f"{plain(min(loads))} to {plain(max(loads))} N; the tire is valid up to "
         f"{plain(vehicle.tire.largest_load)} N",
-        "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes_over_grip(facts):.2g} times what "
-        "dry ground holds",
+        "brakes": f"{vehicle.brake.max_torque:g} N m, {brakes_over_grip(facts):.2g} times the "
+        "friction limit on dry ground",
         "tire": vehicle.tire.model,
     }
 
@@ -59,7 +59,7 @@ def draw_vehicle(
     """
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     figure, ((axes,),) = style.panels(
-        "seen from above, forward is up; what each wheel carries", size=(7.0, 7.0), **_FROM_ABOVE
+        "top view, forward is up; load of each wheel", size=(7.0, 7.0), **_FROM_ABOVE
     )
     axes.add_patch(Polygon(ahead_up(scene.chassis), facecolor=style.PALE, edgecolor=style.GRAY))
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
@@ -163,7 +163,7 @@ def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
 
 def draw_sensors(sensors: Mapping[str, LineSensor]) -> Figure:
     """Draw the cameras from above, with their fields of view enlarged ten times."""
-    title = "line cameras from above, forward is up (views ten times as large)"
+    title = "line cameras, top view, forward is up (fields of view enlarged ten times)"
     figure, ((axes,),) = style.panels(title, size=(6.5, 6.5), **_FROM_ABOVE)
     for name, one in sensors.items():
         heading = math.radians(one.heading_deg)

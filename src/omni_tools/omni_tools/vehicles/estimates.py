@@ -46,7 +46,7 @@ class Measured(Configuration):
         if across * max(self.wheels // 2, 1) > self.length or across > self.width:
             raise ConfigurationError(
                 "wheel_radius",
-                f"wheels of {across:g} m diameter have no room under {self.length:g} x "
+                f"wheels of {across:g} m diameter do not fit under a chassis of {self.length:g} x "
                 f"{self.width:g} m",
             )
 
@@ -122,7 +122,7 @@ def _vehicle(name: str, measured: Measured) -> str:
             "y": _round(0.3 * measured.width),
             "height": _round(2.5 * radius),
         }
-    braking = f"locks a wheel with a factor of {_USUAL.brake:g}"
+    braking = f"{_USUAL.brake:g} times the torque that locks a wheel"
     by_drive = measured.brakes in (TORQUE, VELOCITY)
     if by_drive and measured.drive_torque:
         torque, braking = measured.drive_torque, "the torque of the drive"
@@ -138,14 +138,14 @@ def _vehicle(name: str, measured: Measured) -> str:
         "tire": _tire(carried, radius),
     }
     notes = {
-        "wheels": "as far out as the chassis allows",
+        "wheels": "as far from the center as the chassis allows",
         "body.height": f"{_USUAL.height:g} wheel radii",
         "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
-        "load": "a point to the front left",
+        "load": "a point mass at the front left",
         "brake": braking,
-        "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s under its largest torque",
+        "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its largest torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
-        "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits a measured",
+        "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits measurements",
     }
     if not measured.drive_torque:
         notes["drive.max_torque"] = "the brake's"
@@ -243,7 +243,7 @@ def _sensors(name: str, measured: Measured) -> str:
             for camera_name, place in places.items()
         },
         f"Three line cameras under {name}, as section 4.4 suggests; ./omni design-sensors finds\n"
-        "better places. Each looks across its distance from the middle, so that all see a turn.",
+        "better positions. Their axes are tangential, so that all cameras measure the yaw rate.",
     )
 
 

@@ -147,14 +147,14 @@ def _tire_remarks(vehicle: VehicleConfiguration, facts: Mapping[str, WheelFacts]
     lightest, most = _PLAUSIBLE["load"]
     if load > most * largest:
         yield (
-            f"vehicle.tire: wheel {heaviest} stands with {plain(load)} N on a tire for at most "
-            f"{plain(largest)} N; take a stronger tire, or more wheels"
+            f"vehicle.tire: wheel {heaviest} carries {plain(load)} N, but its tire is valid up to "
+            f"{plain(largest)} N; use a stronger tire, or more wheels"
         )
     elif load < lightest * largest:
         yield (
-            f"vehicle.tire: the tire is for up to {plain(largest)} N and no wheel carries more "
-            f"than {plain(load)} N, so that its stiffness is that of a far heavier vehicle; take "
-            "the tire that ./omni new-vehicle scales to the load, or fit one with ./omni fit-tire"
+            f"vehicle.tire: no wheel carries more than {plain(load)} N, but the tire is for loads "
+            f"up to {plain(largest)} N, so it is too stiff for this vehicle; use the tire that "
+            "./omni new-vehicle scales to the load, or fit one with ./omni fit-tire"
         )
 
 
@@ -164,15 +164,14 @@ def _brake_remarks(vehicle: VehicleConfiguration, facts: Mapping[str, WheelFacts
     weakest, strongest = _PLAUSIBLE["brake"]
     if ratio < weakest:
         yield (
-            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m reach "
-            f"{100 * ratio:.0f} % of the grip, so that the wheels never lock and hardly swerve; "
-            f"locking takes {plain(needed)} N m"
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m give "
+            f"{100 * ratio:.0f} % of the friction limit, so the wheels never lock and the vehicle "
+            f"hardly swerves; {plain(needed)} N m lock the wheels"
         )
     elif ratio > strongest:
         yield (
-            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m are {ratio:.0f} "
-            f"times what the ground can take; about {plain(2 * needed)} N m would lock the wheels "
-            "as well"
+            f"vehicle.brake.max_torque: {plain(vehicle.brake.max_torque)} N m give {ratio:.0f} "
+            f"times the friction limit; about {plain(2 * needed)} N m would also lock the wheels"
         )
 
 
@@ -183,9 +182,8 @@ def _drive_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     torque = vehicle.drive.max_torque
     if torque > _PLAUSIBLE["drive"][1] * needed:
         yield (
-            f"vehicle.drive.max_torque: {plain(torque)} N m are {torque / max(needed, 1e-9):.0f} "
-            f"times what the ground can take; about {plain(2 * needed)} N m would spin the wheels "
-            "too"
+            f"vehicle.drive.max_torque: {plain(torque)} N m give {torque / max(needed, 1e-9):.0f} "
+            f"times the friction limit; about {plain(2 * needed)} N m would also spin the wheels"
         )
 
 
@@ -196,7 +194,7 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
     low, high = _PLAUSIBLE["yaw_inertia"]
     if not low < ratio < high:
         yield (
-            f"vehicle.body.yaw_inertia: {plain(masses.yaw_inertia)} kg m^2 with the load, where a "
+            f"vehicle.body.yaw_inertia: {plain(masses.yaw_inertia)} kg m^2 with the load, but a "
             f"plate of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m and this mass has "
             f"{plain(plate)} kg m^2; check mass, size and inertia"
         )
@@ -205,9 +203,9 @@ def _inertia_remarks(vehicle: VehicleConfiguration) -> Iterator[str]:
         moved = vehicle.wheel_inertia / mount.radius**2
         if moved > _PLAUSIBLE["wheel_inertia"][1] * carried:
             yield (
-                f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 act at the rim of "
-                f"wheel {name} as {plain(moved)} kg, but it carries {plain(carried)} kg; a "
-                "solid disc has half of its mass times its radius squared"
+                f"vehicle.wheel_inertia: {plain(vehicle.wheel_inertia)} kg m^2 correspond to "
+                f"a mass of {plain(moved)} kg at the rim of wheel {name}, which carries only "
+                f"{plain(carried)} kg; a solid disc has half of its mass times its radius squared"
             )
             return
 
@@ -219,9 +217,9 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
     for key, sensor in mounts.items():
         if abs(sensor.x) > vehicle.chassis_length / 2 or abs(sensor.y) > vehicle.chassis_width / 2:
             yield (
-                f"{key}: at ({sensor.x:g}, {sensor.y:g}) m it is beyond the edge of the "
+                f"{key}: its position ({sensor.x:g}, {sensor.y:g}) m is beyond the edge of the "
                 f"chassis of {vehicle.chassis_length:g} x {vehicle.chassis_width:g} m; "
-                "./omni design-sensors finds places under it"
+                "./omni design-sensors finds positions under the chassis"
             )
     share, speed, name = max(
         (
@@ -233,17 +231,17 @@ def _camera_remarks(experiment: ExperimentConfiguration) -> Iterator[str]:
     )
     if share > 1.0:
         yield (
-            f"sensors.{name}: consecutive lines share less than 60 % above "
-            f"{plain(speed / share)} m/s in the direction of motion, and it moves at "
-            f"up to {plain(speed)} m/s; take a wider view or more lines per second, or move "
-            f"at most {90.0 / share:.0f} % as fast"
+            f"sensors.{name}: in its direction of motion, consecutive lines overlap by less than "
+            f"60 % above {plain(speed / share)} m/s, but the camera moves at up to "
+            f"{plain(speed)} m/s; use a wider view or a higher line rate, or reduce the speed to "
+            f"{90.0 / share:.0f} %"
         )
     for name, flow in experiment.flow_sensors.items():
         speed = max(math.hypot(*_velocity(flow, twist)) for twist in twists)
         if speed > flow.maximum_speed > 0.0:
             yield (
-                f"flow_sensors.{name}: it moves at up to {plain(speed)} m/s and can follow "
-                f"{plain(flow.maximum_speed)} m/s; mount it higher, or move more slowly"
+                f"flow_sensors.{name}: it moves at up to {plain(speed)} m/s, but measures only up "
+                f"to {plain(flow.maximum_speed)} m/s; mount it higher, or reduce the speed"
             )
 
 

@@ -65,7 +65,7 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
         return (
             f"wheels.{name}.roller_angle_deg: {angle:g} deg breaks the symmetry of the rollers"
             + (f" (or {', '.join(others)} does)" if others else "")
-            + f"; its mirror images on the other wheels have {-angle:g} deg",
+            + f"; symmetric rollers on the other wheels have {-angle:g} deg",
         )
     opposite = {name: _flipped(mount) for name, mount in wheels.items()}
     try:
@@ -74,16 +74,16 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
         return ()
     if rollers.smallest_singular_value < poor * best:
         return (
-            f"wheels: the roller axes pass the center at {rollers.yaw_lever:.2g} m, so that the "
-            f"wheels hardly turn the vehicle (seen from above the rollers form {rollers.shape}, "
-            f"smallest singular value {rollers.smallest_singular_value:.2g}, with the opposite "
-            f"roller angles {best:.2g}); negate every roller_angle_deg, unless the wheels are "
-            "mounted so",
+            f"wheels: the lever arms of the roller axes about the center are only "
+            f"{rollers.yaw_lever:.2g} m, so the wheels can hardly rotate the vehicle (seen from "
+            f"above the rollers form {rollers.shape}; smallest singular value "
+            f"{rollers.smallest_singular_value:.2g}, but {best:.2g} with the opposite roller "
+            "angles); negate every roller_angle_deg, unless the wheels are mounted in this way",
         )
     if rollers.shape == "mixed" and len(wheels) == 4:
         return (
             "wheels: the rollers form neither X nor O seen from above; mirror the roller angles of "
-            "the front wheels on the rear wheels, unless the wheels are mounted so",
+            "the front wheels on the rear wheels, unless the wheels are mounted in this way",
         )
     return ()
 

@@ -78,7 +78,7 @@ def test_a_cluster_runs_every_seed_once_in_chunks_sized_by_time(
 
 def test_what_is_not_of_the_campaign_is_refused(tmp_path: Path) -> None:
     campaign(tmp_path, runs=3, workers=1)
-    with pytest.raises(ConfigurationError, match=r"--seeds: 90:99 holds none"):
+    with pytest.raises(ConfigurationError, match=r"--seeds: 90:99 contains none"):
         campaign(tmp_path, workers=1, seeds="90:99")
     with pytest.raises(ConfigurationError, match="--merge: there is no"):
         campaign(tmp_path, workers=1, merge=(tmp_path / "nowhere",))

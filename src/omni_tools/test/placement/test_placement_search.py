@@ -123,10 +123,10 @@ def test_singular_and_unmountable_placements_are_named() -> None:
     assert "parallel" in classics["parallel"].singular
     assert classics["radial"].mean_error == classics["parallel"].mean_error == math.inf
     default = evaluate("default", LIBRARY.sensors("three_generic"), criterion, area)
-    assert default.mounting == "left reaches over the edge"
+    assert default.mounting == "left extends beyond the edge"
     at_wheel = named(np.array([(0.7, 0.36, 0.0), (0.0, 0.3, 0.0), (-0.5, 0.0, 1.57)]), VIEW)
     problem = area.problem(tuple(at_wheel), poses_of(at_wheel))
-    assert problem == "front_left is in the way of wheel front_left"
+    assert problem == "front_left is too close to wheel front_left"
 
 
 def test_the_same_seed_gives_the_same_placement() -> None:

@@ -63,13 +63,13 @@ def test_numbers_of_wheels_that_are_no_pairs_are_refused(wheels: int) -> None:
 @pytest.mark.parametrize(
     ("override", "words"),
     [
-        ("vehicle.tire=rill_table_1", "far heavier vehicle"),
-        ("vehicle.brake.max_torque=2000", "times what the ground can take"),
+        ("vehicle.tire=rill_table_1", "too stiff for this vehicle"),
+        ("vehicle.brake.max_torque=2000", "times the friction limit"),
         ("vehicle.brake.max_torque=1", "never lock"),
-        ("vehicle.drive.max_torque=1500", "would spin the wheels too"),
+        ("vehicle.drive.max_torque=1500", "would also spin the wheels"),
         ("vehicle.body.yaw_inertia=330", "check mass, size and inertia"),
         ("vehicle.wheel_inertia=1.0", "solid disc"),
-        ("vehicle.load={mass: 60, height: 0.1}", "take a stronger tire"),
+        ("vehicle.load={mass: 60, height: 0.1}", "use a stronger tire"),
         ("sensors.front={x: 0.6, y: 0, heading_deg: 90}", "beyond the edge"),
         ("maneuver.speed=45", "less than 60 %"),
         ("maneuver.demands={time: [0, 1], forward: [0, 30], left: [0, 0], turn: [0, 0], "

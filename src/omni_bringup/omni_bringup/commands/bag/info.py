@@ -56,7 +56,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
                 f"{topic:<{left}}  {kind:<{right}}  {messages:>8}  {rate:>10}".rstrip()
                 for topic, kind, messages, rate in rows
             ),
-            f"{total} messages in {duration:.3f} s from {start:.3f} s on",
+            f"{total} messages within {duration:.3f} s, beginning at {start:.3f} s",
             f"{size / 1e6:.1f} MB in {len(found.files)} file(s), {summary.chunks} chunks, "
             f"{packed or 'empty'}",
         ),

@@ -30,7 +30,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
     if result is None:
         return Report(
             details={"folder": None, "problems": []},
-            text=(f"{options.bag}: nothing is wrong with it, so nothing was written",),
+            text=(f"{options.bag}: the recording is undamaged, so nothing was written",),
         )
     total = sum(result.counts.values())
     start, end = result.first_ns / quantities.SECOND_NS, result.last_ns / quantities.SECOND_NS

@@ -51,7 +51,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_tools.line_files.reading import read_lines
 
     if not (options.dark or options.white or options.drive):
-        raise ConfigurationError("--dark", "nothing is given: neither --dark, --white nor --drive")
+        raise ConfigurationError("--dark", "give --dark, --white or --drive")
     batches: dict[str, list[LineBatch]] = {}
     cameras = workspace.experiment_library().sensors(options.sensors)
     odometry = None

@@ -1,5 +1,5 @@
-// Drives the vehicle: sends pedal and stick to the driver's node 20 times a second and draws its
-// answers. A page that sends nothing (closed, hidden, halted) brakes the vehicle.
+// Drives the vehicle: sends pedal and stick to the driver node 20 times a second and draws the
+// state that the node returns. If the page sends nothing (closed, hidden, halted), the vehicle brakes.
 "use strict";
 
 const HEARTBEAT = 50; // [ms]
@@ -15,7 +15,7 @@ let trail = [];
 let stopped = ""; // why this page no longer drives
 let choosing = ""; // what is to be driven next
 
-// ---------------------------------------------------------------- what the person asks for
+// ---------------------------------------------------------------- inputs of the person
 
 const KEYS = {
   KeyW: "forward", ArrowUp: "forward", KeyS: "back", ArrowDown: "back",
@@ -30,7 +30,7 @@ function gamepad() {
   return { pedal: pad.buttons[7].value, stick: [axis(1), axis(0), axis(2)] };
 }
 
-// Fingers on the top view: one that began on the left half moves, one on the right half turns.
+// Touch on the top view: a touch that begins on the left half moves, on the right half turns.
 const fingers = new Map(); // where each began and is [px]
 const FULL = 70; // [px] of a full stick
 
@@ -124,7 +124,7 @@ function connect() {
   };
 }
 
-// What may be driven instead: whoever started the nodes starts them anew, and this page returns.
+// Other vehicles, grounds and laws: the command restarts the nodes, and this page reconnects.
 function offer(choices) {
   const kinds = Object.entries(choices);
   $("choices").hidden = !kinds.length;
@@ -164,7 +164,7 @@ const SLOW = 0.1, ROCKING = 0.4, SETTLE = 0.5;
 const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
 let stop = null, stops = 0, law = "";
 
-// A stop begins when the pedal goes down in motion and ends at rest with the pedal still down.
+// A stop begins when the pedal is pressed in motion and ends at rest with the pedal still pressed.
 // A stopped vehicle rocks on its tires by some centimeters, so the distance is measured after that.
 function follow() {
   const [vx, vy, rate] = state.twist, motion = Math.max(Math.hypot(vx, vy), Math.abs(rate));
@@ -219,7 +219,7 @@ function tabulate() {
 // State of the assistant as a banner, with the reason of a fault.
 const BANNERS = {
   assisting: "ASSISTING", dead_reckoning: "DEAD RECKONING", all_errors_positive: "ASSISTING: all brakes on",
-  below_speed_threshold: "STANDING: all brakes on", disabled: "ASSISTANT OFF", inactive: "READY",
+  below_speed_threshold: "AT REST: all brakes on", disabled: "ASSISTANT OFF", inactive: "READY",
 };
 
 function announce() {
@@ -238,12 +238,12 @@ function announce() {
   }
 }
 
-// A wheel rolls, its brake acts, or the assistant holds its brake back.
+// State of a wheel: no braking, the brake acts, or the assistant releases the brake.
 function brakeState(index) {
   if (!(state.pedal > 0)) return "rolling";
   return (state.enable?.[index] ?? 1) > 0 ? "braking" : "released";
 }
-const WORDS = { rolling: "○ off", braking: "● acts", released: "◌ held back" };
+const WORDS = { rolling: "○ off", braking: "● acts", released: "◌ released" };
 
 function write() {
   $("notice").textContent = stopped || choosing || (socket?.readyState !== WebSocket.OPEN ? "not connected: the vehicle brakes"
@@ -354,7 +354,7 @@ function drawPatch(pen, color, patch, x, y, scale) {
   pen.restore();
 }
 
-// A bar of one meter, or of as many as make a finger's breadth.
+// Scale bar of one meter, or of a round number of meters that gives a readable length.
 function drawScale(pen, color, ratio, width, height, scale) {
   const meters = [1, 2, 5, 10].find((one) => one * scale > 50) ?? 10;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);

@@ -53,7 +53,7 @@ def add_four_between(
 
 
 def _adding(sums: Any, texture: Any, tuples: list[Any]) -> Intrinsic:
-    """Return signature and instructions; the tuples are the offsets and, optionally, the bounds."""
+    """Return the signature and the LLVM code of an addition with offsets and optional bounds."""
     signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -194,7 +194,11 @@ def curve_through(
 
 
 class TMeasyParameters(NamedTuple):
-    """Constants of the kernels; ``coefficients`` from `curve_coefficients`, shape (10,)."""
+    """Constants of the kernels.
+
+    Attributes:
+        coefficients: load interpolation of the curve, from `curve_coefficients`, shape (10,).
+    """
 
     coefficients: FloatArray
 

@@ -1,4 +1,4 @@
-// The recordings: columns of numbers over time, and how to look them up.
+// Recordings as columns of numbers over time, and functions that read them.
 
 function decodeColumn(text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -19,7 +19,7 @@ function readRuns(report) {
   });
 }
 
-// Forces of the wheels in the body frame, so that they turn with the vehicle until the next ones.
+// Forces of the wheels in the body frame, so that they turn with the vehicle between samples.
 function readForces(forces, run) {
   const times = decodeColumn(forces.time);
   const values = forces.values.map(decodeColumn);
@@ -37,7 +37,7 @@ function readForces(forces, run) {
   return { times, wheels, largest: largest ? largest[1] : 0 };
 }
 
-// The last place whose time has come; the first before that.
+// Index of the last sample that is not later than a time; 0 before the first sample.
 function indexAt(times, time) {
   let low = 0, high = times.length - 1;
   while (low < high) {
@@ -60,7 +60,7 @@ function speedAt(run, i) {
   return Math.hypot(run.columns.velocity[0][i], run.columns.velocity[1][i]);
 }
 
-// With what share of its pressure a wheel brakes. Without an enable the brake is on.
+// Share of the pressure at the brake of a wheel; 1 without an enable.
 function brakeShare(run, wheel, i) {
   if (!(run.columns.pedal[0][i] > 0)) return 0;
   const share = run.columns.enable[wheel][i];
@@ -113,7 +113,7 @@ function multiples(step, low, high) {
   return Array.from({ length: count > 0 ? Math.min(count, 200) : 0 }, (_, k) => (first + k) * step);
 }
 
-// The colors of the style sheet as they are now, light or dark.
+// Present colors of the style sheet, light or dark.
 function readColors() {
   const style = getComputedStyle(document.documentElement);
   const color = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -123,7 +123,7 @@ function readColors() {
   return colors;
 }
 
-// A canvas as large as it is shown, with CSS pixels as units.
+// Canvas with the resolution of the screen and CSS pixels as units.
 function prepareCanvas(canvas, height) {
   const ratio = window.devicePixelRatio || 1;
   if (height) canvas.style.height = `${height}px`;

@@ -1,4 +1,4 @@
-// The clock of the page: it plays, and everything that shows a time follows it.
+// Clock of the page, which all displays of a time follow.
 
 class Player {
   constructor(report) {
@@ -70,7 +70,7 @@ class Player {
     this.zoom.dispatchEvent(new Event("change"));
   }
 
-  // Keys work wherever they mean nothing else.
+  // Keys have an effect unless the focused element uses them.
   onKey(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.target.closest("button, select, summary, input:not([type=range])") && !/^[0-9f+-]$/.test(event.key)) return;
@@ -98,7 +98,7 @@ class Player {
     this.redraw();
   }
 
-  // Everything anew: after a change of size, colors or the run in front.
+  // Redraws everything after a change of size, colors or highlighted run.
   redraw() {
     this.colors = readColors();
     fillTopViewLegend(document.getElementById("top-view-legend"), this.runs, this.view, this.colors);

@@ -1,11 +1,11 @@
-// The plots over time. All share the player's time; the run in front is drawn over the others.
+// The plots over time. All share the player's time; the highlighted run is drawn over the others.
 
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
-// By the number of the color: some readers cannot distinguish the third and the fourth.
+// Dashes by number of the color, because some readers cannot distinguish colors three and four.
 const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
 // A curve has a label, times, values and the number of its color; `curves` gives those of a run.
-// What was recorded less often than everything else is drawn as `dots`.
+// A quantity with fewer samples than the others is drawn as `dots`.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
     curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
@@ -17,11 +17,11 @@ const PLOTS = [
     curves: (run) => byWheel(run, run.columns.error) },
   { name: "test-ratio", title: "Fault detection: test ratio of each source", unit: "squared innovation over its gate; rejected above 1; cut off at 4", digits: 2, gate: 1, largest: 4,
     curves: ratioCurves },
-  { name: "enable", title: "Brake enables", unit: "filled as far as the brake is on", lanes: true,
+  { name: "enable", title: "Brake enables", unit: "filled height: share of the brake pressure", lanes: true,
     curves: (run) => byWheel(run, run.columns.enable) },
   { name: "slip", title: "Wheel slip", unit: "0 rolls, ±1 locked; computed", digits: 2,
     curves: (run) => byWheel(run, run.columns.slip) },
-  { name: "force", title: "Wheel force along the active direction", unit: "N, dots: as often as recorded", digits: 0, dots: true,
+  { name: "force", title: "Wheel force along the active direction", unit: "N; dots: recorded samples", digits: 0, dots: true,
     curves: forceCurves },
   { name: "load", title: "Wheel load", unit: "N, computed", digits: 0,
     curves: (run) => byWheel(run, run.columns.load) },
@@ -92,7 +92,7 @@ class Plot {
     return [low - room, high + room];
   }
 
-  // Draws everything but the cursor; needed when the size, the colors or the front run change.
+  // Draws everything but the cursor; needed after a change of size, colors or highlighted run.
   draw(front, colors) {
     const { pen, width, height } = prepareCanvas(this.canvas);
     pen.save();
@@ -166,7 +166,7 @@ class Plot {
     }
   }
 
-  // A lane for each wheel, and in it a strip for each run, filled as far as the brake is on.
+  // A lane for each wheel, and in it a strip for each run; its filled height is the brake enable.
   drawLanes(pen, run, colors) {
     const curves = this.curves[run.number];
     const lane = this.height / curves.length;
@@ -200,7 +200,7 @@ class Plot {
     });
   }
 
-  // Shows a time: the cursor, and the values of the run in front.
+  // Shows a time: the cursor, and the values of the highlighted run.
   show(time, front) {
     this.cursor.style.transform = `translateX(${MARGIN.left + this.x(time)}px)`;
     this.curves[front.number].forEach(({ times, values }, number) => {

@@ -1,4 +1,4 @@
-// Everything of the page that is text. Text from a recording reaches the page by textContent only.
+// Texts and tables of the page. Text from a recording is inserted by textContent only.
 
 function element(tag, properties, parent) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -6,7 +6,7 @@ function element(tag, properties, parent) {
   return made;
 }
 
-// A small picture of 24 x 12 for a legend.
+// Symbol of 24 x 12 px for a legend.
 function swatch(parent, shapes) {
   const space = "http://www.w3.org/2000/svg";
   const picture = document.createElementNS(space, "svg");

@@ -1,4 +1,4 @@
-// The vehicles from above: the run in front with all that is known of it, the others pale.
+// The vehicles from above: the highlighted run with all its data, the others faded.
 
 const PALE = 0.4; // opacity of what is not in front
 const FOLLOWED_LENGTHS = 4; // chassis lengths across the picture that follows the vehicle
@@ -115,7 +115,7 @@ class TopView {
     });
   }
 
-  // The line that braking without any swerve would follow.
+  // Line of motion at the start of braking.
   drawInitialLine(run) {
     const i = run.brakeStart;
     if (i === null || !(speedAt(run, i) > 0)) return;
@@ -164,7 +164,7 @@ class TopView {
     });
   }
 
-  // Filled as strongly as it brakes, hollow while the assistant releases it: not shown by color alone.
+  // Opacity is the brake enable, and released wheels are hollow, so that color is not the only cue.
   drawWheel(pen, pixel, wheel, state, share) {
     const { colors } = this.view, alpha = pen.globalAlpha;
     polygon(pen, wheel.outline);
