@@ -1,7 +1,8 @@
-"""Long campaigns keep their memory: compiled kernels free every array that they make."""
+"""Long campaigns keep their memory: kernels free every array, and a run leaves no cycles."""
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from omni_brake_assist.configuration import LAWS
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.loop import LineEstimator
+from omni_platform import background
 from omni_sim.simulator import Simulator
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
@@ -56,3 +58,33 @@ def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:
     for _ in range(30):  # buffers fill up
         step()
     assert _kept(step, 100) <= 20  # what the last results hold
+
+
+@pytest.mark.parametrize("alone", ["1", ""], ids=["one thread", "two threads"])
+def test_a_run_with_lines_is_freed_without_a_garbage_collection(
+    alone: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(background.ALONE, alone)
+    background._queue.cache_clear()
+    configuration = LIBRARY.load("small_stop", "assisted")
+    enable = np.ones(len(configuration.vehicle.wheels))
+
+    def run() -> None:
+        simulator = Simulator(configuration)
+        odometry = LineEstimator(make_odometry("", configuration.odometry))
+        for _ in range(3):
+            odometry.estimate(simulator.observe())
+            simulator.advance(enable)
+
+    run()
+    gc.collect()
+    gc.set_debug(gc.DEBUG_SAVEALL)
+    try:
+        run()
+        gc.collect()
+        modules = {type(one).__module__.split(".")[0] for one in gc.garbage}
+    finally:
+        gc.set_debug(0)
+        gc.garbage.clear()
+        background._queue.cache_clear()
+    assert not modules & {"omni_sim", "linescan_odometry", "omni_loop"}

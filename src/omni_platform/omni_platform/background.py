@@ -22,11 +22,15 @@ ALONE = "OMNI_ONE_THREAD"
 
 
 class _Work(Generic[_T]):
-    """A task that is executed once, by the first thread that is free."""
+    """A task that is executed once, by the first thread that is free.
 
-    def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]]) -> None:
-        self._work = work
-        self._queue = queue
+    The task is released after it, because its owner usually holds the result: without a cycle of
+    references, both are freed at once.
+    """
+
+    def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]] | None) -> None:
+        self._work: Callable[[], _T] | None = work
+        self.queue = queue
         self._begun, self._under_way = threading.Lock(), threading.Lock()
         self._under_way.acquire()
         self._error: BaseException | None = None
@@ -35,8 +39,10 @@ class _Work(Generic[_T]):
         """Do the work unless another thread has started it."""
         if not self._begun.acquire(blocking=False):
             return
+        work, self._work = self._work, None
+        assert work is not None  # since it has not begun
         try:
-            self._result = self._work()
+            self._result = work()
         except BaseException as error:
             self._error = error
         self._under_way.release()
@@ -44,9 +50,9 @@ class _Work(Generic[_T]):
     def result(self) -> _T:
         """Return the result; do other queued work while waiting."""
         self.do()
-        while self._under_way.locked():
+        while self.queue is not None and self._under_way.locked():
             try:
-                self._queue.get_nowait().do()
+                self.queue.get_nowait().do()
             except Empty:
                 break
         self._under_way.acquire()
@@ -82,9 +88,7 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
         work: usually a call of one long kernel.
         worth: whether the work takes some tenths of a millisecond; shorter work is not queued.
     """
-    queue = _queue() if worth else None
-    if queue is None:
-        return work
-    begun = _Work(work, queue)
-    queue.put(begun)
+    begun = _Work(work, _queue() if worth else None)
+    if begun.queue is not None:
+        begun.queue.put(begun)
     return begun.result

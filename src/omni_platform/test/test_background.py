@@ -68,4 +68,4 @@ def test_whoever_waits_does_what_is_left(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_what_is_not_worth_it_stays_here() -> None:
     work = background.in_background(threading.current_thread, worth=False)
-    assert work is threading.current_thread
+    assert work() is threading.current_thread()

@@ -1,6 +1,6 @@
 """Batches of camera lines along a trajectory, rendered in the background."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 from omni_platform.background import in_background
@@ -34,7 +34,7 @@ class LineExposures:
         self._blurred = blurred
         rates = {camera.sensor.line_rate for camera in cameras.cameras.values()}
         self._clocks = {rate: LineClock(rate) for rate in rates}
-        self._batches = _Batches({}, self._render)
+        self._batches = _Batches({}, cameras)
 
     def complete(self) -> None:
         """Render all lines not yet rendered; the noise of later lines depends on the line count."""
@@ -60,12 +60,8 @@ class LineExposures:
             taken[rate] = clock.stamp_ns(last - 1), poses, velocities
         cameras = self.cameras.cameras.items()
         exposures = {name: taken[camera.sensor.line_rate] for name, camera in cameras}
-        self._batches = _Batches(exposures, self._render)
+        self._batches = _Batches(exposures, self.cameras)
         return self._batches
-
-    def _render(self, name: str, exposure: _Exposure) -> LineBatch:
-        stamp_ns, poses, velocities = exposure
-        return LineBatch(stamp_ns, self.cameras.render_next(name, poses, velocities))
 
 
 class _Batches(Mapping[str, LineBatch]):
@@ -74,15 +70,11 @@ class _Batches(Mapping[str, LineBatch]):
     A subscriber can therefore match one batch while the next one is rendered.
     """
 
-    def __init__(
-        self,
-        exposures: Mapping[str, _Exposure],
-        render: Callable[[str, _Exposure], LineBatch],
-    ) -> None:
+    def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:
         # The background thread starts with the last camera, because readers start with the first
         # one.
         self._rendering = {
-            name: in_background(partial(render, name, exposures[name]))
+            name: in_background(partial(_render, cameras, name, exposures[name]))
             for name in reversed(tuple(exposures))
         }
         self._names = tuple(exposures)
@@ -98,3 +90,8 @@ class _Batches(Mapping[str, LineBatch]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+def _render(cameras: LineCameraArray, name: str, exposure: _Exposure) -> LineBatch:
+    stamp_ns, poses, velocities = exposure
+    return LineBatch(stamp_ns, cameras.render_next(name, poses, velocities))
