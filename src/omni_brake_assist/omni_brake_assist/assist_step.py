@@ -269,7 +269,7 @@ def _outcome(
         planned = helps and constants.laws.replans
         return conditions.REPLANNED if planned else conditions.DEAD_BRAKE
     assisting = conditions.DEAD_RECKONING if step.reckoned else conditions.ASSISTING
-    return assisting if helps else conditions.NO_BRAKE_HELPS
+    return assisting if helps else conditions.NO_RELEASE
 
 
 @lean

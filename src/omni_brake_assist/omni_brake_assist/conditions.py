@@ -32,7 +32,7 @@ class AssistState(enum.Enum):
     IMPLAUSIBLE_FEEDBACK = "implausible_feedback"
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     BELOW_SPEED_THRESHOLD = "below_speed_threshold"
-    ALL_ERRORS_POSITIVE = "all_errors_positive"  # no single brake would help, section 3.3
+    NO_RELEASE = "no_release"  # the control law releases no brake
     DEAD_BRAKE = "dead_brake"  # a wheel rolls freely although its brake should act
     DEAD_RECKONING = "dead_reckoning"  # assisting with IMU and wheel speeds, without a valid twist
     ASSISTING = "assisting"
@@ -103,7 +103,7 @@ class Condition(NamedTuple):
     FROZEN,
     CONTRADICTED,
     SLOW,
-    NO_BRAKE_HELPS,
+    NO_RELEASE,
     DEAD_BRAKE,
     REPLANNED,
     DEAD_RECKONING,
@@ -177,7 +177,11 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(
         _S.BELOW_SPEED_THRESHOLD, OK, "speed of the fastest wheel center fell below {limit:g} m/s"
     ),
-    Condition(_S.ALL_ERRORS_POSITIVE, OK, "no error is negative: all brakes on"),
+    Condition(
+        _S.NO_RELEASE,
+        OK,
+        "control law releases no brake: no error is negative, or too few wheel speeds are known",
+    ),
     Condition(_S.DEAD_BRAKE, ERROR, _DEAD + _LATCHED),
     Condition(
         _S.DEAD_BRAKE,

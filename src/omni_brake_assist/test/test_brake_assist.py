@@ -88,7 +88,7 @@ def test_pedal_starts_assistance_with_the_brakes_of_negative_error(mecanum: Whee
 
 def test_all_brakes_if_no_error_is_negative(mecanum: Wheels) -> None:
     decision = Drive(mecanum, (10.0, 0.0, 0.0), weighting="zero").step(1.0, (10.0, 0.0, 0.0))
-    assert decision.state is AssistState.ALL_ERRORS_POSITIVE
+    assert decision.state is AssistState.NO_RELEASE
     np.testing.assert_array_equal(decision.enable, 1.0)
     np.testing.assert_array_equal(decision.error, 0.0)
 

@@ -114,7 +114,7 @@ def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
 @pytest.mark.parametrize(
     ("law", "state", "reason"),
     [
-        ("Nothing", AssistState.ALL_ERRORS_POSITIVE, ""),
+        ("Nothing", AssistState.NO_RELEASE, ""),
         ("NotANumber", AssistState.INTERNAL_ERROR, "outside [0, 1]: [nan"),
         ("TooMuch", AssistState.INTERNAL_ERROR, "outside [0, 1]"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),

@@ -24,7 +24,7 @@ CONFIGURATION = "configuration.yaml"
 _ASSISTING = (
     AssistState.ASSISTING.value,
     AssistState.DEAD_RECKONING.value,
-    AssistState.ALL_ERRORS_POSITIVE.value,
+    AssistState.NO_RELEASE.value,
 )
 _LARGEST_CONFIGURATION = 1 << 20  # [B]
 _MOST_VALUES = 4000

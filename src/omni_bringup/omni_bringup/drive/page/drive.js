@@ -161,7 +161,7 @@ const LATEST = 0.5; // [s] by which the pedal may have gone down before
 const MOVING = 0.3; // [m/s] least speed from which a stop is counted
 // As in a recording: at rest below SLOW [m/s, rad/s] until ROCKING is exceeded; a stop ends SETTLE [s] later.
 const SLOW = 0.1, ROCKING = 0.4, SETTLE = 0.5;
-const HELPS = ["assisting", "dead_reckoning", "all_errors_positive"];
+const HELPS = ["assisting", "dead_reckoning", "no_release"];
 let stop = null, stops = 0, law = "";
 
 // A stop begins when the pedal is pressed in motion and ends at rest with the pedal still pressed.
@@ -218,7 +218,7 @@ function tabulate() {
 
 // State of the assistant as a banner, with the reason of a fault.
 const BANNERS = {
-  assisting: "ASSISTING", dead_reckoning: "DEAD RECKONING", all_errors_positive: "ASSISTING: all brakes on",
+  assisting: "ASSISTING", dead_reckoning: "DEAD RECKONING", no_release: "ASSISTING: all brakes on",
   below_speed_threshold: "AT REST: all brakes on", disabled: "ASSISTANT OFF", inactive: "READY",
 };
 
