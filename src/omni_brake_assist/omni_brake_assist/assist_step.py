@@ -74,14 +74,18 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     """Return whether a law may act in this step, and the motion to call it with."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
-    weighed = constants.fault_detection and _has_imu(constants, inputs)
+    weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
     limits, gate = constants.limits, memory.gate
     good = fail_safe.check_inputs(limits, gate, inputs.now_ns, feedback, braking, weighed)
     gate_open = gate[0].cause == conditions.GOOD
     stamp_ns, twist = feedback.stamp_ns, feedback.value
-    elapsed = max(since(inputs.now_ns, step.observed_ns) * 1e-9, 0.0)
+    elapsed = since(inputs.now_ns, step.observed_ns) * 1e-9
+    elapsed = min(max(elapsed, 0.0), constants.maximum_time_step)
+    step.observed_ns = inputs.now_ns
+    pedal = inputs.pedal if braking else 0.0
+    step.dead = step.dead if braking else 0
     if constants.fault_detection:
-        chosen = _estimate_motion(constants, memory, inputs, good and gate_open, braking)
+        chosen = _estimate_motion(constants, memory, inputs, good and gate_open, pedal, elapsed)
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         alone = chosen == bank_state.NO_TWIST or not (good and gate_open) or gate[0].uncertain
         step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
@@ -91,8 +95,11 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         elif chosen == bank_state.NO_ESTIMATE:
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
-    watched = constants.fault_detection and (not braking or (good and gate_open))
-    _watch(constants, memory, inputs, braking, elapsed if watched else -1.0, (v_x, v_y, yaw_rate))
+    for i in range(memory.law_speeds.size):
+        isolated = memory.bank.faulty[i] > bank_state.FAULTY
+        memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
+    if constants.fault_detection and (not braking or (good and gate_open)):
+        _watch(constants, memory, pedal, elapsed, (v_x, v_y, yaw_rate))
     dt = 0.0
     if good:
         dt = since(stamp_ns, step.followed_ns) * 1e-9
@@ -118,27 +125,68 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
 
 
+@lean
+def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
+    """Store wheel speeds and IMU reading, NaN where too old; return whether there is an IMU."""
+    wheels, imu, inertial = inputs.wheels, inputs.imu, memory.workspace[0]
+    known = _is_recent(constants, inputs.now_ns, wheels.validity, wheels.stamp_ns)
+    for i in range(memory.speeds.size):
+        memory.speeds[i] = wheels.speed[i] if known else math.nan
+    known = _is_recent(constants, inputs.now_ns, imu.validity, imu.stamp_ns)
+    inertial[0] = imu.yaw_rate if known else math.nan
+    for j in range(2):
+        inertial[j + 1] = imu.acceleration[j] if known else math.nan
+    return bool(known)
+
+
+@lean
+def _is_recent(constants: Constants, now_ns: int, validity: int, stamp_ns: int) -> bool:
+    """Return whether a reading is valid and recent enough to use."""
+    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= constants.limits.timeout_ns)
+
+
+@inlined
+def _estimate_motion(
+    constants: Constants,
+    memory: Memory,
+    inputs: Inputs,
+    received: bool,
+    pedal: float,
+    dt: float,
+) -> int:
+    """Estimate the present motion and update the effect monitor with the last step of `dt` [s]."""
+    step, feedback = memory.step[0], inputs.feedback
+    speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
+    released = False
+    for enable in memory.commanded:
+        released = released or enable < 1.0
+    for j in range(3):
+        variance[j] = feedback.covariance[j, j] if received else 0.0
+    step.no_effect = effect_monitor.watch_effect(
+        constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
+    )
+    return int(
+        estimate(
+            constants.bank,
+            memory.bank,
+            inputs.now_ns,
+            bank_state.Readings(pedal, memory.commanded, inertial, speeds),
+            bank_state.Twist(received, feedback.stamp_ns, feedback.value, variance),
+            memory.answer,
+        )
+    )
+
+
 @inlined
 def _watch(
     constants: Constants,
     memory: Memory,
-    inputs: Inputs,
-    braking: bool,
-    elapsed: float,
+    pedal: float,
+    dt: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the wheel speeds for the law, and the brake monitor if `elapsed` [s] is at least 0."""
-    step, law_speeds = memory.step[0], memory.law_speeds
-    for i in range(law_speeds.size):
-        law_speeds[i] = inputs.wheels.speed[i]
-        if memory.bank.faulty[i] > bank_state.FAULTY:
-            law_speeds[i] = math.nan
-    if not braking:
-        step.dead = 0
-    if elapsed < 0.0:
-        return
-    dt = min(elapsed, constants.maximum_time_step)
-    pedal = inputs.pedal if braking else 0.0
+    """Update the brake monitor with the last step of `dt` [s]."""
+    step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
         memory.commanded, memory.speeds, memory.bank.record[0].scale
     )
@@ -147,50 +195,6 @@ def _watch(
         step.dead = dead + 1
         if dead != NO_WHEEL:
             step.assisting = False  # its memory assumes a working brake
-
-
-@lean
-def _has_imu(constants: Constants, inputs: Inputs) -> bool:
-    """Return whether the latest IMU reading is recent enough to use."""
-    imu, timeout = inputs.imu, constants.limits.timeout_ns
-    return bool(imu.validity == VALID and abs(since(inputs.now_ns, imu.stamp_ns)) <= timeout)
-
-
-@inlined
-def _estimate_motion(
-    constants: Constants, memory: Memory, inputs: Inputs, received: bool, braking: bool
-) -> int:
-    """Estimate the present motion and update the effect monitor with the last step."""
-    step, feedback = memory.step[0], inputs.feedback
-    now_ns, timeout = inputs.now_ns, constants.limits.timeout_ns
-    speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
-    wheels, imu = inputs.wheels, inputs.imu
-    known = wheels.validity == VALID and abs(since(now_ns, wheels.stamp_ns)) <= timeout
-    released = False
-    for i in range(speeds.size):
-        speeds[i] = wheels.speed[i] if known else math.nan
-        released = released or memory.commanded[i] < 1.0
-    known = _has_imu(constants, inputs)
-    for j in range(3):
-        value = imu.yaw_rate if j == 0 else imu.acceleration[j - 1]
-        inertial[j] = value if known else math.nan
-        variance[j] = feedback.covariance[j, j] if received else 0.0
-    dt = min(max(since(now_ns, step.observed_ns) * 1e-9, 0.0), constants.maximum_time_step)
-    step.observed_ns = now_ns
-    pedal = inputs.pedal if braking else 0.0
-    step.no_effect = effect_monitor.watch_effect(
-        constants.effect, memory.effect, dt, pedal, released, speeds, inertial[1:]
-    )
-    return int(
-        estimate(
-            constants.bank,
-            memory.bank,
-            now_ns,
-            bank_state.Readings(pedal, memory.commanded, inertial, speeds),
-            bank_state.Twist(received, feedback.stamp_ns, feedback.value, variance),
-            memory.answer,
-        )
-    )
 
 
 @lean_inline

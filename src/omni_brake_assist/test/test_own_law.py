@@ -18,7 +18,7 @@ from omni_brake_assist.brake_assist import (
 )
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
-from omni_platform.signals import TwistSample
+from omni_platform.signals import TwistSample, WheelSample
 
 Wheels = dict[str, WheelMount]
 
@@ -62,6 +62,10 @@ class Yes(Constant):
 class Words(Constant):
     answer = "brake"
 
+class KnownWheels(Constant):
+    def step(self, motion, error, enable):
+        enable[:] = np.where(np.isfinite(motion.wheel_speed), 0.5, 1.0)
+
 class NoLaw:
     pass
 
@@ -79,7 +83,9 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "laws_of_a_test"
 
 
-def drive(wheels: Wheels, law: str, **changes: Any) -> list[Decision]:
+def drive(
+    wheels: Wheels, law: str, speeds: WheelSample | None = None, **changes: Any
+) -> list[Decision]:
     """Brake from 8 m/s in a turn, with a gap in the feedback."""
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, law=law, **changes))
     decisions = []
@@ -89,7 +95,7 @@ def drive(wheels: Wheels, law: str, **changes: Any) -> list[Decision]:
         value = np.array([8.0 - 0.05 * step, 0.4 * heading, heading])
         feedback = TwistSample(stamp_ns, value, 1e-5 * np.eye(3))
         given = None if 20 <= step < 24 else feedback
-        decisions.append(assist.update(BrakeDemand(stamp_ns, float(step > 5), given)))
+        decisions.append(assist.update(BrakeDemand(stamp_ns, float(step > 5), given, speeds)))
     return decisions
 
 
@@ -109,6 +115,17 @@ def test_brakes_may_be_partly_on(mecanum: Wheels, module: str) -> None:
     last = drive(mecanum, f"{module}:Half")[-1]
     assert last.state is AssistState.ASSISTING
     np.testing.assert_array_equal(last.enable, 0.5)
+
+
+@pytest.mark.parametrize("detects", [True, False])
+def test_a_law_does_not_receive_old_wheel_speeds(
+    mecanum: Wheels, module: str, detects: bool
+) -> None:
+    speeds = WheelSample(100_000_000, np.ones(4))  # the timeout is 50 ms
+    decisions = drive(mecanum, f"{module}:KnownWheels", speeds, fault_detection=detects)
+    enables = {d.stamp_ns: d.enable for d in decisions if d.state is AssistState.ASSISTING}
+    assert np.all(enables[150_000_000] == 0.5)
+    assert np.all(enables[160_000_000] == 1.0)
 
 
 @pytest.mark.parametrize(

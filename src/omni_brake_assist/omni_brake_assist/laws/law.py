@@ -16,7 +16,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 # Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, as no single one would
-# help or too few wheel speeds are known. FAILED: the law raised an error. HELD: it was not called, because no time had passed.
+# help, or too few wheel speeds are known. FAILED: the law raised an error. HELD: it was not called,
+# because no time had passed.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 NO_WHEEL = -1
