@@ -143,6 +143,14 @@ def test_lines_of_nothing_but_noise_are_not_measured() -> None:
     assert estimator().estimate(np.rint(noise).astype(np.uint8)).reason != ""
 
 
+def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
+    camera = JointEstimator(256, 128, CHANGE)
+    for seed in range(200):
+        found = camera.estimate(expose(np.zeros(11), 256, grain=3.0, noise=2.0, noise_seed=seed))
+        assert found.reason == ""
+        assert abs(found.value) < 5.0 * math.sqrt(found.variance)
+
+
 @pytest.mark.parametrize("method", ["pairs", "joint"])
 def test_each_method_measures_the_twist(method: str, expose: Expose) -> None:
     sensors = {

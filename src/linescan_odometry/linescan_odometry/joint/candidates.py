@@ -55,14 +55,14 @@ class Products(NamedTuple):
         newer: mean spectrum of the newer line of these pairs, shape (4, F).
         older: mean spectrum of the older line of these pairs, shape (4, F).
         mean: mean spectrum of all lines, shape (F,).
-        power: mean power spectrum of the lines, shape (F,).
+        power: mean power spectrum of both lines of these pairs, shape (4, F).
     """
 
     lagged: Spectrum
     newer: Spectrum
     older: Spectrum
     mean: Spectrum
-    power: Doubles
+    power: Floats
 
 
 def band_pass(size: int, count: int) -> Floats:
@@ -86,21 +86,19 @@ def correlate(spectra: Spectrum) -> Products:
         np.zeros((_LAGS, count), np.complex64),
         np.zeros((_LAGS, count), np.complex64),
     )
-    total, power = np.zeros(count, np.complex64), np.zeros(count, np.float32)
-    for k in range(m):
-        row = spectra[k]
-        for f in range(count):
-            total[f] += row[f]
-            power[f] += row[f].real * row[f].real + row[f].imag * row[f].imag
+    square = spectra.real**2 + spectra.imag**2
+    total, whole = spectra.sum(axis=0), square.sum(axis=0)
+    power = np.zeros((_LAGS, count), np.float32)
     for which in range(_LAGS):
         lag = distances[which]
         if lag >= m:
             continue
         products, ahead, behind = lagged[which], newer[which], older[which]
-        ahead[:], behind[:] = total, total
+        ahead[:], behind[:], power[which] = total, total, whole
         for k in range(lag):
             ahead -= spectra[k]
             behind -= spectra[m - 1 - k]
+            power[which] -= np.float32(0.5) * (square[k] + square[m - 1 - k])
         for k in range(lag, m):
             new, old = spectra[k], spectra[k - lag]
             for f in range(count):
@@ -109,8 +107,8 @@ def correlate(spectra: Spectrum) -> Products:
         products *= scale
         ahead *= scale
         behind *= scale
-    one = np.float32(1.0 / m)
-    return Products(lagged, newer, older, total * one, (power * one).astype(np.float64))
+        power[which] *= scale
+    return Products(lagged, newer, older, total * np.float32(1.0 / m), power)
 
 
 @kernel
@@ -136,7 +134,7 @@ def find(
     # After subtraction of the mean of all lines, no fixed pattern remains.
     for removed in (pattern, products.mean):
         rest = smoothed(
-            products.power
+            products.power[0]
             - 2.0 * (removed * np.conj(products.mean)).real
             + (removed * np.conj(removed)).real
         )
@@ -238,8 +236,8 @@ def coherent(
         )
         real[f], imaginary[f] = value.real, value.imag
         power[f] = (
-            products.power[f]
-            - 2.0 * (fixed * np.conj(products.mean[f])).real
+            products.power[which, f]
+            - ((products.newer[which, f] + products.older[which, f]) * np.conj(fixed)).real
             + (fixed * np.conj(fixed)).real
         )
     best = 0.0
@@ -256,8 +254,9 @@ def coherent(
                 own += power[f]
                 turn *= factor
             coherence = min(max(gain / max(overlap * own, 1e-9), 0.0), 0.999)
-            bins = overlap * (edges[b + 1] - edges[b]) * layout.pixels / size
-            total -= 0.5 * layout.lines * bins * math.log1p(-coherence * coherence)
+            # The part without overlap adds noise, which the division by the overlap amplifies.
+            bins = overlap**2 * (edges[b + 1] - edges[b]) * layout.pixels / size
+            total -= 0.5 * (layout.lines - lag) * bins * math.log1p(-coherence * coherence)
         best = max(best, total)
     return best
 

@@ -22,7 +22,7 @@ _RATIO = 0.5  # second-best log-likelihood over the best one; above it the peak 
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge has up to 7
 _TWO_MOTIONS = 0.25  # px; difference between neighboring and all lines at which two motions overlap
 _LEAST_CONTRAST = 0.03  # gradient energy over noise; on wood, less may be another motion
-_STATIC = 2.0  # px within a batch; a smaller candidate counts as rest
+_STATIC = 4.0  # px within a batch, the accuracy of a candidate; a smaller one counts as rest
 _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
 
 
