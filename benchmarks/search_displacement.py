@@ -77,13 +77,13 @@ def measure(repetitions: int) -> output.Metrics:
         for pixels in (1024, 335, 128):
             lines = record(pixels, LINES + 1, dtype)
             shift = np.empty(LINES, np.int64)
-            similarity, displacement, variance = np.empty((3, LINES))
+            similarity = np.empty(LINES)
             search = METRICS["pearson"](pixels // 2)
             refiner = SubpixelRefiner(pixels)
 
             def both() -> None:
                 search.match(lines, shift, similarity)  # noqa: B023
-                refiner.refine(lines, shift, displacement, variance)  # noqa: B023
+                refiner.refine(lines, shift)  # noqa: B023
 
             (alone,) = median_times(repetitions, lambda: search.match(lines, shift, similarity))  # noqa: B023
             case = f"{pixels}px_{bits}bit"

@@ -55,7 +55,7 @@ class PairsMethod:
             raise Unmeasured(self._describe(pairs, implausible), share)
         weight = np.empty(len(inlier))
         value = average(pairs.displacement, inlier, weight)
-        variance = float(weight[inlier] ** 2 @ pairs.variance[inlier])
+        variance = float(np.sum((weight[inlier] @ pairs.errors[inlier]) ** 2))
         correlation = float(pairs.similarity @ inlier) / np.count_nonzero(inlier)
         return Displacement(value, variance, correlation, share)
 

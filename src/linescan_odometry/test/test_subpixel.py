@@ -16,9 +16,8 @@ Profile = Callable[..., NDArray[np.float64]]
 
 
 def refine(lines: Any, shift: int) -> tuple[float, float]:
-    displacement, variance = np.empty((2, 1))
-    SubpixelRefiner(lines.shape[1]).refine(lines, np.array([shift]), displacement, variance)
-    return float(displacement[0]), float(variance[0])
+    displacement, errors = SubpixelRefiner(lines.shape[1]).refine(lines, np.array([shift]))
+    return float(displacement[0]), float(np.sum(errors**2))
 
 
 def cramer_rao_bound(

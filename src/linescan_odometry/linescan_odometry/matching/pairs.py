@@ -18,13 +18,14 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        variance: variance of each displacement, estimated from its match [px^2], shape (m,).
+        errors: independent errors of each displacement from the parts of its match [px], shape
+            (m, parts).
         similarity: correlation at the peak [1], shape (m,).
         usable: whether the peak of each pair is high enough, shape (m,).
     """
 
     displacement: FloatArray
-    variance: FloatArray
+    errors: FloatArray
     similarity: FloatArray
     usable: NDArray[np.bool_]
 
@@ -58,11 +59,11 @@ class PairMatcher:
         """
         pairs = len(lines) - 1
         shift = np.empty(pairs, np.int64)
-        similarity, displacement, variance = np.empty((3, pairs))
+        similarity = np.empty(pairs)
         self._search.match(lines, shift, similarity)  # Eq. (81)
-        self._refiner.refine(lines, shift, displacement, variance)
-        usable = (similarity >= self._minimum_correlation) & np.isfinite(variance)
-        return PairDisplacements(displacement, variance, similarity, usable)
+        displacement, errors = self._refiner.refine(lines, shift)
+        usable = (similarity >= self._minimum_correlation) & np.isfinite(errors[:, 0])
+        return PairDisplacements(displacement, errors, similarity, usable)
 
 
 @njit(cache=True)

@@ -14,7 +14,9 @@ alone, whereas ``sum(g^2)`` would include the noise. The variance is computed at
 white noise e, it would be the Cramer-Rao bound times the loss by smoothing. But e is correlated
 along the line, by the filter and, in sideways motion, by texture that enters and leaves. Therefore
 e g is summed over blocks longer than this correlation:
-``var f = sum_blocks(sum e g)^2 / sum(p q)^2``.
+``var f = sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, each block's errors are first
+summed over the pairs: the noise of a line cancels in the pairs before and after it, and a strip of
+ground that enters or leaves disturbs several pairs alike (cluster-robust variance).
 
 The width of the Gaussian is a compromise. A wide Gaussian loses the information of fine texture. A
 narrow one is undersampled, which biases displacements towards integer shifts: by 0.006 px at a
@@ -36,7 +38,8 @@ _RADIUS = 4  # px; radius of the FIR filter, 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
 _STEPS = 2
 _FEWEST_TERMS = 16  # smallest overlap [px]
-_BLOCKS = 16  # parts of an overlap, longer than the correlation of its errors
+_BLOCKS = 16  # largest number of parts of an overlap, longer than the correlation of its errors
+_SHORTEST_BLOCK = 4  # px
 _FARTHEST = 1.0  # px; a fraction farther from the integer shift means that this was no peak
 
 # The sums below may be reordered for speed. A kernel that permits this must not be cached if
@@ -59,22 +62,23 @@ class SubpixelRefiner:
         self._sigma = kernel_sigma(pixels)
 
     def refine(
-        self,
-        lines: Lines,
-        shift: NDArray[np.int64],
-        displacement: NDArray[np.float64],
-        variance: NDArray[np.float64],
-    ) -> None:
+        self, lines: Lines, shift: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Refine the shift of each line relative to the previous one.
 
         Args:
             lines: m + 1 lines of n pixels, oldest first, shape (m + 1, n).
             shift: integer shifts [px], shape (m,).
-            displacement: output, shift plus fraction [px], shape (m,).
-            variance: output, variance of the displacement [px^2], shape (m,); infinite if the lines
-                have no gradient, or if the refinement moved away from the peak by a pixel.
+
+        Returns:
+            Displacements, shift plus fraction [px], shape (m,); and the independent errors of each
+            from the parts of its overlap [px], shape (m, parts), whose squares add up to its
+            variance. The errors are infinite if the lines have no gradient, or if the refinement
+            moved away from the peak by a pixel.
         """
-        _refine(lines, shift, self._sigma, displacement, variance)
+        displacement, errors = np.empty(len(shift)), np.empty((len(shift), _BLOCKS))
+        _refine(lines, shift, self._sigma, displacement, errors)
+        return displacement, errors
 
 
 @kernel
@@ -83,7 +87,7 @@ def _refine(
     shift: NDArray[np.int64],
     sigma: float,
     displacement: NDArray[np.float64],
-    variance: NDArray[np.float64],
+    errors: NDArray[np.float64],
 ) -> None:
     """Do all steps for every pair; see `SubpixelRefiner.refine`."""
     pixels = lines.shape[1]
@@ -93,20 +97,20 @@ def _refine(
         s = shift[pair]
         overlap = pixels - abs(s)
         count = overlap - 2 * _RADIUS
-        displacement[pair], variance[pair] = s, math.inf
+        displacement[pair], errors[pair] = s, math.inf
         _equalize(lines[pair + 1, max(0, -s) :][:overlap], both[0])
         _equalize(lines[pair, max(0, s) :][:overlap], both[1])
         fraction = 0.0
         for _ in range(_STEPS if count >= _FEWEST_TERMS else 0):
             _make_filters(fraction, sigma, filters)
             _filter(both, filters, filtered[:, :count])
-            step, square = _step(filtered[:, :count])
+            step = _step(filtered[:, :count], errors[pair])
             fraction += step
             if not abs(fraction) <= _FARTHEST:
                 break
-            displacement[pair], variance[pair] = s + fraction, square
+            displacement[pair] = s + fraction
         if not abs(fraction) <= _FARTHEST:
-            displacement[pair], variance[pair] = s, math.inf
+            displacement[pair], errors[pair] = s, math.inf
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
@@ -146,25 +150,25 @@ def _filter(
 
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
-def _step(filtered: NDArray[np.float32]) -> tuple[float, float]:
-    """Return a Gauss-Newton step [px] and its variance [px^2], not finite without a gradient."""
+def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
+    """Write the errors of a Gauss-Newton step [px]; return it, infinite without a gradient."""
     new, new_slope, old, old_slope = filtered
-    block = max(4, filtered.shape[1] // _BLOCKS)
-    parts = -(-filtered.shape[1] // block)
-    sums = np.empty((4, parts))
+    count = filtered.shape[1]
+    parts = min(_BLOCKS, count // _SHORTEST_BLOCK)
+    sums = np.zeros((4, _BLOCKS))
     for part in range(parts):
         s_e, s_g, s_eg, s_pq = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-        for i in range(part * block, min((part + 1) * block, filtered.shape[1])):
+        for i in range(part * count // parts, (part + 1) * count // parts):
             e, g = old[i] - new[i], np.float32(0.5) * (new_slope[i] + old_slope[i])
             s_e += e
             s_g += g
             s_eg += e * g
             s_pq += new_slope[i] * old_slope[i]
         sums[0, part], sums[1, part], sums[2, part], sums[3, part] = s_e, s_g, s_eg, s_pq
-    rest = sums[2] - sums[0].sum() / filtered.shape[1] * sums[1]
+    rest = sums[2] - sums[0].sum() / count * sums[1]
     energy = sums[3].sum()
     if not energy > 0.0:
-        return math.inf, math.inf
-    step = -rest.sum() / energy
-    rest += step * sums[3]
-    return step, (rest * rest).sum() / (energy * energy) * parts / (parts - 1.0)
+        return math.inf
+    step: float = -rest.sum() / energy
+    errors[:] = (rest + step * sums[3]) / energy * math.sqrt(parts / (parts - 1.0))
+    return step

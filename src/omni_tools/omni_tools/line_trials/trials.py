@@ -194,11 +194,12 @@ def match(
     """
     pairs = len(lines) - 1
     shift = np.empty(pairs, np.int64)
-    similarity, displacement, variance = np.empty((3, pairs))
+    similarity = np.empty(pairs)
     search.METRICS[metric](view.pixels // 2).match(lines, shift, similarity)
-    subpixel.SubpixelRefiner(view.pixels).refine(lines, shift, displacement, variance)
+    displacement, errors = subpixel.SubpixelRefiner(view.pixels).refine(lines, shift)
     axis = poses[0, 2]
     along = math.cos(axis) * np.diff(poses[:, 0]) + math.sin(axis) * np.diff(poses[:, 1])
+    variance = np.sum(errors**2, axis=1)
     return Matches(along / view.pitch, shift, displacement, variance, similarity)
 
 
