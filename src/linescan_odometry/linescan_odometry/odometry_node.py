@@ -93,7 +93,7 @@ class OdometryNode(Node):
             batch = line_batch_of(messages.read_line_image(wire))
         except (ValueError, RuntimeError) as error:
             self.get_logger().warning(
-                f"line_scan/{sensor}/lines: ignored a message that is no valid image: {error}",
+                f"line_scan/{sensor}/lines: ignored an invalid image: {error}",
                 throttle_duration_sec=1.0,
             )
             return

@@ -82,7 +82,7 @@ def _remedy(folder: Path) -> str:
         return ""
     if inside:
         return f"; name one of the recordings in it: {', '.join(inside)}"
-    return "; ./omni bag recover writes it again" if cut_off else ""
+    return "; ./omni bag recover restores it" if cut_off else ""
 
 
 def open_vehicle(path: Path | str) -> Bag:

@@ -144,7 +144,7 @@ class StampedRecording:
         elif stamp_ns < newest_ns:
             self.problem = (
                 f"the stamps of {topic} decrease from {newest_ns / SECOND_NS:g} s to "
-                f"{stamp_ns / SECOND_NS:g} s: another publisher is active there"
+                f"{stamp_ns / SECOND_NS:g} s: the topic has another publisher"
             )
         else:
             self._newest_ns[topic] = stamp_ns

@@ -24,7 +24,7 @@ class SideslipConfiguration(OdometryConfiguration):
             ConfigurationError: the configuration has no wheel.
         """
         if not self.sideslip:
-            raise ConfigurationError("sideslip", "names no wheel to measure")
+            raise ConfigurationError("sideslip", "must name a wheel")
 
 
 class SideslipMeter:

@@ -178,8 +178,8 @@ def _left_behind(folder: Path) -> Iterator[str]:
     yield f"what was recorded is in {folder}"
     for path in unfinished_recordings(folder):
         yield (
-            f"{path.relative_to(folder)} is incomplete and has no index; ./omni bag recover writes "
-            "a complete copy of its messages"
+            f"{path.relative_to(folder)} is incomplete and has no index; ./omni bag recover "
+            "copies its complete messages to a new recording"
         )
 
 

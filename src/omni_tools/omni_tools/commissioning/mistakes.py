@@ -147,7 +147,7 @@ def _wheel_mistake(
         return best
     return Mistake(
         "wheels: no single mistake explains the wheel angles",
-        "check distances and directions of the drive, then wheel by wheel on blocks",
+        "check distances and directions of the drive; then check each wheel on blocks",
     )
 
 

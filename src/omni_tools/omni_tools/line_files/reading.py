@@ -108,7 +108,8 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
         values = np.fromfile(path, f"<u{raw.bits // 8}")
         if len(values) % raw.pixels:
             raise LineFileError(
-                str(path), f"{len(values)} pixels are no whole number of lines of {raw.pixels} px"
+                str(path),
+                f"{len(values)} pixels are not a whole number of lines of {raw.pixels} px",
             )
         yield values.reshape(-1, raw.pixels)
     elif suffix in VIDEOS:
