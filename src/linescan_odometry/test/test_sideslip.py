@@ -239,7 +239,7 @@ def test_a_camera_may_be_misaligned_with_the_axis_by_30_deg(
 
 
 def test_a_meter_needs_a_wheel_it_knows() -> None:
-    with pytest.raises(ConfigurationError, match="names no wheel"):
+    with pytest.raises(ConfigurationError, match="must name a wheel"):
         SideslipConfiguration(sensors={"side": SENSORS["side"]})
     configuration = OdometryConfiguration(sensors=SENSORS, sideslip={"front": WHEEL})
     with pytest.raises(ConfigurationError, match="'rear' is not one of front"):

@@ -1,9 +1,9 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
-The test ratio is the normalized innovation squared over `GATE`; a source is rejected if it is above
-1. In the filter that uses all sources, the twist's velocity is compared with the accelerometer and
-its yaw rate with the gyro. The test ratio of the twist is the sum of both. Each rolling wheel is
-compared with the most probable filter.
+The test ratio is the normalized innovation squared divided by `GATE`; above 1, a source is
+rejected. In the filter that uses all sources, the twist's velocity is compared with the
+accelerometer and its yaw rate with the gyro. The test ratio of the twist is the sum of both. Each
+rolling wheel is compared with the most probable filter.
 """
 
 import math
@@ -25,7 +25,7 @@ class Source(NamedTuple):
 
     Attributes:
         name: twist, gyro, accelerometer or the name of a wheel.
-        test_ratio: normalized innovation squared over `GATE` [1], NaN without an innovation.
+        test_ratio: normalized innovation squared divided by `GATE` [1], NaN without an innovation.
         state: FUSED, REJECTED, ISOLATED or MISSING; a wheel with an unused speed is BRAKED.
         reason: why the source is not fused, empty if it is fused.
     """

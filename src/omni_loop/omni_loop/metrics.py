@@ -20,7 +20,7 @@ fail_safe_share      1     share of the stamps from braking to rest at which all
                            because of a fault; the note names the most frequent fault
 twist_rmse           m/s   root mean square of the error vector of the odometry's velocity
 yaw_rate_rmse        rad/s root mean square error of the odometry's yaw rate
-real_time_factor     1     simulated over elapsed time
+real_time_factor     1     simulated time divided by elapsed time
 ==================== ===== ===================================================================
 
 The odometry is compared with the true twist at every stamp of the run with a measurement: at the

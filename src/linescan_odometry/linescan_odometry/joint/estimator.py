@@ -18,10 +18,12 @@ _CONVERGED = 0.1  # px within a batch; after a smaller step, a further one chang
 _MEMORY = 50.0  # batches; time constant with which the estimated pattern forgets
 _NOISE = 12.0  # nats; log-likelihood that noise alone rarely exceeds
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
-_RATIO = 0.5  # second-best log-likelihood over the best one; above it the peak is ambiguous
+_RATIO = (
+    0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous
+)
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge has up to 7
 _TWO_MOTIONS = 0.25  # px; difference between neighboring and all lines at which two motions overlap
-_LEAST_CONTRAST = 0.03  # gradient energy over noise; on wood, less may be another motion
+_LEAST_CONTRAST = 0.03  # ratio of gradient energy to noise; on wood, less may be another motion
 _STATIC = 4.0  # px within a batch, the accuracy of a candidate; a smaller one counts as rest
 _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
 

@@ -1,1 +1,1 @@
-"""Empirical tire models: force over slip and load, and the contact equation."""
+"""Empirical tire models: force as a function of slip and load, and the contact equation."""

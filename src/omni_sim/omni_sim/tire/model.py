@@ -158,7 +158,7 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
 
 
 def force_at(curve: Any, slip: float) -> tuple[float, float]:
-    """Return force [N] and its derivative over slip [N] at ``slip >= 0``; callable in kernels."""
+    """Return force [N] and its slope dF/ds [N] at ``slip >= 0``; callable in kernels."""
     return _model_of(type(curve)).force_at(curve, slip)
 
 

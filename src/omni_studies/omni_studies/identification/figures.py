@@ -34,7 +34,7 @@ def weighting_functions() -> Figure:
         weights = weighting_function(kind, k)(np.radians(angle))
         label = f"enhanced, k = {k}" if kind == "enhanced" else _LABELS[case]
         axes.plot(angle, weights, color=style.wheel_color(row), label=label)
-    axes.set_title("Weight of a wheel over its angle")
+    axes.set_title("Weight of a wheel versus its angle")
     axes.set_xticks(range(0, 91, 15))
     axes.legend()
     return figure

@@ -185,8 +185,8 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
 
 def _draw(cases: list[Case]) -> Figure:
     figure, panels = style.panels(
-        "Error of refined displacements over the Cramer-Rao bound (dashed); below its mean at "
-        "2 gray levels, and the fitted pull",
+        "Error of refined displacements / Cramer-Rao bound (dashed); below: mean error at "
+        "2 gray levels, and the fitted bias",
         2,
         len(_VIEWS),
         size=(13.0, 7.2),

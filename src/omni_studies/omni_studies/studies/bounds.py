@@ -224,8 +224,8 @@ def below(stops: Sequence[BoundTrial], bound: str) -> int:
 def _draw(stops: Sequence[BoundTrial]) -> Figure:
     """Draw the distributions of path and stopping distance relative to their bounds, by law."""
     bounds = {
-        "any_heading": "path of the center of gravity over its bound [1]",
-        "straight": "distance where heading and line are kept over its bound [1]",
+        "any_heading": "path of the center of gravity / its bound [1]",
+        "straight": "distance of stops that keep heading and line / its bound [1]",
     }
     title, x, y = (
         "No stop is below its bound",

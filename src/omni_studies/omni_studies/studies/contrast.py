@@ -64,7 +64,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
             metrics[f"contrast.{case}"] = Metric(trial.contrast, "1", note="gray levels")
             metrics[f"correlation.{case}"] = Metric(trial.correlation, "1")
         share, growth = np.mean([t.right_share for t in enough]), enough[-1].rmse / enough[0].rmse
-        note = "widest over narrowest view with 60 % overlap"
+        note = "ratio of the widest to the narrowest view with 60 % overlap"
         metrics[f"right_share_from_60.{kind}"] = Metric(float(share), "1")
         metrics[f"rmse_px_growth.{kind}"] = Metric(growth, "1", note=note)
     study.plot("figure_69", _draw(found, options))

@@ -132,7 +132,7 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
 
 def _draw(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
     figure, grid = style.panels(
-        f"Distance ({metric.replace('_', ' ')}) over shift, 20 m/s at 45 deg (Figure 68); "
+        f"Distance ({metric.replace('_', ' ')}) versus shift, 20 m/s at 45 deg (Figure 68); "
         "true displacement dashed, other positions in gray",
         len(curves),
         size=(11.0, 2.5 * len(curves) + 0.8),

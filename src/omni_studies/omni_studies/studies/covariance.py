@@ -198,11 +198,11 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
 
 def _draw(cases: list[Case]) -> Figure:
     figure, (panels,) = style.panels(
-        "Error squared of the twist over its expectation; bars: standard error",
+        "Squared error of the twist divided by its expectation; bars: standard error",
         1,
         len(_CAMERAS),
         size=(13.0, 4.8),
-        y="error squared over its expectation [1]",
+        y="squared error / its expectation [1]",
         sharey=True,
     )
     places = np.arange(len(_MOTIONS))

@@ -92,6 +92,6 @@ def _draw(groups: dict[str, list[Stop]]) -> Figure:
                 draw(value, color=style.GRAY, linewidth=0.8, linestyle="--")
         axes.set_title(group)
         axes.legend(loc="lower right", fontsize="x-small")
-    figure.supxlabel("distance over the reference [1]")
+    figure.supxlabel("distance / reference distance [1]")
     figure.supylabel("rotation beyond the reference [deg]")
     return figure

@@ -284,9 +284,9 @@ def _harms(
 
     Args:
         found: `_results` of a source.
-        longer: largest median of the distance over that without assistant [1].
+        longer: largest median of the ratio of the distance to that without assistant [1].
         worst: largest 95th percentile of this ratio [1].
-        turn: largest increase of the rotation's 95th percentile over that without assistant [deg].
+        turn: largest increase of the rotation's 95th percentile compared with no assistant [deg].
     """
     ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
     turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]
@@ -360,7 +360,7 @@ def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
             axes.barh(places + shift, values, 0.34, color=color, edgecolor=edges, linewidth=2.0,
                       label=law)  # fmt: skip
     panels[0].axvline(1.0, color=style.GRAY)
-    panels[0].set_xlabel("stopping distance over that without assistant [1]")
+    panels[0].set_xlabel("stopping distance / that without assistant [1]")
     free = table[vehicle, _LAWS[0], sources[0]]["rotation_unassisted_p95"]
     panels[1].axvline(free, color=style.GRAY, label="without assistant")
     panels[1].set_xlabel("rotation [deg]")

@@ -76,7 +76,7 @@ class Drive(NamedTuple):
         batches: number of batches of all cameras.
         undetected: number of batches with an undetected error.
         measured: number of measured batches.
-        squares: sum of errors squared over variances of measured batches [1].
+        squares: sum of squared errors divided by variances, of measured batches [1].
         covered: number of errors within 1.96 standard deviations.
         energy: sum of errors squared [m^2/s^2].
     """

@@ -35,7 +35,10 @@ _VARIANTS = {
     "turn_while_translate": ("zero", "cosine", "k1", "k7"),
 }
 _ROTATIONS = (0.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 46.0)
-_NEVER = (1.05, 5.0)  # limits in unknown conditions: distance over unassisted [1], rotation [deg]
+_NEVER = (
+    1.05,
+    5.0,
+)  # limits in unknown conditions: ratio to the unassisted distance [1], rotation [deg]
 # Changes of vehicle and ground. Of these, only the kind and the lag of the brakes are also
 # configured in the assistant.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {

@@ -97,7 +97,7 @@ def _characteristic_metrics(model: Tire) -> dict[str, Metric]:
 
 
 def _slip_figure(model: Tire, tire: tmeasy.TMeasyConfiguration) -> Figure:
-    """Draw force over slip with the five numbers that define it (Figure 4)."""
+    """Draw force versus slip with the five numbers that define it (Figure 4)."""
     load = tire.nominal_load_1
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
     point = tmeasy.curve_of(tire, load)
@@ -128,13 +128,13 @@ def _slip_figure(model: Tire, tire: tmeasy.TMeasyConfiguration) -> Figure:
         style.note(axes, words, (place, height), (8, -34))
     axes.set_xlim(0.0, right)
     axes.set_ylim(0.0, 1.2 * top)
-    axes.set_title(f"Force over slip at {1e-3 * load:g} kN (Figure 4)")
+    axes.set_title(f"Force versus slip at {1e-3 * load:g} kN (Figure 4)")
     axes.legend(loc="lower right")
     return figure
 
 
 def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
-    """Draw force over slip at several loads [N] (Figure 5)."""
+    """Draw force versus slip at several loads [N] (Figure 5)."""
     figure, axes = _axes("Slip s [1]", "Longitudinal force F [kN]")
     slip = np.linspace(0.0, 0.6, 700)
     for load, color in zip(loads, _shades(len(loads)), strict=True):
@@ -182,7 +182,7 @@ def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
 
 
 def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:
-    """Draw force over slip for several tires at the same loads [N], one panel per load."""
+    """Draw force versus slip for several tires at the same loads [N], one panel per load."""
     figure, (panels,) = style.panels(
         "", 1, len(loads), size=(11.0, 4.6), x="Slip s [1]", y="Force F [kN]", sharey=True
     )

@@ -113,9 +113,9 @@ def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
 
 
 def draw_tire(tire: TireConfiguration, name: str) -> Figure:
-    """Draw force over slip at four loads."""
+    """Draw force versus slip at four loads."""
     figure, ((axes,),) = style.panels(
-        f"{name}: steady force over slip", size=(8.0, 5.0), x="slip [1]", y="force [N]"
+        f"{name}: steady force versus slip", size=(8.0, 5.0), x="slip [1]", y="force [N]"
     )
     slip = np.linspace(0.0, 1.0, 401)
     for share, color in zip(

@@ -54,8 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: smallest singular value below which an arrangement is implausible, over that of the
-            opposite roller angles [1].
+        poor: smallest singular value below which an arrangement is implausible, relative to that
+            of the opposite roller angles [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)

@@ -1,7 +1,7 @@
 """The Magic Formula with load-dependent peak and stiffness.
 
 Source: E. Bakker, H. B. Pacejka and L. Lidner, "A new tire model with an application in vehicle
-dynamics studies", SAE 890087, 1989. The force over slip is
+dynamics studies", SAE 890087, 1989. The force as a function of slip is
 
     F = D sin(C atan(x - E (x - atan x))),  x = B s
 

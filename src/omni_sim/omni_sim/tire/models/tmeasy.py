@@ -29,7 +29,7 @@ from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
 
 
 class TMeasyCurve(Configuration):
-    """Force over slip in one direction at the two nominal loads; one half of Table 1."""
+    """Force versus slip in one direction at the two nominal loads; one half of Table 1."""
 
     slope_1: float = parameter(unit="N", above=0.0, maximum=1.0e10)
     """Slope dF/ds at zero slip and nominal load 1"""
