@@ -204,7 +204,7 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         if later.size:
             last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
         if loop.measures and used % _CHUNK == 0:  # in chunks, as most runs are short
-            sensors.noise[:] = noise.standard_normal(sensors.noise.shape)
+            noise.standard_normal(out=sensors.noise)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
     written = record._asdict().items()
@@ -237,12 +237,13 @@ def _loop(configuration: ExperimentConfiguration, driver: ScriptedDriver) -> _Lo
     period_ns = simulation.control_period_ns
     stamps = math.ceil(simulation.duration_limit * 1e9 / period_ns) + 1
     settled = min(-(-driver.settled_ns // period_ns), stamps - 1)
-    times = [index * period_ns for index in range(settled + 1)]
     start_yaw = float(driver.start_pose[2])
-    pedal = np.full(stamps, driver.pedal(times[-1]))
-    pedal[: settled + 1] = [driver.pedal(time) for time in times]
+    pedal = np.full(stamps, driver.pedal(settled * period_ns))
     command = np.zeros((stamps, 3))
-    command[: settled + 1] = [driver.command_twist(time, start_yaw) for time in times]
+    pedal[:settled], command[:settled] = driver.pedal(0), driver.command_twist(0, start_yaw)
+    for index in range(min(driver.first_change_ns // period_ns, settled), settled + 1):
+        pedal[index] = driver.pedal(index * period_ns)
+        command[index] = driver.command_twist(index * period_ns, start_yaw)
     drive = configuration.vehicle.drive
     return _Loop(
         period_ns=period_ns,

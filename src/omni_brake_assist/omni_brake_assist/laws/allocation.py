@@ -14,7 +14,6 @@ Finally the law converts the forces to brake forces or to a pattern of on-off va
 equations.
 """
 
-import dataclasses
 import math
 
 import numpy as np
@@ -54,7 +53,7 @@ def make_constants(
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
-        **dataclasses.asdict(configuration.allocation),
+        **vars(configuration.allocation),
     )
 
 

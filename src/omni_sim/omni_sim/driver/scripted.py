@@ -140,6 +140,11 @@ class ScriptedDriver:
         return self._cruise.copy()
 
     @property
+    def first_change_ns(self) -> int:
+        """Time up to which pedal and command are those of the start [ns]."""
+        return 0 if self._times.size else self._brake_ns
+
+    @property
     def settled_ns(self) -> int:
         """Time after which pedal and command are constant [ns]."""
         if self._times.size:
