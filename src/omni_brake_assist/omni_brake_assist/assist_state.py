@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from omni_brake_assist import braking_line, fail_safe
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank import state as bank_state
-from omni_brake_assist.laws import built_in
+from omni_brake_assist.laws import allocation, allocation_state, built_in
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
 from omni_brake_assist.valve_dwell import new_valves
@@ -80,7 +80,7 @@ class Memory(NamedTuple):
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
         valves: state of the valves, see `valve_dwell`, shape (N,).
-        laws: state of the control laws.
+        laws: state of the law `allocation`; no other built-in law has one.
         bank: state of the filter bank, see `filter_bank`.
         effect: state of the effect monitor, see `effect_monitor`, shape (1,).
         brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
@@ -97,7 +97,7 @@ class Memory(NamedTuple):
     step: NDArray[np.void]
     line: NDArray[np.void]
     valves: NDArray[np.void]
-    laws: built_in.LawMemory
+    laws: allocation_state.Memory
     bank: bank_state.BankMemory
     effect: NDArray[np.void]
     brakes: FloatArray
@@ -176,7 +176,7 @@ def new_memory(wheels: int) -> Memory:
         np.zeros(1, _STEP),
         braking_line.new_line(),
         new_valves(wheels),
-        built_in.law_memory(wheels),
+        allocation.new_memory(wheels),
         bank_state.bank_memory(wheels),
         effect_monitor.effect_memory(),
         brake_monitor.brake_memory(wheels),

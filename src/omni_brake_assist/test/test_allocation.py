@@ -65,14 +65,14 @@ def test_a_command_found_for_a_force_yields_this_force(time_constant: float) -> 
 
 
 def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
-    wheel = BrakedWheel(capacity=4000.0, peak_slip=0.15, mass=25.0)
+    wheel = BrakedWheel(capacity=4000.0, peak_slip=0.15, mass=25.0, hub=7.07)
     speed, force = 7.07, 0.0
     for _ in range(100):
-        speed, force = advance_rim(wheel, speed, 2000.0, 7.07, 0.01)
+        speed, force = advance_rim(wheel, speed, 2000.0, 0.01)
     assert force == pytest.approx(2000.0, rel=1e-3)
     assert 0.0 < speed < 7.07
     for _ in range(20):
-        speed, force = advance_rim(wheel, speed, 10000.0, 7.07, 0.01)
+        speed, force = advance_rim(wheel, speed, 10000.0, 0.01)
     assert speed == 0.0
     assert force == 4000.0
 

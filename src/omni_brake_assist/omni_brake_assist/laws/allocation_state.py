@@ -100,8 +100,10 @@ class Memory(NamedTuple):
         sent: forces commanded to the brakes in past steps [N], a ring buffer, shape (QUEUE, N).
         qp: the braking QP with the unknowns listed in `braking_qp`. Its solution begins with the
             demanded shares of the wheels' capacities.
-        forces: predicted shares of the capacities with the valve shut and open [1], shape (2, N).
-        slides: cost of the sliding predicted with the valve shut and open [1], shape (2, N).
+        forces: predicted low-passed forces with the valve shut and open, as shares of the
+            capacities [1], shape (2, N).
+        slides: cost of the sliding predicted with the valve shut and open [1], shape (2, N);
+            infinite if the valve must stay open.
     """
 
     body: NDArray[np.void]

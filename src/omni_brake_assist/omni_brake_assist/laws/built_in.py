@@ -31,21 +31,6 @@ class LawConstants(NamedTuple):
     allocation: allocation_state.Constants
 
 
-class LawMemory(NamedTuple):
-    """State of the laws between steps; each law resets its own part when `Motion.first` is set.
-
-    Attributes:
-        allocation: state of the law `allocation`.
-    """
-
-    allocation: allocation_state.Memory
-
-
-def law_memory(wheels: int) -> LawMemory:
-    """Return the initial memory of all laws for N wheels."""
-    return LawMemory(allocation.new_memory(wheels))
-
-
 def law_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> LawConstants:
@@ -59,7 +44,11 @@ def law_constants(
 
 @lean
 def step(
-    laws: LawConstants, memory: LawMemory, motion: Motion, error: FloatArray, enable: FloatArray
+    laws: LawConstants,
+    memory: allocation_state.Memory,
+    motion: Motion,
+    error: FloatArray,
+    enable: FloatArray,
 ) -> int:
     """Call the chosen law unless no time has passed; arguments as in `Law.step`.
 
@@ -72,5 +61,5 @@ def step(
     if failed and not laws.replans:
         return NO_HELP
     if laws.kind == ALLOCATION or failed:
-        return int(allocation.step(laws.allocation, memory.allocation, motion, error, enable))
+        return int(allocation.step(laws.allocation, memory, motion, error, enable))
     return int(sliding_mode.step(laws.sliding_mode, motion, error, enable))

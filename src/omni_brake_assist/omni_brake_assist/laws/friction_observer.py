@@ -24,8 +24,8 @@ def estimate_dead_time(law: Constants, memory: Memory, dt: float) -> None:
     expected = lost = 0.0
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
-        model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i])
-        after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, wheel.hub, dt)
+        model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
+        after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, dt)
         expected += wheel.last_speed - after
         lost += wheel.last_speed - wheel.speed
     if expected <= 0.0:

@@ -1,21 +1,19 @@
 """Slip control: brake forces for the demanded friction forces, and the choice of on-off valves.
 
 If the demand of a wheel equals its capacity, a speed controller keeps the wheel at the target slip.
-Every other wheel receives the brake force of its demand. Both are computed for the moment at which
-a new command begins to act: the effect of the commands still in the dead time is predicted, and the
-brake lag is inverted.
+Every other wheel receives the brake force of its demand. On-off valves take the pattern whose
+forces have the lowest cost in the QP. In both cases, the state in which a new command begins to act
+is predicted from the commands that are still in the dead time.
 """
 
 import math
-
-import numpy as np
 
 from omni_brake_assist.laws import wheel_model
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.braking_qp import cost
 from omni_brake_assist.laws.disturbance_observer import CASCADE
 from omni_brake_assist.laws.law import Motion
-from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
+from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim, advance, command_at, lagged
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -28,74 +26,108 @@ def control_slip(
     law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
 ) -> None:
     """Write the enables; the enable of a locked wheel and of a failed brake is 1."""
-    body, valves = memory.body[0], law.brake.pressure_step >= 1.0
-    newest, delay = int(body.steps % wheel_model.QUEUE) - 1, body.dead_time / dt
     # Relative rate of change of all speeds [1/s].
-    slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
-    time = law.observer_time / CASCADE  # time constant of this loop, inside the friction observer
-    horizon = math.ceil((time + law.brake.time_constant) / dt - 1e-9)
-    strongest = 0
+    slowing = memory.body[0].deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
+    if law.brake.pressure_step >= 1.0:
+        _predict_pulses(law, memory, motion, slowing, dt)
+        _choose_valves(memory, enable)
+    else:
+        _set_pressures(law, memory, motion, slowing, dt, enable)
+    strongest, total = 0, 0.0
     for i in range(enable.size):
-        wheel = memory.wheel[i]
+        total += enable[i]
         if memory.qp.solution[i] > memory.qp.solution[strongest]:
             strongest = i
-        enable[i] = 1.0
-        memory.forces[:, i] = memory.slides[:, i] = 0.0
-        if wheel.locked or i == motion.failed_brake:
-            continue
-        model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i])
-        hub = wheel.hub / (1.0 + slowing * (body.dead_time + dt))
-        speed, brake = wheel.speed, wheel.brake
-        for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
-            command = command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
-            brake, mean = lagged(law.brake, brake, command, dt)
-            speed, _ = advance_rim(model, speed, mean, hub, dt)
-        most = law.most[i] * motion.pedal
-        if valves:  # a pulse of one period and its effect
-            for state in range(2):
-                speed_k, brake_k = speed, brake
-                for k in range(horizon):
-                    brake_k, mean = lagged(law.brake, brake_k, most * state if k == 0 else 0.0, dt)
-                    speed_k, force = advance_rim(model, speed_k, mean, hub, dt)
-                    memory.forces[state, i] += force / (horizon * wheel.capacity)
-                missing = max(1.0 - (1.0 + law.peak_slip[i]) * speed_k / (hub + 1e-9), 0.0)
-                memory.slides[state, i] = _SLIDE / enable.size * missing * missing
-            continue
-        # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
-        push = law.relaxation_speed * (1.0 - min(wheel.force / wheel.capacity, 1.0))
-        need, goal = most, max(hub - push, 0.0) / (1.0 + law.peak_slip[i])
-        if goal > 0.0:
-            change = (speed - goal) / (time + body.dead_time)
-            need = wheel.capacity + law.wheel_mass[i] * change
-        demand = memory.qp.solution[i]
-        if demand < 1.0 or not wheel.known:
-            need = min(need, demand * wheel.capacity + law.wheel_mass[i] * speed * slowing)
-        need = wheel_model.command_for(law.brake, brake, need, dt)
-        enable[i] = min(max(need / most, 0.0), 1.0)
-    if valves:
-        _choose_valves(memory, enable)
-    if np.sum(enable) <= 0.0:
+    if total <= 0.0:
         enable[strongest] = max(law.brake.pressure_step, _LEAST_ENABLE)
+
+
+@lean
+def _at_effect(
+    law: Constants, memory: Memory, i: int, slowing: float, dt: float
+) -> tuple[BrakedWheel, Rim]:
+    """Return the model of wheel `i`, and its state when a new command begins to act."""
+    body, wheel = memory.body[0], memory.wheel[i]
+    newest, delay = int(body.steps % wheel_model.QUEUE) - 1, body.dead_time / dt
+    hub = wheel.hub / (1.0 + slowing * (body.dead_time + dt))
+    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
+    rim = Rim(wheel.speed, wheel.brake, wheel.force)
+    for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
+        command = command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
+        rim = advance(law.brake, model, rim, command, dt, law.observer_time)
+    return model, rim
+
+
+@lean
+def _set_pressures(
+    law: Constants, memory: Memory, motion: Motion, slowing: float, dt: float, enable: FloatArray
+) -> None:
+    """Write the enables of proportional brakes."""
+    solution = memory.qp.solution
+    time = law.observer_time / CASCADE  # time constant of this loop, inside the friction observer
+    for i in range(enable.size):
+        wheel, most, enable[i] = memory.wheel[i], law.most[i] * motion.pedal, 1.0
+        if memory.qp.upper[i] <= 0.0:  # a locked wheel or a failed brake
+            continue
+        model, rim = _at_effect(law, memory, i, slowing, dt)
+        # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
+        push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
+        need, goal = most, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
+        if goal > 0.0:
+            change = (rim.speed - goal) / (time + memory.body[0].dead_time)
+            need = model.capacity + model.mass * change
+        if solution[i] < 1.0 or not wheel.known:
+            demand = solution[i] * model.capacity
+            need = min(need, demand + model.mass * rim.speed * slowing)
+        need = wheel_model.command_for(law.brake, rim.brake, need, dt)
+        enable[i] = min(max(need / most, 0.0), 1.0)
+
+
+@lean
+def _predict_pulses(
+    law: Constants, memory: Memory, motion: Motion, slowing: float, dt: float
+) -> None:
+    """Predict the observed force of each wheel after a period with its valve shut or open.
+
+    With a brake lag, the prediction ends one time constant later. The observed force is low-passed
+    like the measured one. A force that alternates between periods therefore counts as its mean.
+    """
+    horizon = 1 + math.ceil(law.brake.time_constant / dt - 1e-9)
+    for i in range(law.rim.size):
+        memory.forces[:, i] = 0.0
+        memory.slides[0, i], memory.slides[1, i] = math.inf, 0.0
+        if memory.qp.upper[i] <= 0.0:  # a locked wheel or a failed brake: the valve stays open
+            continue
+        model, start = _at_effect(law, memory, i, slowing, dt)
+        for state in range(2):
+            rim, command = start, law.most[i] * motion.pedal * state
+            for _ in range(horizon):
+                rim, command = advance(law.brake, model, rim, command, dt, law.observer_time), 0.0
+            memory.forces[state, i] = rim.force / model.capacity
+            missing = max(1.0 - (1.0 + model.peak_slip) * rim.speed / (model.hub + 1e-9), 0.0)
+            memory.slides[state, i] = _SLIDE / law.rim.size * missing * missing
 
 
 @lean
 def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Choose the pattern of valves whose predicted forces have the lowest cost in the QP.
 
-    Starting with all valves open, the best single change is made until no change lowers the cost.
+    Bit `i` of a pattern is set if valve `i` is open. Of patterns with the same cost, the last one
+    has more valves open.
     """
-    best = cost(memory, enable)
-    for _ in range(2 * enable.size):
-        changed = -1
-        for i in range(enable.size):
-            enable[i] = 1.0 - enable[i]
-            value = cost(memory, enable)
-            enable[i] = 1.0 - enable[i]
-            if value < best:
-                best, changed = value, i
-        if changed < 0:
-            return
-        enable[changed] = 1.0 - enable[changed]
+    best, chosen = math.inf, 0
+    for pattern in range(1 << enable.size):
+        _open(pattern, enable)
+        value = cost(memory, enable)
+        if value <= best:
+            best, chosen = value, pattern
+    _open(chosen, enable)
+
+
+@lean
+def _open(pattern: int, enable: FloatArray) -> None:
+    for i in range(enable.size):
+        enable[i] = (pattern >> i) & 1
 
 
 @lean

@@ -39,11 +39,27 @@ class BrakedWheel(NamedTuple):
         capacity: largest friction force [N].
         peak_slip: ratio of sliding speed to rim speed at which the capacity is first reached [1].
         mass: inertia of the wheel as a mass at its rim [kg].
+        hub: speed of the wheel's center along the active direction [m/s], at least 0.
     """
 
     capacity: float
     peak_slip: float
     mass: float
+    hub: float
+
+
+class Rim(NamedTuple):
+    """State of a braked wheel.
+
+    Attributes:
+        speed: speed of the rim in the sense in which it rolls [m/s], at least 0.
+        brake: brake force [N].
+        force: low-passed friction force [N].
+    """
+
+    speed: float
+    brake: float
+    force: float
 
 
 @lean
@@ -81,9 +97,7 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
 
 
 @lean
-def advance_rim(
-    wheel: BrakedWheel, speed: float, brake: float, hub: float, dt: float
-) -> tuple[float, float]:
+def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tuple[float, float]:
     """Advance the speed of a braked wheel by one step, implicitly because the tire is stiff.
 
     With the speed ``u_p`` of the rim at the peak, the force is ``c (1 - q^2)`` with the share ``q =
@@ -91,15 +105,14 @@ def advance_rim(
 
     Args:
         wheel: assumed properties of the wheel.
-        speed: speed of the rim in the sense in which it rolls [m/s], at least 0.
+        speed: speed of the rim [m/s], at least 0.
         brake: brake force [N].
-        hub: speed of the wheel's center along the active direction [m/s], at least 0.
         dt: length of the step [s].
 
     Returns:
         Speed of the rim after the step [m/s] and mean friction force during it [N].
     """
-    capacity, peak_slip, mass = wheel
+    capacity, peak_slip, mass, hub = wheel
     inertia = mass / dt
     peak = hub / (1.0 + peak_slip)
     excess = capacity - brake + inertia * (speed - peak)
@@ -110,3 +123,22 @@ def advance_rim(
     if share >= 1.0:  # it rolls faster than its hub
         return max(speed - brake / inertia, 0.0), 0.0
     return peak + share * (hub - peak), capacity * (1.0 - share * share)
+
+
+@lean
+def advance(
+    brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
+) -> Rim:
+    """Advance brake, rim and low-passed friction force by one step.
+
+    Args:
+        brake: nominal lag of the brake; its dead time has passed.
+        wheel: assumed properties of the wheel.
+        rim: state before the step.
+        command: commanded brake force [N].
+        dt: length of the step [s].
+        time: time constant of the low-pass [s].
+    """
+    after, mean = lagged(brake, rim.brake, command, dt)
+    speed, force = advance_rim(wheel, rim.speed, mean, dt)
+    return Rim(speed, after, force + (rim.force - force) * math.exp(-dt / time))
