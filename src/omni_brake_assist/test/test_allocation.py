@@ -1,5 +1,6 @@
 """Sharing the braking between the wheels: the solver, the model of a wheel, the law's decisions."""
 
+import itertools
 import math
 
 import numpy as np
@@ -10,6 +11,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.box_least_squares import box_least_squares, new_box
+from omni_brake_assist.laws.braking_qp import cost
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.wheel_model import (
     BrakedWheel,
@@ -134,6 +136,24 @@ def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_ste
     assert np.max(enable) == max(pressure_step, 0.01)
 
 
+def test_valves_take_the_pattern_with_the_lowest_cost(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum, resolution=1.0)
+    random = np.random.default_rng(7)
+    error, enable = np.zeros(4), np.zeros(4)
+    patterns = [np.array(pattern) for pattern in itertools.product((0.0, 1.0), repeat=4)]
+    compared = 0
+    for step in range(60):
+        dt, yaw_rate = 0.01 * (step > 0), float(random.uniform(-1.0, 1.0))
+        speeds = random.uniform(0.0, 40.0, 4)
+        motion = Motion(step == 0, dt, 8.0, 0.0, yaw_rate, 0.0, 1.0, 1.0, speeds)
+        assert allocation.step(law, memory, motion, error, enable) == ASSIST
+        costs = [cost(memory, pattern) for pattern in patterns]
+        if np.argmin(costs) > 0:  # otherwise no open valve would be best, which is not allowed
+            assert cost(memory, enable) == min(costs)
+            compared += 1
+    assert compared > 20
+
+
 def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
     law, memory = _law(mecanum)
     error, enable = np.zeros(4), np.zeros(4)
@@ -148,8 +168,9 @@ def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
     assert np.all(enable[standing] == 1.0)
 
 
-def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels) -> None:
-    law, memory = _law(mecanum)
+@pytest.mark.parametrize("pressure_step", [0.0, 1.0])
+def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels, pressure_step: float) -> None:
+    law, memory = _law(mecanum, pressure_step)
     random = np.random.default_rng(5)
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(3000):

@@ -115,8 +115,9 @@ def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     Bit `i` of a pattern is set if valve `i` is open. Of patterns with the same cost, the last one
     has more valves open.
     """
-    best, chosen = math.inf, 0
-    for pattern in range(1 << enable.size):
+    patterns = 1 << enable.size
+    best, chosen = math.inf, patterns - 1
+    for pattern in range(patterns):
         _open(pattern, enable)
         value = cost(memory, enable)
         if value <= best:

@@ -32,7 +32,7 @@ def place(
     cos, sin = math.cos(yaw), math.sin(yaw)
     plant, body, wheels = state.plant, state.body[0], state.wheels
     for array in (state.body, wheels, state.counters):
-        array[:] = np.zeros((), array.dtype)
+        array.fill(0)
     body["x"] = x + cos * g[0] - sin * g[1]
     body["y"] = y + sin * g[0] + cos * g[1]
     body["yaw"] = yaw
