@@ -20,7 +20,7 @@ from omni_brake_assist.laws.wheel_model import (
     command_for,
     lagged,
 )
-from omni_platform.brakes import PROPORTIONAL, BrakeConfiguration
+from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 
 Wheels = dict[str, WheelMount]
@@ -79,12 +79,14 @@ def test_a_braked_wheel_settles_where_friction_balances_the_brake() -> None:
     assert force == 4000.0
 
 
-def _law(wheels: Wheels, resolution: float = 0.0) -> tuple[Constants, Memory]:
+def _law(
+    wheels: Wheels, resolution: float = 0.0, kind: str = PROPORTIONAL
+) -> tuple[Constants, Memory]:
     configuration = BrakeAssistConfiguration(
         wheels=wheels,
         law="allocation",
         wheel_inertia=0.5,
-        brake=BrakeConfiguration(kind=PROPORTIONAL, max_torque=1500.0, resolution=resolution),
+        brake=BrakeConfiguration(kind=kind, max_torque=1500.0, resolution=resolution),
     )
     geometry = PlatformGeometry.from_wheels(wheels)
     return allocation.make_constants(configuration, geometry), allocation.new_memory(len(wheels))
@@ -137,7 +139,7 @@ def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_ste
 
 
 def test_valves_take_the_pattern_with_the_lowest_cost(mecanum: Wheels) -> None:
-    law, memory = _law(mecanum, resolution=1.0)
+    law, memory = _law(mecanum, kind=ON_OFF)
     random = np.random.default_rng(7)
     error, enable = np.zeros(4), np.zeros(4)
     patterns = [np.array(pattern) for pattern in itertools.product((0.0, 1.0), repeat=4)]
@@ -168,9 +170,9 @@ def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
     assert np.all(enable[standing] == 1.0)
 
 
-@pytest.mark.parametrize("pressure_step", [0.0, 1.0])
-def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels, pressure_step: float) -> None:
-    law, memory = _law(mecanum, pressure_step)
+@pytest.mark.parametrize("kind", [PROPORTIONAL, ON_OFF])
+def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels, kind: str) -> None:
+    law, memory = _law(mecanum, kind=kind)
     random = np.random.default_rng(5)
     error, enable = np.zeros(4), np.zeros(4)
     for step in range(3000):
