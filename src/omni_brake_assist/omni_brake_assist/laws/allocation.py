@@ -81,10 +81,10 @@ def step(
     dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
-    # After the observers have converged, one wheel without a known speed may be assumed to roll.
+    # After the observers have converged, wheels without a known speed may be assumed to roll.
     settled = body.steps * dt > CASCADE**2 * law.observer_time
     unknown = _read_wheels(law, memory, motion, error)
-    if motion.pedal <= 0.0 or unknown > settled:
+    if motion.pedal <= 0.0 or unknown > settled * (error.size - 1):
         return NO_HELP
     if body.steps > 0:
         if not body.responded:

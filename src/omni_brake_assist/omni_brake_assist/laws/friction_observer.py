@@ -47,7 +47,7 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
     the filtered force is used instead.
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)
-    others = 0.0
+    others = known = 0.0
     for i in range(law.rim.size):
         wheel, most = memory.wheel[i], law.most[i]
         change = wheel.speed - wheel.last_speed if wheel.known else 0.0
@@ -72,7 +72,8 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
             elif memory.qp.solution[i] >= 1.0:
                 capacity += growth
             wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), most)
-        others += wheel.capacity if wheel.known else 0.0
+        others += wheel.capacity * wheel.known
+        known += wheel.known
     for i in range(law.rim.size):
         if not memory.wheel[i].known:  # the encoder is faulty
-            memory.wheel[i].capacity = others / (law.rim.size - 1)
+            memory.wheel[i].capacity = others / known
