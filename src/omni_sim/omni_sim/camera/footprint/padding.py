@@ -99,9 +99,10 @@ class PaddedTexture(NamedTuple):
         else:
             average.average_texels(gray, middle, rows)
         turned = _room(texels, stride)
-        for first in range(0, texels, 64):
-            band = rows[:, first : min(first + 64, texels)]
-            turned[first : first + 64, :texels] = band.T
+        for first in range(0, texels, _CACHE_LINE):
+            # A band that is copied first stays in the cache while it is transposed.
+            band = np.ascontiguousarray(rows[:, first : min(first + _CACHE_LINE, texels)])
+            turned[first : first + _CACHE_LINE, :texels] = band.T
         for padded in (rows, turned):
             for start in range(texels, stride, texels):
                 end = min(start + texels, stride)
