@@ -22,7 +22,16 @@ from pathlib import Path
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import BagError, read_run
 
-WORKSPACE = Path(__file__).resolve().parents[1]
+sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
+from omni_process import (
+    RUN_TIMEOUT,
+    omni_command,
+    omni_environment,
+    processes_of,
+    recorded_bytes,
+    wait_until,
+)
+
 EXPERIMENT = "small_stop"
 NODES = {
     "simulator": "omni_sim",
@@ -32,7 +41,6 @@ NODES = {
 }
 ACTIONS = ("kill", "halt", "resume", "terminate")
 PAUSE = 0.3  # [s] from halt to resume
-LONGEST = 240.0  # [s] longest duration of a run
 MARGIN = 1.05  # allowed ratio to the unassisted stop
 
 
@@ -73,11 +81,12 @@ def trial(
     process = started(folder, *(["--real-time"] if real_time else []), stderr=subprocess.PIPE)
     try:
         found = None
-        if await_bytes(process, folder, 1 + round(share * size)):
+        wait_until(lambda: recorded_bytes(folder) > share * size or process.poll() is not None)
+        if process.poll() is None:
             found = processes_of(NODES[node], process.pid)
             for pid in found:
                 disturb(pid, action)
-        _, complaint = process.communicate(timeout=LONGEST)
+        _, complaint = process.communicate(timeout=RUN_TIMEOUT)
     finally:
         process.kill()
         process.wait()
@@ -91,27 +100,12 @@ def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.
     """Start a run of the experiment that records into a folder."""
     given = ("--variant", "assisted", "--json", "--out", str(folder), *words)
     return subprocess.Popen(
-        [sys.executable, "-m", "omni_bringup.cli", "run", EXPERIMENT, *given],
-        env={**os.environ, "OMNI_WORKSPACE": str(WORKSPACE)},
+        omni_command(["run", EXPERIMENT, *given]),
+        env=omni_environment(),
         stdout=subprocess.DEVNULL,
         stderr=stderr,
         text=True,
     )
-
-
-def recorded(folder: Path) -> int:
-    """Return the size of a run's recording [B]."""
-    return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
-
-
-def await_bytes(process: subprocess.Popen[str], folder: Path, size: int) -> bool:
-    """Wait until a run has recorded `size` [B] or has ended; return whether it continues."""
-    deadline = time.monotonic() + LONGEST
-    while process.poll() is None and time.monotonic() < deadline:
-        if recorded(folder) >= size:
-            return True
-        time.sleep(0.01)
-    return False
 
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
@@ -119,23 +113,6 @@ def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
     if started(folder, *words).wait() != 0:
         raise RuntimeError(f"the undisturbed run {folder} failed")
     return stop_of(folder / "assisted")
-
-
-def processes_of(package: str, parent: int) -> list[int]:
-    """Return the processes that run an executable of a package for a bring-up process."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if (
-                not entry.name.isdigit()
-                or f"/lib/{package}/" not in (entry / "cmdline").read_text()
-            ):
-                continue
-            if f"OMNI_PARENT_PID={parent}".encode() in (entry / "environ").read_bytes():
-                found.append(int(entry.name))
-        except OSError:
-            continue  # the process has ended, or belongs to another user
-    return found
 
 
 def disturb(pid: int, action: str) -> None:
@@ -187,7 +164,12 @@ def main() -> None:
                     share = generator.random()
                     shutil.rmtree(folder, ignore_errors=True)
                     found = trial(
-                        folder, node, action, share, real_time=real_time, size=recorded(reference)
+                        folder,
+                        node,
+                        action,
+                        share,
+                        real_time=real_time,
+                        size=recorded_bytes(reference),
                     )
                 mode = "real time" if real_time else "lockstep"
                 trials.append((f"{mode}, {action} {node} at {share:.2f}", found))
