@@ -7,6 +7,7 @@ import dataclasses
 import gc
 import math
 import time
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -22,6 +23,7 @@ from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
+from omni_brake_assist.sources import Source
 from omni_brake_assist.step_pairing import StepPairing
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
@@ -257,11 +259,12 @@ class BrakeAssistNode(Node):
         stamp_ns = decision.stamp_ns
         self._enable.publish(joint_state(stamp_ns, self._wheels, effort=decision.enable))
         self._error.publish(joint_state(stamp_ns, self._wheels, velocity=decision.error))
-        names, ratios, *_ = zip(*self._assist.sources(), strict=True)
+        sources = self._assist.sources()
+        names, ratios, *_ = zip(*sources, strict=True)
         self._test_ratios.publish(joint_state(stamp_ns, names, position=np.array(ratios)))
-        self._report(decision)
+        self._report(decision, sources)
 
-    def _report(self, decision: Decision) -> None:
+    def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
         fault = decision.fault.state if decision.fault is not None else None
         status = Status(
             decision.state.level,
@@ -272,7 +275,7 @@ class BrakeAssistNode(Node):
                 **self._warning,
                 **{
                     f"test_ratio.{source.name}": f"{source.test_ratio:.3g} {source.words}"
-                    for source in self._assist.sources()
+                    for source in sources
                 },
             },
         )

@@ -41,8 +41,9 @@ class RecorderNode(Node):
                 raise ConfigurationError("topics", f"names {topic} twice")
             kinds[topic] = kind
         classes = {kind: message_class(kind, "types") for kind in kinds.values()}
+        known = {kind: _definition(kind) for kind in classes}
         topics = [
-            _recorded_topic(topic, kind, configuration.reliability, topic in latched)
+            _recorded_topic(topic, known[kind], configuration.reliability, topic in latched)
             for topic, kind in kinds.items()
         ]
         self._transforms = self._prepare_transforms(configuration, kinds)
@@ -184,11 +185,16 @@ def _drain(
             quiet_end = time.monotonic() + quiet
 
 
-def _recorded_topic(topic: str, kind: str, reliability: str, latched: bool) -> RecordedTopic:
+def _definition(kind: str) -> definitions.MessageDefinition:
     try:
-        definition = definitions.find_message_definition(kind)
+        return definitions.find_message_definition(kind)
     except definitions.MessageDefinitionError as error:
         raise ConfigurationError("types", str(error)) from None
+
+
+def _recorded_topic(
+    topic: str, definition: definitions.MessageDefinition, reliability: str, latched: bool
+) -> RecordedTopic:
     qos = RecordedQos(
         depth=(LATCHED if latched else RELIABLE).depth,
         reliability=reliability,
