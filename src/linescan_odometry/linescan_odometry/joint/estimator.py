@@ -16,7 +16,6 @@ from omni_platform.signals import Lines
 _STEPS = 4  # largest number of Newton steps; the pattern is estimated before each of them
 _CONVERGED = 0.1  # px within a batch; after a smaller step, a further one changes little
 _MEMORY = 50.0  # batches; time constant with which the estimated pattern forgets
-_NOISE = 12.0  # nats; log-likelihood that noise alone rarely exceeds
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = (
     0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous
@@ -165,7 +164,8 @@ class JointEstimator:
         evidence = candidates.rate(products, layout, removed, found)
         best = int(np.argmax(evidence))
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < _STATIC)
-        if evidence[best] < _NOISE and len(static):
+        # Noise alone rarely exceeds half the least log-likelihood of a displacement.
+        if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
             own = candidates.coherent(products, layout, known, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
