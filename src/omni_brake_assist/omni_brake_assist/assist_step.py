@@ -125,14 +125,15 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
     return ready, Motion(first, dt, v_x, v_y, yaw_rate, p_x, p_y, pedal, speeds, failed)
 
 
-@lean
+@inlined
 def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     """Store wheel speeds and IMU reading, NaN where too old; return whether there is an IMU."""
     wheels, imu, inertial = inputs.wheels, inputs.imu, memory.workspace[0]
-    known = _is_recent(constants, inputs.now_ns, wheels.validity, wheels.stamp_ns)
+    now_ns, timeout_ns = inputs.now_ns, constants.limits.timeout_ns
+    known = _is_recent(now_ns, timeout_ns, wheels.validity, wheels.stamp_ns)
     for i in range(memory.speeds.size):
         memory.speeds[i] = wheels.speed[i] if known else math.nan
-    known = _is_recent(constants, inputs.now_ns, imu.validity, imu.stamp_ns)
+    known = _is_recent(now_ns, timeout_ns, imu.validity, imu.stamp_ns)
     inertial[0] = imu.yaw_rate if known else math.nan
     for j in range(2):
         inertial[j + 1] = imu.acceleration[j] if known else math.nan
@@ -140,9 +141,9 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
 
 
 @lean
-def _is_recent(constants: Constants, now_ns: int, validity: int, stamp_ns: int) -> bool:
+def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
     """Return whether a reading is valid and recent enough to use."""
-    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= constants.limits.timeout_ns)
+    return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 
 @inlined
