@@ -253,14 +253,16 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     values = {"distance_ratio_median": 1.2, "distance_ratio_p95": 1.8, "rotation_median": 1.0}
     values |= {"rotation_p95": 3.0, "rotation_unassisted_p95": 1.0}
     metrics = {
-        f"{quantity}.agv_sliding_mode_{source}": {"value": 1.0 if fine else value, "unit": "1"}
-        for source, fine in (("otos", True), ("late_50ms", False))
+        f"{quantity}.{vehicle}_sliding_mode_{source}": {"value": value if bad else 1.0, "unit": "1"}
+        for vehicle in ("other", "wheel_twist_agv")
+        for source, bad in (("otos", vehicle == "other"), ("late_50ms", vehicle != "other"))
         for quantity, value in values.items()
     }
     summary, out = tmp_path / "summary.json", tmp_path / "parameters"
     summary.write_text(json.dumps({"name": "feedback", "metrics": metrics}))
     example = str(WORKSPACE / "config/hardware/wheel_twist_agv.yaml")
-    for source, words in (("otos", ""), ("late_50ms", "assistance does more harm than good")):
+    harm = "wheel_twist_agv: with ideal, 50 ms late and sliding_mode, assistance does more harm"
+    for source, words in (("otos", ""), ("late_50ms", harm)):
         known = ["--source", source, "--feedback", str(summary)]
         finished = omni(["ros-params", example, "--out", str(out), *known])
         assert finished.returncode == 0, finished.stderr
@@ -281,6 +283,12 @@ def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_
     assert words in ended.stderr
     finished = omni(["doctor", "--parameters", str(out), "--json"])
     assert words in json.loads(finished.stdout)["checks"]["feedback"]["words"]
-    refused = omni(["ros-params", example, "--out", str(out), *known[:1], "lidar", *known[2:]])
-    assert refused.returncode == 2
-    assert "has no lidar" in refused.stderr
+    own = tmp_path / "my_agv.yaml"
+    own.write_text(Path(example).read_text())
+    finished = omni(["ros-params", str(own), "--out", str(out), *known[:1], "otos", *known[2:]])
+    assert f"{summary} is about other, wheel_twist_agv, not about my_agv" in finished.stderr
+    assert "other: with SparkFun OTOS" in finished.stderr
+    for source, words in (("lidar", "--source: 'lidar' is not one of"), ("ideal", "has no ideal")):
+        refused = omni(["ros-params", example, "--out", str(out), *known[:1], source, *known[2:]])
+        assert refused.returncode == 2
+        assert words in refused.stderr

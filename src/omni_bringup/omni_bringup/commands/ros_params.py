@@ -9,7 +9,7 @@ from pathlib import Path
 from omni_bringup.command_report import Report
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, check_choice
 
 
 class Options(CommandOptions):
@@ -24,7 +24,8 @@ class Options(CommandOptions):
     """source of the twist, by its name in ./omni study feedback; a warning states whether
     assistance with this source does more harm than good"""
     feedback: Path = option(Path("results/feedback/summary.json"), metavar="FILE")
-    """result of ./omni study feedback for this vehicle, required for --source"""
+    """result of ./omni study feedback --vehicle, required for --source; if it does not contain a
+    vehicle with the name of CONFIGURATION, the warning is about its vehicles"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 
@@ -46,9 +47,17 @@ def run(options: Options, workspace: Workspace) -> Report:
         workspace.note(remark)
     warning = ""
     if options.source is not None:
-        from omni_studies.studies.feedback import warning as warning_of
+        from omni_studies.feedback.sources import SOURCES
+        from omni_studies.studies.feedback import vehicle_name, warnings
 
-        warning = warning_of(options.feedback, hardware.brake_assist.law, options.source)
+        check_choice("--source", options.source, SOURCES)
+        found = warnings(options.feedback, hardware.brake_assist.law, options.source)
+        own = vehicle_name(str(path))
+        if own in found:
+            found = {own: found[own]}
+        else:
+            workspace.note(f"{options.feedback} is about {', '.join(found)}, not about {own}")
+        warning = "; ".join(filter(None, found.values()))
     if warning:
         workspace.note(warning)
     written = write_parameters(hardware, options.out, warning)

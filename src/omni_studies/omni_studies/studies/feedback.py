@@ -101,8 +101,9 @@ class Cases:
     @classmethod
     def of(cls, library: ExperimentLibrary, options: Options) -> Cases:
         """Load the base stop of each vehicle, the named experiments, and the cameras."""
-        if len(set(options.vehicle)) != len(options.vehicle):
-            raise ConfigurationError("--vehicle", "names a vehicle twice")
+        names = [vehicle_name(one) for one in options.vehicle]
+        if len(set(names)) != len(names):
+            raise ConfigurationError("--vehicle", f"names a vehicle twice: {', '.join(names)}")
         changes = [
             "feedback=velocity_sensor",
             "simulation.render_lines=false",
@@ -113,10 +114,8 @@ class Cases:
             "simulation.settling_time=0.2",
         ]
         bases = {
-            name.rstrip("/").replace("/", "_").removesuffix(".yaml"): library.load(
-                "straight_line", "assisted", [f"vehicle={name}", *changes]
-            )
-            for name in options.vehicle
+            name: library.load("straight_line", "assisted", [f"vehicle={path}", *changes])
+            for name, path in zip(names, options.vehicle, strict=True)
         }
         named = [
             library.load(name, overrides=changes)
@@ -294,27 +293,36 @@ def _harms(
 
 
 def _findings(table: Table) -> list[str]:
-    return [
-        f"{vehicle}: {_sentence(law, source, found)}"
-        for (vehicle, law, source), found in table.items()
-        if _harms(found)
-    ] or ["With no source, assistance does more harm than good"]
+    return [_sentence(*key, found) for key, found in table.items() if _harms(found)] or [
+        "With no source, assistance does more harm than good"
+    ]
 
 
-def _sentence(law: str, source: str, found: Mapping[str, float]) -> str:
+def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -> str:
     return (
-        f"with {SOURCES[source].label} and {law}, assistance does more harm than good "
+        f"{vehicle}: with {SOURCES[source].label} and {law}, assistance does more harm than good "
         f"(95th percentile: {found['distance_ratio_p95']:.2f} times the distance, "
         f"{found['rotation_p95']:.1f} deg; "
         f"without {found['rotation_unassisted_p95']:.1f} deg)"
     )
 
 
-def warning(summary: Path, law: str, source: str) -> str:
-    """Return a sentence if assistance does more harm than good, otherwise an empty text.
+def vehicle_name(path: str) -> str:
+    """Return the name of a vehicle in results: that of its file, or of its folder.
 
     Args:
-        summary: ``summary.json`` of this study for the vehicle, with or without its IMU.
+        path: name of a vehicle, path of its file, or folder of ``./omni new-vehicle``.
+    """
+    file = Path(path)
+    file = file.resolve().parent if file.name == "vehicle.yaml" else file
+    return file.name.removesuffix(".yaml")
+
+
+def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
+    """Return by vehicle a sentence if assistance does more harm than good, otherwise an empty text.
+
+    Args:
+        summary: ``summary.json`` of this study, with or without the IMU of the vehicle.
         law: name of the control law.
         source: source of the twist.
 
@@ -334,9 +342,11 @@ def warning(summary: Path, law: str, source: str) -> str:
             value = math.inf if metric["value"] is None else metric["value"]
             vehicles.setdefault(vehicle, {})[quantity] = value
     if not vehicles:
-        raise ConfigurationError(str(summary), f"has no {source} with {law}")
-    sentences = (_sentence(law, source, found) for found in vehicles.values() if _harms(found))
-    return next(sentences, "")
+        raise ConfigurationError(str(summary), f"has no {source} with {law}; run the study anew")
+    return {
+        vehicle: _sentence(vehicle, law, source, found) if _harms(found) else ""
+        for vehicle, found in vehicles.items()
+    }
 
 
 def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
