@@ -21,8 +21,13 @@ command"""
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
-    """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`."""
-    return tuple(f"vehicle.brake.{key}={value}" for key, value in TYPICAL[brakes].items())
+    """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`.
+
+    They replace kind and timing of the vehicle's brakes, and keep torque, power and ramp.
+    """
+    timing = ("dead_time", "release_time", "time_constant")
+    values = {key: getattr(BrakeConfiguration, key) for key in timing} | TYPICAL[brakes]
+    return tuple(f"vehicle.brake.{key}={value}" for key, value in values.items())
 
 
 class BrakeConfiguration(Configuration):

@@ -41,7 +41,8 @@ class Options(Configuration):
     law: str | None = option(None)
     """control law, built in or my_module:MyLaw (default: the experiment's)"""
     brakes: str | None = option(None, choices=tuple(TYPICAL))
-    """typical brakes of this kind, as in ./omni new-vehicle (default: the vehicle's)"""
+    """brakes with the typical timing of this kind, as in ./omni new-vehicle (default: the
+    vehicle's)"""
     no_ice: bool = option(False)
     """do not add the patch of ice that a ground without patches otherwise gets"""
     overrides: tuple[str, ...] = overrides_option()

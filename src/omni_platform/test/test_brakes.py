@@ -1,0 +1,16 @@
+"""Typical brakes replace kind and timing of the brakes before them."""
+
+import pytest
+
+from omni_platform.brakes import TYPICAL, BrakeConfiguration, typical_changes
+from omni_platform.configuration import to_mapping
+
+
+@pytest.mark.parametrize("brakes", TYPICAL)
+def test_no_timing_of_other_brakes_stays(brakes: str) -> None:
+    slow = BrakeConfiguration(dead_time=0.3, release_time=0.4, time_constant=0.2, max_torque=5.0)
+    values = to_mapping(slow)
+    for change in typical_changes(brakes):
+        key, _, value = change.removeprefix("vehicle.brake.").partition("=")
+        values[key] = value if key == "kind" else float(value)
+    assert BrakeConfiguration(**values) == BrakeConfiguration(max_torque=5.0, **TYPICAL[brakes])
