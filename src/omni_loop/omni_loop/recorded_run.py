@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BagError",
     "Stream",
+    "demand",
     "measured_twist",
     "ordered",
     "planar_twist",
@@ -158,7 +159,14 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
         return rows
 
     def by_wheel(topic: str, field: str) -> FloatArray:
-        return sampled(topic, wheels, lambda message: ordered(message, field, wheel_names))
+        # A vehicle without encoders of the angle, or without torques, leaves the field empty.
+        return sampled(
+            topic,
+            wheels,
+            lambda message: (
+                ordered(message, field, wheel_names) if len(getattr(message, field)) else np.nan
+            ),
+        )
 
     return RunHistory.from_quaternions(
         wheel_names=wheel_names,
@@ -168,7 +176,7 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
         brake_torque=by_wheel(_WHEELS, "effort"),
         enable=by_wheel(_ENABLE, "effort"),
         error=by_wheel(_ERROR, "velocity"),
-        pedal=sampled(_PEDAL, 1, lambda message: message.position[0])[:, 0],
+        pedal=sampled(_PEDAL, 1, demand)[:, 0],
         estimate=sampled(_ESTIMATE, 3, lambda message: planar_twist(message.twist.twist)),
         estimate_variance=sampled(_ESTIMATE, 3, lambda m: m.twist.covariance[_VARIANCES]),
         assist_state=_assist_states(stamps, streams.get(_DIAGNOSTICS), assistant),
@@ -236,6 +244,11 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
         raise ValueError(f"wheels {', '.join(message.name)} are not {', '.join(wheel_names)}")
     order = [message.name.index(name) for name in wheel_names]
     return values[order]
+
+
+def demand(pedal: Any) -> float:
+    """Return the demand of a message on `brake/pedal` [1]; NaN if it has no value."""
+    return float(pedal.position[0]) if len(pedal.position) else np.nan
 
 
 def planar_twist(twist: Any) -> tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -178,6 +179,19 @@ def test_a_run_survives_its_bag_to_the_bit(bag: Path, run: RunHistory) -> None:
     assert first_difference(run, back) is None
     assert np.array_equal(run.pose[:, 2], back.pose[:, 2])
     assert repr(run_metrics(back)) == repr(run_metrics(run))
+
+
+def test_wheels_without_angle_and_torque_are_read(tmp_path: Path, run: RunHistory) -> None:
+    def speeds_alone(topic: str, _k: int, entry: Any) -> Any:
+        if topic != "wheel_states":
+            return entry
+        nothing = np.zeros(0)
+        return dataclasses.replace(entry, position=nothing, effort=nothing)
+
+    back = read_run(write_bag(tmp_path / "bag", run, change=speeds_alone))
+    np.testing.assert_array_equal(back.wheel_speed, run.wheel_speed)
+    assert np.all(np.isnan(back.wheel_angle))
+    assert np.all(np.isnan(back.brake_torque))
 
 
 def test_the_motion_of_a_real_vehicle_is_its_integrated_twist(

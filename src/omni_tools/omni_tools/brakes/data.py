@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_loop.recorded_run import Stream, measured_twist, ordered, read_streams
+from omni_loop.recorded_run import Stream, demand, measured_twist, ordered, read_streams
 from omni_platform import brakes, configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
@@ -50,7 +50,8 @@ def read_brake_data(
 
     Raises:
         BagError: the recording cannot be read or lacks a topic.
-        BrakeDataError: the wheels of the recording differ from those of the vehicle.
+        BrakeDataError: the wheels of the recording differ from those of the vehicle, the twist was
+            never measured, or a demand has no value.
     """
     required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)
@@ -68,11 +69,15 @@ def read_brake_data(
 
     moved = np.array([measured_twist(message.twist) for message in twists.messages])
     measured = np.all(np.isfinite(moved), axis=1)
+    if not np.any(measured):
+        raise BrakeDataError(f"{folder}: no message on {twist_topic} has a measured twist")
     time = seconds(wheels)
     inside = (time >= seconds(twists)[measured][0]) & (time <= seconds(twists)[measured][-1])
     time = time[inside]
     twist = [np.interp(time, seconds(twists)[measured], column) for column in moved[measured].T]
-    command_time, command = seconds(pedal), np.array([m.position[0] for m in pedal.messages])
+    command_time, command = seconds(pedal), np.array([demand(m) for m in pedal.messages])
+    if not np.all(np.isfinite(command)):
+        raise BrakeDataError(f"{folder}: a message on {_PEDAL} has no finite demand")
     shares = np.ones((len(command), len(wheel_names)))
     if _ENABLE in streams:
         enable = by_wheel(streams[_ENABLE], "effort")

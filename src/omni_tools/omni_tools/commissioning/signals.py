@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from omni_loop.recorded_run import Stream, measured_twist, read_streams
+from omni_loop.recorded_run import Stream, demand, measured_twist, read_streams
 from omni_platform import configuration, quantities, topics
 from omni_recording.folder import open_vehicle
 
@@ -78,7 +78,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 
     Raises:
         BagError: the recording cannot be read.
-        ConfigurationError: the wheels of the recording have other names.
+        ConfigurationError: the wheel speeds are those of other wheels, or incomplete.
     """
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
@@ -97,7 +97,7 @@ def signals_of(
 
     Raises:
         ConfigurationError: the wheels of the messages have other names, or wheel speeds are missing
-            for so long that a motion or a rest may be missing.
+            for so long that a motion or a rest may be missing, or for a whole wheel.
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
@@ -112,6 +112,10 @@ def signals_of(
         at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
         raise configuration.ConfigurationError(
             "recording", f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s"
+        )
+    if np.sum(gaps) < _SHORTEST:
+        raise configuration.ConfigurationError(
+            "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record a drive"
         )
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 
@@ -131,6 +135,13 @@ def signals_of(
         return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
 
     speeds = np.array(by_wheel(_WHEELS, "velocity"), np.float64).reshape(-1, len(wheels))
+    unmeasured = [
+        wheel for wheel, one in zip(wheels, speeds.T, strict=True) if np.all(np.isnan(one))
+    ]
+    if unmeasured:
+        raise configuration.ConfigurationError(
+            _WHEELS, f"has no speed of {', '.join(unmeasured)}; the check needs wheel encoders"
+        )
     imu = [
         (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
         for message in streams[_IMU].messages
@@ -141,7 +152,7 @@ def signals_of(
         wheel_speed=np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1),
         twist=sampled(_TWIST, twists, 3),
         imu=sampled(_IMU, imu, 3),
-        pedal=sampled(_PEDAL, [m.position[0] for m in streams[_PEDAL].messages], 1)[:, 0],
+        pedal=sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0],
         enable=sampled(_ENABLE, by_wheel(_ENABLE, "effort"), len(wheels)),
     )
 

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
+from omni_loop.recorded_run import Stream, read_streams
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.brakes import data as brake_data
 from omni_tools.brakes.data import BrakeData, BrakeDataError, read_brake_data
 from omni_tools.brakes.fit import fit_brakes
 
@@ -32,6 +36,13 @@ def stop(
     data = BrakeData(time, history.twist, history.wheel_speed, time, command)
     unknown = dataclasses.replace(configuration.vehicle.brake, max_torque=1.0, dead_time=0.5)
     return data, dataclasses.replace(configuration.vehicle, brake=unknown)
+
+
+def unmeasured() -> SimpleNamespace:
+    """Return a twist with covariance of which no component was measured."""
+    zero = SimpleNamespace(x=0.0, y=0.0, z=0.0)
+    twist = SimpleNamespace(linear=zero, angular=zero)
+    return SimpleNamespace(twist=twist, covariance=1e6 * np.eye(6).ravel())
 
 
 def noisy(data: BrakeData, seed: int, size: float = 0.01) -> BrakeData:
@@ -72,6 +83,28 @@ def test_unmeasured_twists_are_left_out() -> None:
     )
     row = np.searchsorted(true.time, measured.time[0])
     np.testing.assert_allclose(measured.twist[0], true.twist[row], atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("topic", "empty", "words"),
+    [
+        ("odometry/twist", {"twist": unmeasured()}, "no message on odometry/twist has a measured"),
+        ("brake/pedal", {"position": ()}, "a message on brake/pedal has no finite demand"),
+    ],
+)
+def test_a_recording_without_twist_or_demand_is_refused(
+    topic: str, empty: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def spoilt(*arguments: Any) -> dict[str, Stream]:
+        streams = read_streams(*arguments)
+        messages = (SimpleNamespace(**empty),) * len(streams[topic].messages)
+        return streams | {topic: Stream(streams[topic].stamp_ns, messages)}
+
+    monkeypatch.setattr(brake_data, "read_streams", spoilt)
+    brake = ExperimentLibrary(CONFIG).load("small_stop", "assisted").vehicle.brake
+    wheels = ("front_left", "front_right", "rear_left", "rear_right")
+    with pytest.raises(BrakeDataError, match=words):
+        read_brake_data(CONFIG.parent / "bags/small_stop/assisted", wheels, brake, "odometry/twist")
 
 
 def test_noise_shows_in_the_standard_errors() -> None:

@@ -1,0 +1,54 @@
+"""Recordings from which no drive can be read are refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from omni_loop.recorded_run import Stream
+from omni_platform.configuration import ConfigurationError
+from omni_tools.commissioning.signals import signals_of
+
+WHEELS = ("left", "right")
+SECOND_NS = 10**9
+
+
+def streams(
+    rows: int,
+    stamp_ns: Callable[[int], int] = lambda k: k * SECOND_NS // 100,
+    speeds: tuple[float, ...] = (1.0, 2.0),
+    position: tuple[float, ...] = (0.5,),
+) -> dict[str, Stream]:
+    states = SimpleNamespace(name=list(WHEELS), velocity=np.array(speeds))
+    pedal = SimpleNamespace(position=np.array(position))
+    stamps = np.array([stamp_ns(k) for k in range(rows)], np.int64)
+    return {
+        "wheel_states": Stream(stamps, (states,) * rows),
+        "brake/pedal": Stream(stamps, (pedal,) * rows),
+    }
+
+
+@pytest.mark.parametrize("rows", [1, 2, 20])
+def test_too_short_a_drive_is_refused(rows: int) -> None:
+    with pytest.raises(ConfigurationError, match="record a drive"):
+        signals_of(streams(rows), WHEELS)
+
+
+def test_stamps_of_two_clocks_are_refused() -> None:
+    jump = streams(400, lambda k: k * SECOND_NS // 100 + (k > 200) * 10**9 * SECOND_NS)
+    with pytest.raises(ConfigurationError, match="no wheel speeds for 1e"):
+        signals_of(jump, WHEELS)
+
+
+@pytest.mark.parametrize("speeds", [(), (np.nan, 2.0)])
+def test_wheels_without_encoders_are_named(speeds: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigurationError, match="no speed of left"):
+        signals_of(streams(400, speeds=speeds), WHEELS)
+
+
+def test_a_pedal_without_a_value_is_unknown() -> None:
+    assert np.all(np.isnan(signals_of(streams(400, position=()), WHEELS).pedal))
+    assert np.all(signals_of(streams(400), WHEELS).pedal == 0.5)
