@@ -219,7 +219,7 @@ def test_nodes_of_any_name_start_with_the_files_of_every_example(
         ("wheels: {}", "wheels: is required"),
         ("wheel: {}", "'wheel' is not one of wheels"),
         ("[]", "must contain a mapping"),
-        ("wheels: {a: {x: 1, y: 0, roller_angle_deg: 0, radius: 1.0e+308}}", "radius"),
+        ("wheels: {a: {x: 1, y: 0, roller_angle_deg: 0, radius: 1.0e+308}}", "s: wheels.a.radius"),
         ("{" * 5000, "is not valid YAML"),
     ],
 )

@@ -302,9 +302,11 @@ class ExperimentLibrary:
             known = self.parts(kind)
             if name not in known:
                 hint = did_you_mean(name, known)
+                own = ", or a folder with " + _IN_FOLDER[kind] if kind in _IN_FOLDER else ""
                 raise ConfigurationError(
                     key,
-                    f"{name!r} is not known{hint or ';'} known: {', '.join(known)}",
+                    f"{name!r} is not known{hint or ';'} known: {', '.join(known)}; or give a "
+                    f"path that ends in .yaml{own}",
                 )
         return read_mapping(path, key)
 

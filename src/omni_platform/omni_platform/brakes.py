@@ -26,7 +26,8 @@ def typical_changes(brakes: str) -> tuple[str, ...]:
     They replace kind and timing of the vehicle's brakes, and keep torque, power and ramp.
     """
     timing = ("dead_time", "release_time", "time_constant")
-    values = {key: getattr(BrakeConfiguration, key) for key in timing} | TYPICAL[brakes]
+    values = {key: getattr(BrakeConfiguration, key) for key in timing}
+    values.update(TYPICAL[brakes])
     return tuple(f"vehicle.brake.{key}={value}" for key, value in values.items())
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration
@@ -75,9 +76,12 @@ def _node(command: str | None) -> Iterator[tuple[int, Any]]:
         yield chosen_domain(os.environ) or 0, lambda: True
         return
     with reserved_domain() as domain:
-        process = subprocess.Popen(
-            shlex.split(command), env=node_environment(domain), stdin=subprocess.DEVNULL
-        )
+        try:
+            process = subprocess.Popen(
+                shlex.split(command), env=node_environment(domain), stdin=subprocess.DEVNULL
+            )
+        except (OSError, ValueError, IndexError) as error:
+            raise ConfigurationError("--start", f"cannot start {command!r}: {error}") from None
         try:
             yield domain, lambda: process.poll() is None
         finally:

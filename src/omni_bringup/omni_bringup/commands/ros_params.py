@@ -38,7 +38,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     path = options.configuration
     if path.is_dir():
         library = workspace.experiment_library()
-        hardware = Hardware.of(library.load(str(path)))
+        hardware = Hardware.of(library.load(str(path / "experiment.yaml")))
     else:
         hardware = read_hardware(path)
     for remark in roller_remarks(hardware.brake_assist.wheels):

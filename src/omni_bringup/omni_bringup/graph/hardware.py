@@ -173,7 +173,12 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
     given = tree.get(key) or {}
     if not isinstance(given, dict):
         raise ConfigurationError(key, "must be a mapping of names to values")
-    return from_mapping(cls, {**shared, **given}, key)
+    try:
+        return from_mapping(cls, {**shared, **given})
+    except ConfigurationError as error:
+        # The shared values are at the top of the file.
+        at_top = error.key.partition(".")[0] in shared.keys() - given.keys()
+        raise error if at_top else error.below(key) from None
 
 
 def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> list[Path]:

@@ -191,8 +191,8 @@ def _omni_wheels(measured: Measured) -> dict[str, dict[str, float]]:
     for row in range(measured.wheels):
         angle = first + 2.0 * apart * row
         wheels[f"wheel_{row + 1}"] = {
-            "x": round(out * math.cos(angle), 6),
-            "y": round(out * math.sin(angle), 6),
+            "x": round(out * math.cos(angle), 6) + 0.0,  # no -0.0
+            "y": round(out * math.sin(angle), 6) + 0.0,
             "heading_deg": round(math.degrees(angle) - 90.0, 6),
             "roller_angle_deg": 0.0,
             "radius": measured.wheel_radius,

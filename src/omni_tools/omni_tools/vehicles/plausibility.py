@@ -104,6 +104,7 @@ def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tup
     facts = wheel_facts(vehicle, friction)
     return (
         *(f"vehicle.{remark}" for remark in roller_remarks(vehicle.wheels)),
+        *_load_remarks(facts),
         *_tire_remarks(vehicle, facts),
         *_brake_remarks(vehicle, facts),
         *_drive_remarks(vehicle),
@@ -138,6 +139,15 @@ class RemarkingLibrary(ExperimentLibrary):
             if remark not in self._reported:
                 self._reported.add(remark)
                 self._report(remark)
+
+
+def _load_remarks(facts: Mapping[str, WheelFacts]) -> Iterator[str]:
+    lifted = min(facts, key=lambda name: facts[name].load)
+    if facts[lifted].load < 0.0:
+        yield (
+            f"vehicle.load: wheel {lifted} lifts off the ground at rest (load "
+            f"{plain(facts[lifted].load)} N); reduce mass or offset of the load"
+        )
 
 
 def _tire_remarks(vehicle: VehicleConfiguration, facts: Mapping[str, WheelFacts]) -> Iterator[str]:

@@ -70,6 +70,7 @@ def test_numbers_of_wheels_that_are_no_pairs_are_refused(wheels: int) -> None:
         ("vehicle.body.yaw_inertia=330", "check mass, size and inertia"),
         ("vehicle.wheel_inertia=1.0", "solid disc"),
         ("vehicle.load={mass: 60, height: 0.1}", "use a stronger tire"),
+        ("vehicle.load={mass: 60, x: 0.2, y: 0.15, height: 0.1}", "wheel rear_right lifts off"),
         ("sensors.front={x: 0.6, y: 0, heading_deg: 90}", "beyond the edge"),
         ("maneuver.speed=45", "less than 60 %"),
         ("maneuver.demands={time: [0, 1], forward: [0, 30], left: [0, 0], turn: [0, 0], "
