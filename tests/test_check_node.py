@@ -22,7 +22,7 @@ WRONG = """
 import rclpy
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.executors import ExternalShutdownException
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image, JointState
 
 rclpy.init()
@@ -42,6 +42,8 @@ def measure(message):
 
 
 node.create_subscription(JointState, "brake/pedal", answer, 10)
+lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_subscription(JointState, "wheel_states", print, lasting)
 node.create_subscription(Image, "line_scan/front/lines", measure, 10)
 try:
     rclpy.spin(node)
@@ -94,7 +96,14 @@ def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path)
 @pytest.mark.parametrize(
     ("node", "breaches"),
     [
-        ("brake_assist", ("brake/enable names left; must be", "one share of 0 to 1 per wheel")),
+        (
+            "brake_assist",
+            (
+                "brake/enable names left; must be",
+                "one share of 0 to 1 per wheel",
+                "a subscription to /wheel_states receives nothing: ",
+            ),
+        ),
         (
             "odometry",
             (
@@ -113,6 +122,20 @@ def test_breaches_of_a_foreign_node_are_named(
     assert code == 1
     found = " | ".join(document["breaches"])
     assert [one for one in breaches if one not in found] == []
+
+
+@pytest.mark.parametrize("command", ["no-such-program", "sh -c 'unclosed"])
+def test_a_command_that_cannot_start_is_refused(command: str) -> None:
+    finished = subprocess.run(
+        omni_command(["check-node", "brake_assist", "--start", command]),
+        env=omni_environment(),
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        check=False,
+    )
+    assert finished.returncode == 2
+    assert "--start: cannot start" in finished.stderr
 
 
 def test_our_simulator_keeps_its_contract(tmp_path: Path) -> None:

@@ -158,10 +158,10 @@ class BrakeAdapterNode(Node):
             stamp_ns = self.get_clock().now().nanoseconds
             names = ("brake_pedal",)
             self._pedal_output.publish(joint_state(stamp_ns, names, position=np.array([pedal])))
-        late = not -enable_timeout <= self._enable_age <= enable_timeout
-        if self._silent("enable", enable_timeout) or late:
+        silent = self._silent("enable", enable_timeout)
+        if silent or not -enable_timeout <= self._enable_age <= enable_timeout:
             enable = np.ones(len(enable))
-            problems.append("enables are late" if late else "no enables")
+            problems.append("no enables" if silent else "enables are late")
             # Without enables all brakes act, and a missing pedal means full braking.
             pedal = 1.0
         elif not np.all((enable >= 0.0) & (enable <= 1.0)):

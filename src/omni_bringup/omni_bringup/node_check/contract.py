@@ -60,6 +60,8 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
         yield f"{topic} is published with best effort, but its subscribers request reliable"
+    for path, why in exchange.incompatible:
+        yield f"a subscription to {path} receives nothing: {why}"
     found = metrics(exchange)
     if found["answered.recorded"][0] < 100.0 * CONTRACT.least_answered:
         yield (
@@ -103,7 +105,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
             break
     for phase in ("gap", "unusable"):
         if not any(_after(exchange, phase)):
-            yield f"no enables within the second after a fault ({phase})"
+            yield f"no enables later than {_recovery(phase)}"
 
 
 def twist_breaches(exchange: Exchange) -> Iterator[str]:
@@ -119,8 +121,7 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
         return
     for phase in ("gap", "unusable"):
         if not any(_is_measured(one) for one in _after(exchange, phase)):
-            late = f"{CONTRACT.recovery:g} s after a fault of one input ({phase})"
-            yield f"no valid twist later than {late}"
+            yield f"no valid twist later than {_recovery(phase)}"
 
 
 def simulator_breaches(
@@ -163,6 +164,10 @@ def _after(exchange: Exchange, phase: str) -> list[Answer]:
     """Return the answers of a phase to inputs after its fault and the recovery time."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
+
+
+def _recovery(phase: str) -> str:
+    return f"{CONTRACT.recovery:g} s after a fault of one input ({phase})"
 
 
 def _is_measured(one: Answer) -> bool:

@@ -8,7 +8,7 @@ phase.
 import os
 import struct
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,13 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSProfile,
+    QoSReliabilityPolicy,
+    qos_check_compatible,
+    qos_profile_sensor_data,
+)
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
@@ -65,6 +71,8 @@ class Exchange:
         faults: first and last stamp of the gap or of the unusable values, by phase [ns].
         answers: answers in the order in which they were received.
         publishers: for each publisher of the answers' topic, whether it is reliable.
+        incompatible: for each subscription that receives no inputs because of its QoS, the topic
+            and the reason.
         kind: message class of the answers.
     """
 
@@ -73,6 +81,7 @@ class Exchange:
         self.faults: dict[str, tuple[int, int]] = {}
         self.answers: list[Answer] = []
         self.publishers = publishers
+        self.incompatible: list[tuple[str, str]] = []
         self.kind = message_class(output.type)
         self._phase = PHASES[0]
         self._arrivals: dict[int, float] = {}  # send time on a monotonic clock [s] by stamp
@@ -172,6 +181,7 @@ def feed(
     }
     clock = node.create_publisher(Clock, "/clock", RELIABLE)
     exchange = Exchange(output, partner.await_node(output.path, alive))
+    exchange.incompatible = [found for path in publishers for found in _incompatible(node, path)]
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
     node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
@@ -224,6 +234,16 @@ def subscribe(
             qos,
         )
     return seen
+
+
+def _incompatible(node: Node, topic: str) -> Iterator[tuple[str, str]]:
+    """Yield topic and reason for each subscription that cannot receive from its publishers."""
+    for publisher in node.get_publishers_info_by_topic(topic):
+        for subscription in node.get_subscriptions_info_by_topic(topic):
+            pair = publisher.qos_profile, subscription.qos_profile
+            fits, reason = qos_check_compatible(*pair)
+            if fits == QoSCompatibility.ERROR:
+                yield topic, reason.removeprefix("ERROR: ").rstrip("; ")
 
 
 def _unusable(topic: Topic, data: bytes) -> bytes:
