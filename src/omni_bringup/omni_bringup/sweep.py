@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report
@@ -28,10 +27,11 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
     from omni_figures.data_table import write_table
     from omni_figures.style import save_figure
     from omni_figures.sweep_figure import sweep_figure
+    from omni_loop.experiment import short_name
     from omni_loop.metrics import results_document
     from omni_loop.sweep import sweep
 
-    name = Path(options.experiment).stem
+    name = short_name(options.experiment)
     if options.real_time or options.replace:
         option = "--real-time" if options.real_time else "--replace"
         raise ConfigurationError(option, "a sweep runs in one process, without nodes")

@@ -327,6 +327,18 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
     return declared.from_mapping(ExperimentConfiguration, tree)
 
 
+def short_name(path: str | Path) -> str:
+    """Return the name of an experiment or vehicle in results: that of its file or own folder.
+
+    Args:
+        path: a name, a path that ends in ``.yaml``, or a folder of ``./omni new-vehicle``.
+    """
+    file = Path(path)
+    if file.name in _IN_FOLDER.values():
+        return file.resolve().parent.name
+    return file.name.removesuffix(".yaml")
+
+
 def _nearest(name: str, near: Path | None) -> str:
     """Resolve a path relative to the file that contains it; return other names unchanged."""
     if near is not None and name.endswith(".yaml") and (near / name).is_file():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.layers import parse_override
 from omni_loop.yaml_files import LARGEST_YAML
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
@@ -298,3 +298,17 @@ def test_the_folder_of_a_vehicle_stands_for_its_files(
     assert (
         library.load("straight_line", "assisted", ["vehicle=my_robot"]).vehicle == by_file.vehicle
     )
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "my_robot",
+        "my_robot.yaml",
+        "my_robot/vehicle.yaml",
+        "my_robot/experiment.yaml",
+        "a/my_robot/",
+    ],
+)
+def test_results_have_the_name_of_the_file_or_of_its_folder(path: str) -> None:
+    assert short_name(path) == "my_robot"

@@ -31,12 +31,13 @@ class Options(PlacementOptions, CommandOptions):
 def run(options: Options, workspace: Workspace) -> Report:
     """Place the sensors, write and draw the placement."""
     from omni_figures.style import save_figure
+    from omni_loop.experiment import short_name
     from omni_tools.placement.design import confirm, design
     from omni_tools.placement.figure import placement_figure
     from omni_tools.placement.report import entries, sensor_file
     from omni_tools.placement.task import design_task
 
-    vehicle = Path(options.vehicle).stem
+    vehicle = short_name(options.vehicle)
     folder = workspace.results(options.out, "design-sensors", vehicle)
     task = design_task(options, workspace.checked_experiments())
     with workspace.progress() as report:

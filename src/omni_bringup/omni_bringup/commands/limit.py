@@ -118,8 +118,10 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
         raise ConfigurationError(
             flag, "can only be used with --vehicle; change an experiment with --set"
         )
+    from omni_loop.experiment import short_name
+
     return (
-        Path(options.vehicle or name).stem,
+        short_name(options.vehicle or name),
         lambda changes: library.load(name, overrides=(*overrides, *changes)),
     )
 

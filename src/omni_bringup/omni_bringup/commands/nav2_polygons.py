@@ -22,13 +22,14 @@ class Options(AreaOptions, CommandOptions):
 def run(options: Options, workspace: Workspace) -> Report:
     """Simulate the stops, write the areas and check them."""
     from omni_figures.style import save_figure
+    from omni_loop.experiment import short_name
     from omni_loop.metrics import results_entry
     from omni_tools.campaign.runner import run_campaign
     from omni_tools.stopping_area import collision_monitor
     from omni_tools.stopping_area.area import Sweep, areas, inside
     from omni_tools.stopping_area.figure import areas_figure
 
-    name = Path(options.vehicle).stem
+    name = short_name(options.vehicle)
     folder = workspace.results(options.out, "nav2-polygons", name)
     campaign = collision_monitor.stop_campaign(options, workspace.checked_experiments())
     folder.mkdir(parents=True, exist_ok=True)

@@ -47,12 +47,13 @@ def run(options: Options, workspace: Workspace) -> Report:
         workspace.note(remark)
     warning = ""
     if options.source is not None:
+        from omni_loop.experiment import short_name
         from omni_studies.feedback.sources import SOURCES
-        from omni_studies.studies.feedback import vehicle_name, warnings
+        from omni_studies.studies.feedback import warnings
 
         check_choice("--source", options.source, SOURCES)
         found = warnings(options.feedback, hardware.brake_assist.law, options.source)
-        own = vehicle_name(str(path))
+        own = short_name(path)
         if own in found:
             found = {own: found[own]}
         else:

@@ -101,10 +101,11 @@ def _checked_configurations(
 def _result_folder(options: Options, workspace: Workspace) -> Path:
     from omni_bringup.graph.domain import reserved_domain
     from omni_bringup.graph.run_folder import time_in_name, unused
+    from omni_loop.experiment import short_name
 
     with reserved_domain():
         pass  # Fail before the folder is created; each run reserves a domain again.
-    default = workspace.folder / "bags" / Path(options.experiment).stem / time_in_name()
+    default = workspace.folder / "bags" / short_name(options.experiment) / time_in_name()
     folder = unused(options.out or default)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -126,6 +127,7 @@ def _run_variants(
     """
     from omni_bringup.graph.run_folder import write_summary
     from omni_bringup.graph.run_variant import finish_runs, run_variant
+    from omni_loop.experiment import short_name
 
     interruption.clean_up_on_signals()
     # This check is done during the first run, because it would delay the start.
@@ -133,7 +135,7 @@ def _run_variants(
     shares = dict.fromkeys(configurations, 0.0)
     results = {}
     try:
-        with progress_bar(Path(options.experiment).stem) as show:
+        with progress_bar(short_name(options.experiment)) as show:
 
             def on_progress(variant: str, report: Mapping[str, float]) -> None:
                 shares[variant] = report["share"]
@@ -218,7 +220,8 @@ def _report(
 
 
 def _document(experiment: str, results: Sequence[VariantResult]) -> dict[str, Any]:
+    from omni_loop.experiment import short_name
     from omni_loop.metrics import results_document
 
     by_variant = {result.variant: result.metrics for result in results}
-    return results_document(Path(experiment).stem, by_variant)
+    return results_document(short_name(experiment), by_variant)

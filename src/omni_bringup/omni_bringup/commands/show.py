@@ -41,15 +41,17 @@ def run(options: Options, workspace: Workspace) -> Report:
     if kind in (STUDIES, LAWS):
         return _described(kind, options)
     from omni_figures.style import save_figure
+    from omni_loop.experiment import short_name
 
+    name = short_name(path)
     facts, figure = _shown(kind, options.name, workspace.checked_experiments())
-    picture = options.out or workspace.results(None, "show") / f"{path.stem}.png"
+    picture = options.out or workspace.results(None, "show") / f"{name}.png"
     save_figure(figure, picture)
     return Report(
-        name=path.stem,
+        name=name,
         details={"kind": kind, "facts": facts, "picture": str(picture)},
         text=(
-            f"{path.stem} ({path})",
+            f"{name} ({path})",
             first_sentence(path),
             *(f"  {key}: {words}" for key, words in facts.items()),
             f"figure {picture}",

@@ -13,7 +13,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph import process_group, run_folder, run_variant
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.metrics import results_document
 from omni_platform.configuration import ConfigurationError
 
@@ -110,7 +110,7 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     if given["namespace"]:
         words = ("-r", f"__ns:=/{given['namespace'].strip('/')}")
         nodes = [dataclasses.replace(node, arguments=(*node.arguments, *words)) for node in nodes]
-    name = Path(experiment).stem
+    name = short_name(experiment)
     return LaunchPlan(nodes, scratch, name, variant, configuration, folder, mode != DRIVE)
 
 

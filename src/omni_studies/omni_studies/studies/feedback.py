@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
 from omni_loop.ground_choice import prepare_grounds
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
@@ -101,7 +101,7 @@ class Cases:
     @classmethod
     def of(cls, library: ExperimentLibrary, options: Options) -> Cases:
         """Load the base stop of each vehicle, the named experiments, and the cameras."""
-        names = [vehicle_name(one) for one in options.vehicle]
+        names = [short_name(one) for one in options.vehicle]
         if len(set(names)) != len(names):
             raise ConfigurationError("--vehicle", f"names a vehicle twice: {', '.join(names)}")
         changes = [
@@ -305,17 +305,6 @@ def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -
         f"{found['rotation_p95']:.1f} deg; "
         f"without {found['rotation_unassisted_p95']:.1f} deg)"
     )
-
-
-def vehicle_name(path: str) -> str:
-    """Return the name of a vehicle in results: that of its file, or of its folder.
-
-    Args:
-        path: name of a vehicle, path of its file, or folder of ``./omni new-vehicle``.
-    """
-    file = Path(path)
-    file = file.resolve().parent if file.name == "vehicle.yaml" else file
-    return file.name.removesuffix(".yaml")
 
 
 def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
