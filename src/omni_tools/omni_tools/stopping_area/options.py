@@ -9,8 +9,8 @@ class AreaOptions(CampaignOptions):
     """Motions, grounds, loads, coverage and confidence of stopping areas."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/, or a path that ends in .yaml; the load in the file is used as the
-    worst case: maximum mass at maximum offset"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle; the load in the file is used
+    as the worst case: maximum mass at maximum offset"""
     unassisted: bool = parameter(False)
     """compute the areas for stops without the brake assistant"""
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
