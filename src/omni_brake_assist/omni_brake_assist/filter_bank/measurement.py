@@ -32,10 +32,10 @@ _GAIN, _IDLE = 0.1, 0.05
 _FAULTY = 0.05  # prior probability of a faulty encoder [1]
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
 _EDGE = 0.15  # tolerance of the range of sliding speeds, rest to rolling [m/s]
-# Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m] and per its
-# square [s^4/m^2]; number of consecutive steps in which this slip has the same error.
-_SLIP, _SLIP_GROWTH, _SLIP_STEPS = 0.01, 0.002, 40.0
-_LEAST_LOSS, _LARGEST_LOSS = 1.5, 15.0  # assumed range of a braked vehicle's deceleration [m/s^2]
+# Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m]; number of
+# consecutive steps in which this slip has the same error.
+_SLIP, _SLIP_STEPS = 0.01, 40.0
+_LEAST_LOSS = 1.5  # assumed smallest deceleration of a braked vehicle [m/s^2]
 _LOSS_DEVIATION = 0.05  # standard deviation of the measured loss of speed [m/s]
 
 
@@ -253,7 +253,7 @@ def _fuse_wheel(
     speed = math.hypot(state[U_X], state[U_Y])
     if math.isnan(push):
         push = speed * abs(state[RATE])  # centripetal acceleration in a turn
-    slip = math.sqrt(_SLIP_STEPS) * (_SLIP + _SLIP_GROWTH * push) * push
+    slip = math.sqrt(_SLIP_STEPS) * _SLIP * push
     variance = own + (constants.share * ground) ** 2 + (slip * speed) ** 2
     predicted = variance_along(memory.covariance[k], h)
     total = variance + predicted
@@ -302,7 +302,7 @@ def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, ped
     for k in range(bank.FILTERS):
         lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
         least = min(_LEAST_LOSS * pedal * time, 0.5 * loss[0, k])
-        off = max(least - lost, 0.0) + max(lost - _LARGEST_LOSS * time, 0.0)
+        off = max(least - lost, 0.0) + max(lost - bank.LARGEST_LOSS * time, 0.0)
         squared = min((off / _LOSS_DEVIATION) ** 2, 5.0 * GATE)
         memory.evidence[k] -= constants.wheel_weight * 0.5 * squared
     memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

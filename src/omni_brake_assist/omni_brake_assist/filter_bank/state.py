@@ -37,6 +37,7 @@ LOSS_STEPS = 10
 FAULTY = 0.5
 """Probability of a faulty encoder above which the encoder is isolated [1]."""
 
+LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
 FASTEST_RIM = 200.0  # [m/s]

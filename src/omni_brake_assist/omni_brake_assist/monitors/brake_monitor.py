@@ -27,7 +27,6 @@ _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
 _NOISE, _SCALE = 0.05, 0.015  # tolerance of the speed of a rolling rim [m/s], [1]
 _SLIDES = 3.0  # multiple of this tolerance beyond which a wheel counts as sliding [1]
 _SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
-_RECOVERY_RATE = 4.0  # rate at which the timer falls while the wheel slides, over its rise [1]
 
 
 class BrakeConstants(NamedTuple):
@@ -128,7 +127,7 @@ def watch_brakes(
                 if behind > _SLIDES * rolling:
                     memory[-1] = 0.0
             elif abs(behind) > rolling:
-                memory[i] = max(memory[i] - _RECOVERY_RATE * dt, 0.0)
+                memory[i] = 0.0
             elif abs(behind) <= rolling and memory[-1] < _SLIDE_VALIDITY:
                 memory[i] += dt
     for i in range(speeds.size):

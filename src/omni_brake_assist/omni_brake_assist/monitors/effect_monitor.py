@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE
+from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE, LARGEST_LOSS
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -63,7 +63,6 @@ _LEDGER = np.dtype(
 _SETTLED = 0.6  # share of its step response at which a low-pass becomes valid [1]
 _END = 0.3  # share of the initial speed below which a stop is at its end [1]
 _LITTLE = 0.3  # share of the possible deceleration that counts as little [1]
-_LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 
 
 class EffectConstants(NamedTuple):
@@ -150,7 +149,7 @@ def watch_effect(
     felt = abs(force[0]) < LARGEST_FORCE and abs(force[1]) < LARGEST_FORCE
     loss = constants.loss
     if felt:
-        loss = min(math.hypot(force[0], force[1]) + constants.bias, _LARGEST_LOSS)
+        loss = min(math.hypot(force[0], force[1]) + constants.bias, LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
     ledger.speed = max(top, fallen, 0.0)
     share = constants.blind_share
