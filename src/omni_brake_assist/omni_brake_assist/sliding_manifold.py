@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.weighting import ZERO, Weighting, psi
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import kernel, lean
 from omni_platform.quantities import FloatArray
 
@@ -148,8 +148,8 @@ class SlidingManifold:
         self.geometry = geometry
         r_x, r_y = np.ascontiguousarray(geometry.position.T)
         n_x, n_y = np.ascontiguousarray(geometry.active.T)
-        lever = cross(geometry.position, geometry.active)  # = n_w . (k x r)
-        self.constants = Manifold(r_x, r_y, n_x, n_y, lever, weighting.kind, weighting.k)
+        kind, k = weighting.kind, weighting.k
+        self.constants = Manifold(r_x, r_y, n_x, n_y, geometry.lever, kind, k)
 
     def sliding_velocities(self, twist: FloatArray) -> FloatArray:
         """Return ``n_wi . v_i`` [m/s], shape (N,), with ``v_i`` of Eq. (38).

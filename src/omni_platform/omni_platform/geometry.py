@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 
@@ -88,6 +89,16 @@ class PlatformGeometry:
             roller_angle=gamma,
             radius=np.array([mount.radius for mount in mounts]),
         )
+
+    @cached_property
+    def lever(self) -> FloatArray:
+        """Return the arms ``n_wi . (k x r_i)`` of the active directions [m], shape (N,)."""
+        return cross(self.position, self.active)
+
+    @cached_property
+    def rim(self) -> FloatArray:
+        """Return ``R_i u_i . n_wi`` [m], rim speed along n_w per wheel speed, shape (N,)."""
+        return np.asarray(self.radius * np.sum(self.active * self.rolling, axis=1))
 
 
 def _directions(angle: FloatArray) -> FloatArray:

@@ -1,14 +1,13 @@
 """State and constants of the filter bank."""
 
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -213,8 +212,12 @@ def bank_constants(
 ) -> BankConstants:
     """Convert a configuration to the constants of the filter bank."""
     p_x, p_y = configuration.imu_x, configuration.imu_y
+    n_x, n_y = np.ascontiguousarray(geometry.active.T)
     return BankConstants(
-        **_rims(geometry, p_x, p_y),
+        n_x=n_x,
+        n_y=n_y,
+        lever=geometry.lever + n_x * p_y - n_y * p_x,
+        roll=geometry.rim,
         p_x=p_x,
         p_y=p_y,
         spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
@@ -226,15 +229,6 @@ def bank_constants(
         drift=np.array([0.0, 0.0, 0.0, 0.001, 0.1, 0.1, 0.002, 0.003]),
         nothing=np.zeros(1, BANK),
     )
-
-
-@lru_cache(maxsize=64)
-def _rims(geometry: PlatformGeometry, p_x: float, p_y: float) -> dict[str, Any]:
-    """Return the kinematics of rims and IMU; computed once for all runs of a campaign."""
-    n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    lever = cross(geometry.position, geometry.active) + n_x * p_y - n_y * p_x
-    roll = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
-    return {"n_x": n_x, "n_y": n_y, "lever": lever, "roll": roll}
 
 
 def bank_memory(wheels: int) -> BankMemory:

@@ -26,7 +26,7 @@ from omni_brake_assist.laws.friction_observer import estimate_dead_time, observe
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.slip_control import control_slip, remember
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -39,12 +39,11 @@ def make_constants(
 ) -> Constants:
     """Convert a configuration to the constants of the law."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    brake = configuration.brake
-    rim = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    brake, rim = configuration.brake, geometry.rim
     return Constants(
         n_x=n_x,
         n_y=n_y,
-        lever=cross(geometry.position, geometry.active),
+        lever=geometry.lever,
         rim=rim,
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,

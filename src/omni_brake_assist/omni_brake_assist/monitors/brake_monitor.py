@@ -15,7 +15,7 @@ import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import NO_WHEEL
-from omni_platform.geometry import PlatformGeometry, cross
+from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
@@ -68,13 +68,8 @@ def brake_constants(
     """Convert a configuration to the constants of the monitor."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake = configuration.brake
-    return BrakeConstants(
-        n_x,
-        n_y,
-        cross(geometry.position, geometry.active),
-        geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1),
-        0.1 + brake.dead_time + 2.0 * brake.time_constant,
-    )
+    time = 0.1 + brake.dead_time + 2.0 * brake.time_constant
+    return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, time)
 
 
 def brake_memory(wheels: int) -> FloatArray:

@@ -104,8 +104,7 @@ class EffectConstants(NamedTuple):
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
     """Return the constants of a vehicle with these wheels."""
-    roll = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
-    return EffectConstants(roll, effect_memory())
+    return EffectConstants(geometry.rim, effect_memory())
 
 
 def effect_memory() -> NDArray[np.void]:

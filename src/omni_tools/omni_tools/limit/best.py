@@ -222,11 +222,10 @@ class OptimalStop:
     def _start_of(self, maneuver: bounds.Maneuver) -> FloatArray:
         """Return the state at the start of braking, with rolling wheels."""
         geometry = self._geometry
-        lever = geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
-        turning = cross(geometry.position, geometry.active)
-        spin = (geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * turning) / lever
+        sliding = geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * geometry.lever
+        spin = sliding / geometry.rim
         self._sense = np.where(spin >= 0.0, 1.0, -1.0)
-        self._lever = lever * self._sense
+        self._lever = geometry.rim * self._sense
         body = self._at_center(np.concatenate((maneuver.pose, maneuver.twist)))
         return np.concatenate((body, np.abs(spin)))
 

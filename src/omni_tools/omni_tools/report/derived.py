@@ -9,7 +9,7 @@ flat ground.
 import numpy as np
 
 from omni_loop.history import RunHistory
-from omni_platform.geometry import PlatformGeometry, cross, turned
+from omni_platform.geometry import PlatformGeometry, turned
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
@@ -33,8 +33,7 @@ def rim_slips(
         Slips [1], from -2 to 2, shape (T, N), in the order of the history's wheels.
     """
     geometry = _geometry(vehicle, history)
-    moments = cross(geometry.position, geometry.active)
-    hub = history.twist @ np.column_stack((geometry.active, moments)).T  # Eq. (23)
+    hub = history.twist @ np.column_stack((geometry.active, geometry.lever)).T  # Eq. (23)
     rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
     larger = np.maximum(np.abs(hub), np.abs(rim))
     larger[larger < standstill] = np.nan
