@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray, IntArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 
@@ -177,9 +178,7 @@ class RunHistory:
     @property
     def velocity_world(self) -> FloatArray:
         """True velocity of `base_link` in `odom` [m/s], shape (T, 2)."""
-        cos, sin = np.cos(self.pose[:, 2]), np.sin(self.pose[:, 2])
-        v_x, v_y = self.twist[:, 0], self.twist[:, 1]
-        return np.column_stack((cos * v_x - sin * v_y, sin * v_x + cos * v_y))
+        return turned(self.twist[:, :2], self.pose[:, 2])
 
 
 SIGNALS: Mapping[str, tuple[str, ...]] = {

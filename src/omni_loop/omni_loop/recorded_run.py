@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from omni_loop.history import RunHistory
 from omni_platform import topics
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_recording.error import BagError
@@ -210,9 +211,7 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
     twist = np.column_stack([np.interp(time, measured_at, values) for values in twists[known].T])
     steps = 0.5 * (twist[1:] + twist[:-1]) * np.diff(time)[:, np.newaxis]
     yaw = np.concatenate(([0.0], np.cumsum(steps[:, 2])))
-    along, left, _ = steps.T
-    cos, sin = np.cos(yaw[:-1] + 0.5 * steps[:, 2]), np.sin(yaw[:-1] + 0.5 * steps[:, 2])
-    moves = np.column_stack((cos * along - sin * left, sin * along + cos * left))
+    moves = turned(steps[:, :2], yaw[:-1] + 0.5 * steps[:, 2])
     return {
         "stamp_ns": stamp_ns,
         "position": np.concatenate((np.zeros((1, 2)), np.cumsum(moves, axis=0))),

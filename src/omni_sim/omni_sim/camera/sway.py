@@ -15,6 +15,7 @@ are second-order effects and are neglected.
 
 import numpy as np
 
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 
 
@@ -39,9 +40,7 @@ def swaying(
     twist = slope + last - 2.0 * (end - start)
     tilt = start + t * (slope + t * (bend + t * twist))
     rate = (slope + t * (2.0 * bend + t * 3.0 * twist)) / period
-    cos, sin = np.cos(trajectory[:, 2]), np.sin(trajectory[:, 2])
     swayed = trajectory.copy()
     for first, body in ((0, height * tilt), (3, height * rate)):
-        swayed[:, first] += cos * body[:, 0] - sin * body[:, 1]
-        swayed[:, first + 1] += sin * body[:, 0] + cos * body[:, 1]
+        swayed[:, first : first + 2] += turned(body, trajectory[:, 2])
     return swayed

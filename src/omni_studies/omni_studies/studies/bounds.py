@@ -16,6 +16,7 @@ from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import parameter
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
@@ -146,9 +147,7 @@ def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
     """Return the path of the center of gravity while braking [m]."""
     center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
     pose = _braking(run, experiment)
-    cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-    arm = np.column_stack((cos * center[0] - sin * center[1], sin * center[0] + cos * center[1]))
-    moved = np.diff(pose[:, :2] + arm, axis=0)
+    moved = np.diff(pose[:, :2] + turned(np.asarray(center), pose[:, 2]), axis=0)
     return float(np.sum(np.hypot(*moved.T)))
 
 
