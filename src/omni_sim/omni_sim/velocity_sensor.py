@@ -76,8 +76,9 @@ class SensorConstants(NamedTuple):
 
 
 # Last sample that was taken, or that a fault prevented.
-SENSOR_MEMORY = np.dtype("i8, i8, f8, f8, f8")
-SENSOR_MEMORY.names = ("sample", "stamp_ns", "v_x", "v_y", "yaw_rate")
+SENSOR_MEMORY = np.dtype(
+    [("sample", "i8"), ("stamp_ns", "i8"), ("v_x", "f8"), ("v_y", "f8"), ("yaw_rate", "f8")]
+)
 
 
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:

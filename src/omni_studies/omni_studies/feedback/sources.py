@@ -57,13 +57,9 @@ class Source:
 _LINES = "studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability"
 
 
-_CHIPS = {
-    "PAA5100JE": (0.01, 0.02, 1.14, "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"),
-    "PMW3901": (
-        *(0.02, 0.03, 0.74),
-        "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed",
-    ),
-}
+_PAA5100JE = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
+_PMW3901 = "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed"
+_CHIPS = {"PAA5100JE": (0.01, 0.02, 1.14, _PAA5100JE), "PMW3901": (0.02, 0.03, 0.74, _PMW3901)}
 """By chip type: standard deviation [m/s], noise and scale error per speed [1], largest speed
 [m/s], and origin of these numbers."""
 
