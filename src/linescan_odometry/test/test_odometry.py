@@ -245,8 +245,8 @@ def test_creeping_survives_a_wrong_line_at_the_end(expose: Expose) -> None:
     assert reading.velocity == pytest.approx(0.2 * 0.125, abs=1e-3)
 
 
-@pytest.mark.parametrize("method", ["pairs", "joint"])
-def test_sideways_motion_has_a_consistent_variance(method: str) -> None:
+@pytest.mark.parametrize(("method", "least"), [("pairs", 0.3), ("joint", 0.0)])
+def test_sideways_motion_has_a_consistent_variance(method: str, least: float) -> None:
     """Texture enters and leaves across the axis: 20 % of the width with every line."""
     generator = np.random.default_rng(13)
     score = []
@@ -263,7 +263,7 @@ def test_sideways_motion_has_a_consistent_variance(method: str) -> None:
         score.append((reading.velocity - 3 * 0.125) ** 2 / reading.variance)
     # White noise about the claimed variance would give 1 +/- 0.22. The likelihood of a batch states
     # too large a variance if few places of the ground are seen.
-    assert np.mean(score) < 1.7
+    assert least < np.mean(score) < 1.7
 
 
 def test_missing_sensors_leave_the_twist_unmeasured(expose: Expose) -> None:
