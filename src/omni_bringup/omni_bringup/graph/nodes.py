@@ -15,7 +15,7 @@ from omni_sim.configuration import SimulatorConfiguration
 
 _SHARED = (topics.CLOCK.path, topics.DIAGNOSTICS.path)
 _IMU = "imu"  # frame ID of the IMU's messages
-_PLAIN: Mapping[str, Any] = {}  # parameters of the recorder
+PLAIN: Mapping[str, Any] = {}  # parameters of the recorder
 _RECORDER = 1  # number of subscriptions that the recorder adds to each topic
 
 
@@ -62,7 +62,7 @@ class Nodes:
     def recorder(
         self,
         folder: Path,
-        options: Mapping[str, Any] = _PLAIN,
+        options: Mapping[str, Any] = PLAIN,
         chosen: Mapping[str, str] | None = None,
     ) -> process_group.NodeProcess:
         """Return the process that records all topics, or only `chosen`, into a rosbag2 folder.
@@ -160,7 +160,7 @@ class Nodes:
         return self._node("player", "omni_bringup", parameters)
 
     def of_run(
-        self, folder: Path, recording: Mapping[str, Any] = _PLAIN
+        self, folder: Path, recording: Mapping[str, Any] = PLAIN
     ) -> list[process_group.NodeProcess]:
         """Return the nodes of a scripted run in starting order, from the recorder to the simulator.
 

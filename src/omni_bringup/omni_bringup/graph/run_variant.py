@@ -26,7 +26,6 @@ from omni_ros.environment import node_environment
 from omni_tools.limit.share import limit_share
 
 _HALTED = "{} was halted by a signal during the run, which makes the run invalid"
-_PLAIN_RECORDING: Mapping[str, Any] = {}
 
 Progress = Callable[[Mapping[str, float]], None]
 
@@ -98,7 +97,7 @@ def run_variant(
     *,
     lockstep: bool = True,
     on_progress: Progress = lambda _: None,
-    recording: Mapping[str, Any] = _PLAIN_RECORDING,
+    recording: Mapping[str, Any] = graph.PLAIN,
     external: Collection[str] = (),
 ) -> Run:
     """Run one variant as a graph of node processes in its own ROS domain, and record it.
