@@ -14,7 +14,7 @@ import numpy as np
 from omni_bringup.command_report import Report, entries_by_case, in_words
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
-from omni_platform.configuration import ConfigurationError, check_choice, parameter
+from omni_platform.configuration import ConfigurationError, check_choice
 
 if TYPE_CHECKING:
     from omni_tools.line_files.kymograph import Kymograph
@@ -29,9 +29,9 @@ class Options(CommandOptions):
     """rosbag2 folder of a run or an import"""
     sensor: tuple[str, ...] = option((), metavar="NAME")
     """camera to show (default: all)"""
-    start: float = parameter(0.0, minimum=0.0, unit="s", maximum=1.0e6)
+    start: float = option(0.0, minimum=0.0, unit="s", maximum=1.0e6)
     """start of the lines to show, after the first line of the recording"""
-    duration: float = parameter(0.2, above=0.0, maximum=60.0, unit="s")
+    duration: float = option(0.2, above=0.0, maximum=60.0, unit="s")
     """duration of the lines to show"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
     out: Path | None = option(None, metavar="FILE")
