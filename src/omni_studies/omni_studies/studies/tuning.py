@@ -10,7 +10,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -19,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_figures import style
+from omni_loop.experiment import short_name
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform import command_options, configuration
@@ -110,7 +110,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
         case = f"{cost.lag.label}_dwell_{1e3 * cost.dwell_time:g}_ms"
         metrics[f"smallest_rotation.{case}"] = Metric(cost.rotation, "deg")
         metrics[f"distance_at_half_rotation.{case}"] = Metric(cost.distance, "m")
-    vehicle = f", {Path(options.vehicle).stem}" if options.vehicle else ""
+    vehicle = f", {short_name(options.vehicle)}" if options.vehicle else ""
     title = f"{base.description}{vehicle}: worst of {len(bases)} situations"
     study.table("settings.csv", *_settings_table(every, best), digits=6)
     study.figure("trade_off.png", trade_off(tried, unassisted, choice, limits, title))

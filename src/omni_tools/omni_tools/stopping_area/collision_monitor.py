@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from omni_loop.commented_yaml import commented_yaml
-from omni_loop.experiment import ExperimentLibrary
+from omni_loop.experiment import ExperimentLibrary, short_name
 from omni_loop.metrics import Metric
 from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
@@ -69,7 +68,7 @@ def monitor_parameters(
     metrics: dict[str, Metric],
 ) -> str:
     """Return the parameters of Nav2's collision monitor as YAML."""
-    name = Path(options.vehicle).stem
+    name = short_name(options.vehicle)
     outside, count = metrics["outside_share.all"].value, metrics["held_out_stops.all"].value
     checked = f"\nOf {count:.0f} held-out stops, {outside:.2%} left their polygon." if count else ""
     # The monitor compares the signed v_x, so a single band must extend from -speed to speed.

@@ -146,7 +146,10 @@ def test_a_vehicle_that_does_not_stop_is_refused() -> None:
 def test_stops_of_others_stay_within_the_polygons_of_the_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["nav2-polygons", "--vehicle", "three_wheel_robot", "--speed", "1.5", "--bands", "1"]
+    own = tmp_path / "own/vehicle.yaml"
+    own.parent.mkdir()
+    own.write_text((CONFIG / "vehicles/three_wheel_robot.yaml").read_text(encoding="utf-8"))
+    words = ["nav2-polygons", "--vehicle", str(own), "--speed", "1.5", "--bands", "1"]
     words += ["--turns", "1", "--coverage", "0.9", "--confidence", "0.9"]
     words += ["--held-out", "96", "--workers", "1"]
     with pytest.raises(SystemExit) as ended:
@@ -155,7 +158,9 @@ def test_stops_of_others_stay_within_the_polygons_of_the_file(
     metrics = yaml.safe_load(capfd.readouterr().out)["metrics"]
     assert metrics["outside_share.all"]["value"] <= 0.1
     assert metrics["held_out_stops.all"]["value"] == 96
-    parameters = yaml.safe_load((tmp_path / "collision_monitor.yaml").read_text())
+    text = (tmp_path / "collision_monitor.yaml").read_text()
+    assert "# Stopping areas of own," in text
+    parameters = yaml.safe_load(text)
     polygon = parameters["collision_monitor"]["ros__parameters"]["VelocityPolygonStop"]
     assert polygon["type"] == "velocity_polygon"
     assert polygon["holonomic"] is True
