@@ -50,6 +50,10 @@ from omni_bringup.cli import main
         (["--variant", "half_assisted"], "'half_assisted' is not a variant"),
         (["strait_line"], "did you mean 'straight_line'"),
         (["--out", "/proc/omni"], "--out: cannot make /proc/omni"),
+        (
+            ["--set", "vehicle.load.mass=400,500", "--out", "/proc/omni"],
+            "--out: cannot make /proc/omni",
+        ),
     ],
 )
 def test_bad_input_is_refused_by_name(

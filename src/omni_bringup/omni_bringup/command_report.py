@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omni_platform.configuration import ConfigurationError
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -89,6 +91,19 @@ def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
             row += [f"{entry['described']:.5g}"] if "described" in entry else []
             table.add_row(*row)
     return table
+
+
+def make_folder(folder: Path) -> Path:
+    """Create a folder for results before they are computed, and return its absolute path.
+
+    Raises:
+        ConfigurationError: the folder cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError("--out", f"cannot make {folder}: {error.strerror}") from None
+    return folder.resolve()
 
 
 def write_text(path: Path, text: str) -> Path:

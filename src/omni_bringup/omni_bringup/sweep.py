@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report
+from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
 from omni_platform.configuration import ConfigurationError
 
@@ -36,13 +36,13 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
         option = "--real-time" if options.real_time else "--replace"
         raise ConfigurationError(option, "a sweep runs in one process, without nodes")
     configurations = _configurations(options, workspace)
-    folder = unused(workspace.results(options.out, "sweeps", f"{name}_{time_in_name()}"))
+    default = f"{name}_{time_in_name()}"
+    folder = make_folder(unused(workspace.results(options.out, "sweeps", default)))
     with workspace.progress() as report:
         runs = sweep(configurations, report)
     cases = {f"{run.variant}_{index}": run for index, run in enumerate(runs, 1)}
     keys = list(runs[0].values)
     units = {quantity: metric.unit for quantity, metric in runs[0].metrics.items()}
-    folder.mkdir(parents=True, exist_ok=True)
     table = write_table(
         folder / "sweep.csv",
         ["variant", *keys, *(f"{quantity} [{unit}]" for quantity, unit in units.items())],

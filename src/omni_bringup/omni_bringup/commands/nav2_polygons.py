@@ -6,7 +6,7 @@ that the vehicle's footprint covers, including rotation, as YAML for Nav2's coll
 
 from pathlib import Path
 
-from omni_bringup.command_report import Report, write_text
+from omni_bringup.command_report import Report, make_folder, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 from omni_tools.stopping_area.options import AreaOptions
@@ -30,9 +30,8 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_tools.stopping_area.figure import areas_figure
 
     name = short_name(options.vehicle)
-    folder = workspace.results(options.out, "nav2-polygons", name)
     campaign = collision_monitor.stop_campaign(options, workspace.checked_experiments())
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = make_folder(workspace.results(options.out, "nav2-polygons", name))
     with workspace.progress() as report:
         sweeps = run_campaign(
             campaign.stop,

@@ -106,12 +106,7 @@ def _result_folder(options: Options, workspace: Workspace) -> Path:
     with reserved_domain():
         pass  # Fail before the folder is created; each run reserves a domain again.
     default = workspace.folder / "bags" / short_name(options.experiment) / time_in_name()
-    folder = unused(options.out or default)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError("--out", f"cannot make {folder}: {error.strerror}") from None
-    return folder.resolve()
+    return command_report.make_folder(unused(options.out or default))
 
 
 def _run_variants(

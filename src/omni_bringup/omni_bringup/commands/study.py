@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report
+from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
     from omni_studies.study import Study, StudyResult
@@ -52,15 +51,11 @@ class _StudyCommand:
         """Run the study."""
         from omni_studies.study import StudyRun, run_study
 
-        folder = workspace.results(options.out, self._name)
         of_the_user = _OF_THE_USER & {field.name for field in dataclasses.fields(options)}
         library = workspace.checked_experiments() if of_the_user else workspace.experiment_library()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigurationError("--out", f"cannot make {folder}: {error.strerror}") from None
+        folder = make_folder(workspace.results(options.out, self._name))
         with workspace.progress() as report:
-            study = StudyRun(library, folder.resolve(), report)
+            study = StudyRun(library, folder, report)
             result, document = run_study(self._name, options, study)
         return Report(
             name=self._name,
