@@ -161,6 +161,15 @@ def planar_pose(pose: FloatArray) -> geometry.Pose:
     return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=turn)
 
 
+def planar_pose_of(pose: geometry.Pose) -> FloatArray:
+    """Return x, y [m] and yaw [rad] of a pose, shape (3,)."""
+    place, turn = pose.position, pose.orientation
+    yaw = math.atan2(
+        2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z)
+    )
+    return np.array([place.x, place.y, yaw])
+
+
 def fixed_transform(
     frame: str, pose: FloatArray, parent: str = BASE_FRAME
 ) -> geometry.TransformStamped:

@@ -18,6 +18,8 @@ from omni_ros.messages import (
     joint_state,
     line_image,
     lines_of,
+    planar_pose,
+    planar_pose_of,
     planar_twist_of,
     planar_twist_with_covariance,
     read_line_image,
@@ -78,6 +80,12 @@ def test_an_image_that_lies_about_its_size_is_refused(change: dict[str, Any], wo
         setattr(message, name, value)
     with pytest.raises(ValueError, match=words):
         lines_of(message)
+
+
+@pytest.mark.parametrize("yaw", [-3.0, 0.0, 0.4, 3.1])
+def test_a_pose_survives(yaw: float) -> None:
+    pose = np.array([1.5, -0.25, yaw])
+    np.testing.assert_allclose(planar_pose_of(planar_pose(pose)), pose, atol=1e-12)
 
 
 def test_twist_and_covariance_survive() -> None:

@@ -6,7 +6,6 @@ advances a paused simulation by one control period. If the driver is not scripte
 publish, moves it to another pose. The time is never reset, because other nodes could not follow.
 """
 
-import math
 import time
 from typing import Any
 
@@ -17,6 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from omni_platform.quantities import FloatArray
 from omni_ros import process, qos
+from omni_ros.messages import planar_pose_of
 
 _SCRIPTED = "not possible in a scripted run; restart the node, or start it with driver: "
 
@@ -76,12 +76,7 @@ class RunControl:
         return response
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        place, turn = message.pose.pose.position, message.pose.pose.orientation
-        yaw = math.atan2(
-            2.0 * (turn.w * turn.z + turn.x * turn.y),
-            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
-        )
-        pose = np.array([place.x, place.y, yaw])
+        pose = planar_pose_of(message.pose.pose)
         if message.header.frame_id not in ("", self._frame) or not np.all(np.isfinite(pose)):
             self._node.get_logger().error(
                 f"initialpose must be finite and in {self._frame}, not in "

@@ -35,7 +35,7 @@ from omni_platform.configuration import (
 from omni_platform.geometry import WheelMount
 from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE
-from omni_ros.messages import joint_state, planar_twist, to_nanoseconds
+from omni_ros.messages import joint_state, planar_pose_of, planar_twist, to_nanoseconds
 from omni_ros.report import report
 from omni_sim.ground.friction import FrictionPatch
 
@@ -170,14 +170,9 @@ class DriverNode(Node):
 
     def _on_truth(self, message: Odometry) -> None:
         self._stamp_ns = to_nanoseconds(message.header.stamp)
-        place, turn = message.pose.pose.position, message.pose.pose.orientation
         twist = message.twist.twist
-        yaw = math.atan2(
-            2.0 * (turn.w * turn.z + turn.x * turn.y),
-            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
-        )
         self.state["time"] = self._stamp_ns / 1e9
-        self.state["pose"] = [place.x, place.y, yaw]
+        self.state["pose"] = planar_pose_of(message.pose.pose).tolist()
         self.state["twist"] = [twist.linear.x, twist.linear.y, twist.angular.z]
         self._poses.append((self._stamp_ns, self.state["pose"], self.state["twist"]))
         self._note_start()
