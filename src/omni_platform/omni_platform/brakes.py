@@ -1,9 +1,13 @@
 """Parameters of a wheel's brake: true values in the simulator, nominal values in the assistant."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.quantities import FloatArray
 
 ON_OFF, PROPORTIONAL, VELOCITY = KINDS = ("on_off", "proportional", "velocity")
 SPRING, TORQUE = "spring", "torque"
@@ -59,3 +63,13 @@ class BrakeConfiguration(Configuration):
     def pressure_step(self) -> float:
         """Resolution of the brake pressure [1], 0 for a continuous brake."""
         return 1.0 if self.kind == ON_OFF else self.resolution
+
+    def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
+        """Return brake torques [N m], limited to the largest power; arguments of the same shape.
+
+        Args:
+            torque: torques before the limitation [N m].
+            speed: rotational speeds of the wheels [rad/s].
+        """
+        power = self.max_power or math.inf
+        return np.asarray(np.minimum(torque, power / np.maximum(np.abs(speed), 1e-9)))

@@ -177,10 +177,8 @@ class MujocoVehicle(Vehicle):
             ahead = *in_turned_frame(twist[0], twist[1], turned), twist[2]
             data.ctrl[:] = self.drive_speeds(ahead)
             press(pressure)
-            torque = plant.brake_share * pressure.acting
-            speed = np.abs(data.qvel[self._hinges])
-            self._model.dof_frictionloss[self._hinges] = np.minimum(
-                torque, plant.brake_power / np.maximum(speed, 1e-9)
+            self._model.dof_frictionloss[self._hinges] = self.configuration.brake.limited(
+                plant.brake_share * pressure.acting, data.qvel[self._hinges]
             )
             self._mujoco.mj_step(self._model, data)
         self._write_back(limits)

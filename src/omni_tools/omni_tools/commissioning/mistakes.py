@@ -259,6 +259,7 @@ class _Response(NamedTuple):
         effect: quantity that follows the demand of a brake, shape (T, N): the slip [1], or the
             deceleration [rad/s] per row of a velocity drive.
         demand: predicted demand of each brake after its described delays [1], shape (T, N).
+        rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
         moving: whether each wheel turns fast enough for its slip to be defined, shape (T, N).
         braking: whether the driver brakes, shape (T, 1).
         near: whether a row is close to the beginning of a stop, shape (T,).
@@ -267,6 +268,7 @@ class _Response(NamedTuple):
     slip: FloatArray
     effect: FloatArray
     demand: FloatArray
+    rolling: FloatArray
     moving: BoolArray
     braking: BoolArray
     near: BoolArray
@@ -299,6 +301,7 @@ def _response(
         slip,
         slower if brake.kind == VELOCITY else slip,
         _acting(demand, signals.period, brake),
+        rolling,
         moving,
         pedal[:, np.newaxis] > 0.0,
         apart * signals.period <= _ALLOWED.latest,
@@ -319,35 +322,54 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
     return np.asarray(lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0))
 
 
+def _action(response: _Response, demand: FloatArray, brake: BrakeConfiguration) -> FloatArray:
+    """Return the torque of each brake [N m] for demands [1], shape (T, N).
+
+    The speed of a rolling wheel limits the torque, because the measured speed depends on the slip.
+    The demand of a velocity drive is returned unchanged: its power limits the torque, not the ramp.
+    """
+    if brake.kind == VELOCITY:
+        return demand
+    return brake.limited(demand * brake.max_torque, response.rolling)
+
+
 def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
-    """Return the delay of the wheels after the predicted demand when stops begin, in rows.
+    """Return the delay of the wheels after the predicted torque when stops begin, in rows.
 
     The mean of all wheels neither depends on the order of the brakes nor on a single brake.
     """
-    effect, demand = (
+    effect, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
-        for values in (response.effect, response.demand)
+        for values in (response.effect, _action(response, response.demand, brake))
     )
     near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
     rows = range(-round(brake.dead_time / period), round(_ALLOWED.latest / period))
-    return max(rows, key=lambda row: _correlation(effect[near], _earlier(demand, near, row)))
+    return max(rows, key=lambda row: _correlation(effect[near], _earlier(action, near, row)))
 
 
-def _gains(response: _Response, late: int) -> dict[tuple[int, int], float]:
+def _gains(
+    response: _Response, late: int, brake: BrakeConfiguration
+) -> dict[tuple[int, int], float]:
     """Return by how much the exchange of two brakes increases the sum of correlations, by indices.
 
-    Effect and demand of each brake are correlated relative to the mean of all wheels: the pedal
+    Effect and torque of each brake are correlated relative to the mean of all wheels: the pedal
     acts on all brakes at once, so wheels differ only in their deviation from the mean.
     """
     effect = _without_mean(response.effect, response.moving)
-    demand = _without_mean(response.demand, response.moving)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
-    score = _correlation(effect[braking], _earlier(demand, braking, late))
-    described = np.trace(score)
-    return {
-        (i, j): float(score[i, j] + score[j, i] - score[i, i] - score[j, j] + min(described, 0.0))
-        for i, j in itertools.combinations(range(len(score)), 2)
-    }
+
+    def score(order: list[int]) -> float:
+        """Return the sum of correlations if each wheel has the brake with this index."""
+        action = _action(response, response.demand[:, order], brake)
+        action = _earlier(_without_mean(action, response.moving), braking, late)
+        return float(np.trace(_correlation(effect[braking], action)))
+
+    order = list(range(effect.shape[1]))
+    described, gains = score(order), {}
+    for i, j in itertools.combinations(order, 2):
+        exchanged = [{i: j, j: i}.get(row, row) for row in order]
+        gains[i, j] = score(exchanged) - described + min(described, 0.0)
+    return gains
 
 
 def undistinguished_brakes(
@@ -366,7 +388,7 @@ def undistinguished_brakes(
         brake: brakes as described in the vehicle's file.
     """
     response = _response(wheels, signals, motions, brake)
-    gains = _gains(response, _late(response, signals.period, brake))
+    gains = _gains(response, _late(response, signals.period, brake), brake)
     names = list(wheels)
     return [
         (names[one], names[other]) for (one, other), gain in gains.items() if gain > -_ALLOWED.gain
@@ -392,7 +414,7 @@ def _brake_mistakes(
         yield Mistake(f"brake {names[row]} does not act", remedy)
         return
     late = _late(response, signals.period, brake)
-    gains = _gains(response, late)
+    gains = _gains(response, late, brake)
     pair = max(gains, key=lambda key: gains[key])
     if gains[pair] > _ALLOWED.gain:
         one, other = (names[row] for row in pair)

@@ -33,6 +33,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
 from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
 from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of
+from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
 Wheels = dict[str, WheelMount]
@@ -96,6 +97,23 @@ def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
 def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
     brake = BrakeConfiguration(dead_time=0.06, release_time=0.1)
     assert found(*drive("mecanum_forklift", *typical_changes(SPRING)), brake) == []
+
+
+@pytest.mark.parametrize("power", [60.0, 100.0])
+def test_torque_drives_of_limited_power_have_no_mistake(power: float, tmp_path: Path) -> None:
+    measured = Measured(
+        length=0.58,
+        width=0.38,
+        mass=30.0,
+        wheel_radius=0.05,
+        load=8.0,
+        brakes=TORQUE,
+        drive_power=power,
+    )
+    vehicle, *_ = write_vehicle("robot", measured, tmp_path / "robot")
+    brake = ExperimentLibrary(CONFIG).vehicle(str(vehicle)).brake
+    assert brake.max_power == power
+    assert found(*drive(str(vehicle), "brake_assist.law=allocation"), brake) == []
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
@@ -227,10 +245,22 @@ def test_a_wrong_dead_time_is_named(brakes: str, law: str, described: float) -> 
     assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
 
 
-@pytest.mark.parametrize("brakes", [PROPORTIONAL, SPRING])
-def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(brakes: str) -> None:
-    wheels, signals, known = drive("six_wheel_mecanum", *typical_changes(brakes))
-    brake = BrakeConfiguration(**TYPICAL[brakes])
+@pytest.mark.parametrize(
+    ("brakes", "power", "law"),
+    [
+        (PROPORTIONAL, 0.0, "sliding_mode"),
+        (SPRING, 0.0, "sliding_mode"),
+        (TORQUE, 3000.0, "allocation"),
+    ],
+)
+def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
+    brakes: str, power: float, law: str
+) -> None:
+    limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
+    changes = *typical_changes(brakes), limit, f"brake_assist.law={law}"
+    wheels, signals, known = drive(vehicle, *changes)
+    described = ExperimentLibrary(CONFIG).vehicle(vehicle).brake
+    brake = dataclasses.replace(described, **TYPICAL[brakes], max_power=power)
     alike = undistinguished_brakes(wheels, signals, motions_of(signals), brake=brake)
     pairs = itertools.combinations(enumerate(wheels), 2)
     shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
