@@ -381,6 +381,9 @@ def _has_law(variant: Any) -> bool:
 
 
 def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    if "wheels" in document:
+        problem = "this file describes a vehicle; give it as --vehicle or --set vehicle=FILE"
+        raise ConfigurationError("experiment", problem)
     variants = document.get("variants")
     if not isinstance(variants, Mapping) or not variants:
         raise ConfigurationError("variants", "an experiment needs at least one named variant")
