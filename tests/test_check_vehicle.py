@@ -6,6 +6,7 @@ import json
 import subprocess
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,8 +73,9 @@ class Vehicle(Bystander):
     ("signs", "found"),
     [((1, 1, 1, 1), []), ((1, -1, 1, 1), [f"direction of wheel {WHEELS[1]} is wrong"])],
 )
-def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str]) -> None:
+def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str], tmp_path: Path) -> None:
     words = ["check-vehicle", "live", "--vehicle", "mecanum_forklift", "--namespace", "robot1"]
+    words += ["--out", str(tmp_path / "corrected.yaml")]
     with reserved_domain() as domain, closing(Vehicle(domain)) as vehicle:
         process = subprocess.Popen(
             omni_command([*words, "--json"]),
@@ -91,6 +93,7 @@ def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str]) -> Non
     assert [mistake["name"] for mistake in document["mistakes"]] == found
     assert set(document["unchecked"]) == {"odometry/twist", "imu"}
     assert process.returncode == bool(found)
+    assert bool(list(tmp_path.iterdir())) == bool(found)
 
 
 class BusyPartner(Partner):
