@@ -39,7 +39,6 @@ class Quantity:
         high: largest value.
         step: step for the sensitivity analysis.
         decimals: number of decimals in a configuration file.
-        description: one-line description.
     """
 
     name: str
@@ -48,30 +47,27 @@ class Quantity:
     high: float
     step: float
     decimals: int
-    description: str
 
 
 QUANTITIES = (
-    Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0, "body with wheels, at the center"),
-    Quantity("body_inertia", "kg m^2", 150.0, 700.0, 10.0, 0, "of the body about the vertical"),
-    Quantity("load_mass", "kg", 200.0, 600.0, 10.0, 0, "load, a point"),
-    Quantity("load_x", "m", 0.3, 0.8, 0.01, 3, "load, forward of the center"),
-    Quantity("load_y", "m", 0.1, 0.6, 0.01, 3, "load, left of the center"),
-    Quantity("height", "m", 0.2, 0.6, 0.01, 3, "centers of gravity above the ground"),
-    Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3, "distance of front and rear wheels"),
-    Quantity("track", "m", 0.7, 1.3, 0.01, 3, "distance of left and right wheels"),
-    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0, "largest torque of a brake"),
-    Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3, "at the start of braking"),
-    Quantity(
-        "direction", "deg", -60.0, -30.0, 1.0, 2, "of motion from forward, at the start of braking"
-    ),
-    Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2, "at the start of braking"),
-    Quantity("friction", "1", 0.5, 0.8, 0.01, 3, "mu/mu_0 of the ground"),
-    Quantity("patch_friction", "1", 0.25, 0.5, 0.01, 3, "mu/mu_0 of the patch"),
-    Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2, "center of the patch, right of the motion"),
-    Quantity("patch_y", "m", 0.0, 6.0, 0.05, 2, "center of the patch along the motion"),
-    Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2, "of the patch along the motion"),
-    Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2, "of the patch across the motion"),
+    Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0),  # body with wheels, at the center
+    Quantity("body_inertia", "kg m^2", 150.0, 700.0, 10.0, 0),  # of the body about the vertical
+    Quantity("load_mass", "kg", 200.0, 600.0, 10.0, 0),  # load, a point
+    Quantity("load_x", "m", 0.3, 0.8, 0.01, 3),  # load, forward of the center
+    Quantity("load_y", "m", 0.1, 0.6, 0.01, 3),  # load, left of the center
+    Quantity("height", "m", 0.2, 0.6, 0.01, 3),  # centers of gravity above the ground
+    Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3),  # distance of front and rear wheels
+    Quantity("track", "m", 0.7, 1.3, 0.01, 3),  # distance of left and right wheels
+    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0),  # largest torque of a brake
+    Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3),  # when braking starts
+    Quantity("direction", "deg", -60.0, -30.0, 1.0, 2),  # from forward, when braking starts
+    Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2),  # when braking starts
+    Quantity("friction", "1", 0.5, 0.8, 0.01, 3),  # mu/mu_0 of the ground
+    Quantity("patch_friction", "1", 0.25, 0.5, 0.01, 3),  # mu/mu_0 of the patch
+    Quantity("patch_x", "m", -1.0, 1.0, 0.05, 2),  # center of the patch, right of the motion
+    Quantity("patch_y", "m", 0.0, 6.0, 0.05, 2),  # center of the patch along the motion
+    Quantity("patch_length", "m", 3.0, 9.0, 0.05, 2),  # of the patch along the motion
+    Quantity("patch_width", "m", 1.0, 3.0, 0.05, 2),  # of the patch across the motion
 )
 """Identified parameters with their ranges."""
 
