@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from omni_brake_assist.weighting import WEIGHTINGS, check_tuning_constant
-from omni_platform.brakes import BrakeConfiguration
+from omni_platform.brakes import ON_OFF, BrakeConfiguration
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
@@ -11,6 +11,11 @@ from omni_platform.plugins import check_name
 
 LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""
+
+MOST_VALVES = 14
+"""Largest number of on-off valves whose patterns are compared. A step takes about 5 ns per wheel
+and pattern; with 14 wheels and a computer that is four times slower, this is half of a control
+period of 10 ms."""
 
 LAW_GROUP = "omni_brake_assist.laws"
 """Entry points under which an installed package offers its laws by name."""
@@ -122,8 +127,8 @@ class BrakeAssistConfiguration(Configuration):
         """Check that k satisfies Eq. (58) and that the wheels can brake the platform.
 
         Raises:
-            ConfigurationError: the law is unknown, k is even, or `feedback_timeout` exceeds
-                `maximum_time_step`.
+            ConfigurationError: the law is unknown or has too many valves, k is even, or
+                `feedback_timeout` exceeds `maximum_time_step`.
             UnusablePlatformError: the wheels cannot brake the platform in all three degrees of
                 freedom, which section 3.3 requires.
         """
@@ -137,5 +142,12 @@ class BrakeAssistConfiguration(Configuration):
                 "feedback_timeout",
                 f"{self.feedback_timeout:g} s is longer than maximum_time_step = "
                 f"{self.maximum_time_step:g} s, must be at most that",
+            )
+        wheels = len(self.wheels)
+        if self.law == "allocation" and self.brake.kind == ON_OFF and wheels > MOST_VALVES:
+            raise ConfigurationError(
+                "law",
+                f"allocation compares all patterns of on-off valves, which takes too long for "
+                f"{wheels} wheels, must be at most {MOST_VALVES}; use sliding_mode",
             )
         PlatformKinematics.of(self.wheels)

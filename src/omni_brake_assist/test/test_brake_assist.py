@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import subprocess
 import sys
@@ -17,8 +18,11 @@ from omni_brake_assist.brake_assist import (
     BrakeDemand,
     Decision,
 )
+from omni_brake_assist.configuration import MOST_VALVES
+from omni_brake_assist.laws.built_in import law_constants
+from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import WheelMount, cross
+from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.kinematics import UnusablePlatformError
 from omni_platform.signals import TwistSample
 
@@ -232,6 +236,28 @@ def test_even_k_is_refused_by_name(mecanum: Wheels, k: int) -> None:
 def test_unknown_weighting_is_refused_by_name(mecanum: Wheels) -> None:
     with pytest.raises(ConfigurationError, match=r"^weighting: 'sine' is not one of zero"):
         BrakeAssistConfiguration(wheels=mecanum, weighting="sine")
+
+
+def test_more_valves_than_a_control_period_allows_are_refused(mecanum: Wheels) -> None:
+    many = {
+        f"{name}_{i}": dataclasses.replace(mount, x=mount.x * (1.0 + i))
+        for i in range(4)
+        for name, mount in mecanum.items()
+    }
+    most = dict(list(many.items())[:MOST_VALVES])
+    # After a brake has failed, the law sliding_mode compares patterns too.
+    for law, brakes, wheels, replans in (
+        ("allocation", ON_OFF, most, True),
+        ("allocation", PROPORTIONAL, many, False),
+        ("sliding_mode", ON_OFF, most, True),
+        ("sliding_mode", ON_OFF, many, False),
+    ):
+        brake = BrakeConfiguration(kind=brakes)
+        configuration = BrakeAssistConfiguration(wheels=wheels, law=law, brake=brake)
+        constants = law_constants(configuration, PlatformGeometry.from_wheels(wheels))
+        assert constants.replans == replans
+    with pytest.raises(ConfigurationError, match=r"^law: .* 16 wheels, .* 14; use sliding_mode"):
+        BrakeAssistConfiguration(wheels=many, law="allocation")
 
 
 def test_timeout_longer_than_the_time_step_is_refused(mecanum: Wheels) -> None:

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from omni_brake_assist.configuration import LAWS, BrakeAssistConfiguration
+from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
 from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion, is_new
 from omni_brake_assist.sliding_manifold import Manifold
@@ -19,8 +19,9 @@ class LawConstants(NamedTuple):
     Attributes:
         kind: number of the chosen law.
         replans: whether `allocation` controls the rest of a stop after a brake has failed; only
-            with on-off valves and a built-in law. With proportional brakes this rotated some
-            vehicles more than all brakes on (`study faults`), so all brakes then act.
+            with at most `MOST_VALVES` on-off valves and a built-in law. With proportional brakes
+            this rotated some vehicles more than all brakes on (`study faults`), so all brakes then
+            act.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """
@@ -38,7 +39,8 @@ def law_constants(
     law = sliding_mode.SlidingMode(configuration, geometry)
     kind = ALLOCATION if configuration.law == "allocation" else SLIDING_MODE
     made = allocation.make_constants(configuration, geometry)
-    replans = configuration.law in LAWS and made.brake.pressure_step >= 1.0
+    few_valves = made.brake.pressure_step >= 1.0 and len(made.rim) <= MOST_VALVES
+    replans = configuration.law in LAWS and few_valves
     return LawConstants(kind, replans, law.manifold.constants, made)
 
 
