@@ -123,7 +123,7 @@ def test_a_folder_that_cannot_be_written(bare: Workspace) -> None:
 
 def test_read_only_folder_is_explained(tmp_path: Path) -> None:
     sentence = failures.explain_file_error(OSError(30, "Read-only file system", "/x"), tmp_path)
-    assert "/x cannot be written" in sentence
+    assert "/x is not writable" in sentence
 
 
 def test_an_environment_of_the_users_own_is_left_alone(bare: Workspace) -> None:

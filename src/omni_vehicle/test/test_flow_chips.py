@@ -185,7 +185,7 @@ def test_rest_is_measured_and_a_dark_or_plain_ground_is_not() -> None:
 def test_what_is_faster_than_the_chip_is_no_measurement() -> None:
     bench = Bench(maximum_speed=1.0)
     bench.board.velocity = (1.5, 0.0)
-    assert "faster" in bench.read().problem
+    assert "1.50 m/s exceeds maximum_speed" in bench.read().problem
 
 
 @pytest.mark.usefixtures("spi")
