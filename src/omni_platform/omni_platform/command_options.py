@@ -1,7 +1,7 @@
 """A `Configuration` as the options of a command line.
 
 A command declares its options as the fields of a `Configuration`; type, bounds, default and help
-follow from them. A field ``peak_recovery`` becomes ``--peak-recovery N``, a bool becomes a
+follow from them. A field ``max_rotation`` becomes ``--max-rotation N``, a bool becomes a
 switch, a tuple an option that may be repeated, and ``X | None`` an option that may be left out.
 """
 
@@ -147,7 +147,7 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
 
 
 def flags_of(cls: type[configuration.Configuration]) -> list[str]:
-    """Return the flags of a command's options, such as ``--peak-recovery``."""
+    """Return the flags of a command's options, such as ``--max-rotation``."""
     fields = {field.name: _spelling(field) for field in dataclasses.fields(cls)}
     return [
         _flag(name, fields[name])
@@ -157,7 +157,7 @@ def flags_of(cls: type[configuration.Configuration]) -> list[str]:
 
 
 def option_of(cls: type[configuration.Configuration], key: str) -> str:
-    """Return the option that a person gives for a field, such as ``--peak-recovery``."""
+    """Return the option that a person gives for a field, such as ``--max-rotation``."""
     name = re.split(r"[.\[]", key)[0]
     for field in dataclasses.fields(cls):
         if field.name == name:
