@@ -236,7 +236,7 @@ def _draw_signs(axes: Axes, manifold: SlidingManifold, speed: float) -> Any:
         look: dict[str, Any] = {"linewidths": 2.2, "linestyles": dashes, "zorder": 3 - row % 2}
         axes.contour(drift, turn, errors[:, :, row], levels=[0.0], colors=color, **look)
         axes.plot([], [], dashes, color=color, label=f"s = 0, {name.replace('_', ' ')}")
-    axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="where to go")
+    axes.plot(0.0, 0.0, "o", color=style.BLACK, zorder=4, label="target")
     for x, y in ((0.0, 0.72), (0.0, -0.72), (-0.72, 0.0), (0.72, 0.0)):
         twist = np.array([speed, x, y])
         brake = manifold.errors(twist, across).total < 0.0
