@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_demands import PERIOD_NS, Wheels
 
 from omni_brake_assist.brake_assist import (
     AssistState,
@@ -22,12 +23,9 @@ from omni_brake_assist.configuration import MOST_VALVES
 from omni_brake_assist.laws.built_in import law_constants
 from omni_platform.brakes import ON_OFF, PROPORTIONAL, BrakeConfiguration
 from omni_platform.configuration import ConfigurationError
-from omni_platform.geometry import PlatformGeometry, WheelMount, cross
+from omni_platform.geometry import PlatformGeometry, cross
 from omni_platform.kinematics import UnusablePlatformError
 from omni_platform.signals import TwistSample
-
-Wheels = dict[str, WheelMount]
-PERIOD_NS = 10_000_000
 
 
 class Drive:

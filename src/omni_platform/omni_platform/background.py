@@ -30,7 +30,7 @@ class _Work(Generic[_T]):
 
     def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]] | None) -> None:
         self._work: Callable[[], _T] | None = work
-        self.queue = queue
+        self._queue = queue
         self._begun, self._under_way = threading.Lock(), threading.Lock()
         self._under_way.acquire()
         self._error: BaseException | None = None
@@ -50,9 +50,9 @@ class _Work(Generic[_T]):
     def result(self) -> _T:
         """Return the result; do other queued work while waiting."""
         self.do()
-        while self.queue is not None and self._under_way.locked():
+        while self._queue is not None and self._under_way.locked():
             try:
-                self.queue.get_nowait().do()
+                self._queue.get_nowait().do()
             except Empty:
                 break
         self._under_way.acquire()
@@ -88,7 +88,8 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
         work: usually a call of one long kernel.
         worth: whether the work takes some tenths of a millisecond; shorter work is not queued.
     """
-    begun = _Work(work, _queue() if worth else None)
-    if begun.queue is not None:
-        begun.queue.put(begun)
+    queue = _queue() if worth else None
+    begun = _Work(work, queue)
+    if queue is not None:
+        queue.put(begun)
     return begun.result
