@@ -64,6 +64,11 @@ class BrakeConfiguration(Configuration):
         """Resolution of the brake pressure [1], 0 for a continuous brake."""
         return 1.0 if self.kind == ON_OFF else self.resolution
 
+    @property
+    def settling_time(self) -> float:
+        """Time after which the pressure has made 86 % (two time constants) of a change [s]."""
+        return self.dead_time + 2.0 * self.time_constant
+
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Return brake torques [N m], limited to the largest power; arguments of the same shape.
 

@@ -220,7 +220,7 @@ def bank_constants(
         roll=geometry.rim,
         p_x=p_x,
         p_y=p_y,
-        spin_up=0.03 + configuration.brake.dead_time + 2.0 * configuration.brake.time_constant,
+        spin_up=0.03 + configuration.brake.settling_time,
         delay=round(configuration.feedback_delay * 1e9),
         twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
         longest=configuration.maximum_time_step,

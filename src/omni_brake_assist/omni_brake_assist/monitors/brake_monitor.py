@@ -67,8 +67,7 @@ def brake_constants(
 ) -> BrakeConstants:
     """Convert a configuration to the constants of the monitor."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    brake = configuration.brake
-    time = 0.1 + brake.dead_time + 2.0 * brake.time_constant
+    time = 0.1 + configuration.brake.settling_time
     return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, time)
 
 
