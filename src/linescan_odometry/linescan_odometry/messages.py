@@ -1,12 +1,25 @@
-"""Conversion of ROS messages to batches of lines and measurements of flow sensors."""
+"""Conversion of ROS messages to batches of lines and measurements of flow sensors, and back."""
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
 
+from linescan_odometry.measurements import TwistEstimate
+from linescan_odometry.sideslip.angle import SideslipEstimate
+from linescan_odometry.sideslip.meter import angles
+from omni_platform import topics
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Flow, LineBatch
-from omni_ros.messages import LineImage, lines_of, to_nanoseconds
+from omni_ros.messages import (
+    LineImage,
+    joint_state,
+    lines_of,
+    planar_twist_with_covariance,
+    to_nanoseconds,
+)
 
 _SAME_SCALE = 0.005  # largest relative difference between measured and configured scale of a camera
 
@@ -48,3 +61,15 @@ def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
             "are configured: set sensors.<name>.length"
         )
     return ""
+
+
+def estimate_messages(
+    estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]
+) -> dict[str, Any]:
+    """Return angles and twist by the name of the topic, the twist last, as nodes wait for it."""
+    stamp_ns, messages = estimate.stamp_ns, {}
+    if sideslip:
+        angle = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))
+        messages[topics.SIDESLIP.name] = angle
+    twist = planar_twist_with_covariance(stamp_ns, estimate.twist, estimate.covariance)
+    return {**messages, topics.TWIST.name: twist}

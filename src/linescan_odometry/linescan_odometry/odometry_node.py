@@ -13,16 +13,16 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
-from linescan_odometry.batching import BatchCollector
 from linescan_odometry.measurements import FlowReading, SensorReading
-from linescan_odometry.messages import contradiction_of, flow_of, line_batch_of
+from linescan_odometry.messages import contradiction_of, estimate_messages, flow_of, line_batch_of
 from linescan_odometry.odometry import OdometryConfiguration, TwistEstimate
-from linescan_odometry.registry import make_odometry
+from linescan_odometry.port import OdometryPort
 from linescan_odometry.sideslip.angle import SideslipEstimate
-from linescan_odometry.sideslip.meter import SideslipMonitor, angles
 from linescan_odometry.twist.pose import PoseIntegrator
+from omni_platform import topics
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor, Mount
+from omni_platform.signals import Flow, LineBatch
 from omni_ros import messages
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.parameters import declare_configuration
@@ -58,10 +58,10 @@ class OdometryNode(Node):
         configuration = declare_configuration(self, OdometryConfiguration)
         interface = declare_configuration(self, InterfaceConfiguration)
         self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
-        self._odometry = make_odometry(interface.own_odometry, configuration)
+        self._odometry = OdometryPort(interface.own_odometry, configuration)
         self._odometry.warm_up()
-        self._collector = BatchCollector.of(configuration)
-        self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
+        twist = advertise(self, TwistWithCovarianceStamped, topics.TWIST.name)
+        self._estimates = {topics.TWIST.name: twist}
         self._odom = advertise(self, Odometry, "odom")
         self._pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
         self._transforms = None
@@ -71,12 +71,11 @@ class OdometryNode(Node):
         self._status = StatusReporter(
             self, Status(ERROR, f"no lines yet; waiting for a batch from {sensors}")
         )
-        self._sideslip = SideslipMonitor(configuration)
-        self._angles = None
+        self.outputs, self.further_outputs = (twist,), [self._odom]
         if configuration.sideslip:
-            self._angles = advertise(self, JointState, "odometry/sideslip")
-        self.outputs = (self._twist,)
-        self.further_outputs = (self._odom, *(() if self._angles is None else (self._angles,)))
+            angles = advertise(self, JointState, topics.SIDESLIP.name)
+            self._estimates[topics.SIDESLIP.name] = angles
+            self.further_outputs.append(angles)
         qos = BEST_EFFORT if interface.best_effort_cameras else RELIABLE
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
@@ -97,30 +96,21 @@ class OdometryNode(Node):
                 throttle_duration_sec=1.0,
             )
             return
-        self._odometry.match(sensor, batch)
-        for batches in self._collector.add(sensor, batch):
-            self._publish(self._odometry.update(batches))
+        self._take(sensor, batch)
 
     def _on_flow(self, sensor: str, message: TwistWithCovarianceStamped) -> None:
-        for batches in self._collector.add(sensor, flow_of(message)):
-            self._publish(self._odometry.update(batches))
+        self._take(sensor, flow_of(message))
 
     def _on_camera_info(self, name: str, sensor: LineSensor, message: CameraInfo) -> None:
         self._contradictions[name] = contradiction_of(message, sensor)
 
-    def _publish(self, estimate: TwistEstimate) -> None:
-        sideslip = self._sideslip.measure(estimate)
-        if self._angles is not None:  # published before the twist, for which other nodes may wait
-            self._angles.publish(
-                messages.joint_state(estimate.stamp_ns, list(sideslip), position=angles(sideslip))
-            )
-        twist = messages.planar_twist_with_covariance(
-            estimate.stamp_ns, estimate.twist, estimate.covariance
-        )
-        prefix_frames(twist, self._prefix)
-        self._twist.publish(twist)
-        self._publish_pose(estimate)
-        self._report(estimate, sideslip)
+    def _take(self, sensor: str, batch: LineBatch | Flow) -> None:
+        for estimate, sideslip in self._odometry.take(sensor, batch):
+            for topic, message in estimate_messages(estimate, sideslip).items():
+                prefix_frames(message, self._prefix)
+                self._estimates[topic].publish(message)
+            self._publish_pose(estimate)
+            self._report(estimate, sideslip)
 
     def _publish_pose(self, estimate: TwistEstimate) -> None:
         twist, covariance = estimate.twist, estimate.covariance

@@ -21,13 +21,20 @@ from sensor_msgs.msg import Imu, JointState
 from omni_brake_assist.brake_assist import BrakeAssist
 from omni_brake_assist.conditions import AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.decision import BrakeDemand, Decision, Fault
-from omni_brake_assist.messages import imu_reading_of, wheel_speeds_of
+from omni_brake_assist.decision import Decision, Fault
+from omni_brake_assist.messages import (
+    decision_messages,
+    imu_reading_of,
+    pedal_of,
+    twist_of,
+    wheel_speeds_of,
+)
 from omni_brake_assist.sources import Source
-from omni_brake_assist.step_pairing import StepPairing
+from omni_brake_assist.step_pairing import Sample, StepPairing
+from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
-from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
+from omni_platform.signals import PedalSample, TwistSample
+from omni_ros.messages import joint_state
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
@@ -98,25 +105,21 @@ class BrakeAssistNode(Node):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
-        self._demand: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: TwistSample | None = None
-        self._wheel_speeds: WheelSample | None = None
-        self._imu: ImuSample | None = None
         self._imu_received = -math.inf
         self._fault_detection = configuration.fault_detection
-        self._pairing = StepPairing(
+        self._inputs = StepPairing(
             fault_detection=configuration.fault_detection,
             imu=timing.await_imu,
             twist_period_ns=round(timing.twist_period * 1e9),
         )
         self._pedal_received = self._twist_received = time.monotonic()
-        self._enable = advertise(self, JointState, "brake/enable")
-        self._error = advertise(self, JointState, "brake_assist/error")
+        names = (topics.ENABLE.name, topics.SLIDING.name)
+        self._decisions = {name: advertise(self, JointState, name) for name in names}
         self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
         self._status = StatusReporter(
             self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
         )
-        self.outputs = (self._enable, self._error)
+        self.outputs = tuple(self._decisions.values())
         # In lockstep no message may be lost. In real time only the newest message is used.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
@@ -125,7 +128,7 @@ class BrakeAssistNode(Node):
             subscribe(self, JointState, "wheel_states", self._on_wheel_states, qos),
             subscribe(self, Imu, "imu", self._on_imu, qos),
         )
-        self._guard = PublisherGuard(self, guarded, (self._enable,))
+        self._guard = PublisherGuard(self, guarded, (self._decisions[topics.ENABLE.name],))
         self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
             shorter = min(self._demand_timeout, self._feedback_timeout)
@@ -145,7 +148,8 @@ class BrakeAssistNode(Node):
     def _is_braking(self) -> bool:
         # A message with an invalid pedal value counts as full braking.
         threshold = self._assist.configuration.pedal_threshold
-        return self._demand is not None and not 0.0 <= self._demand[1] < threshold
+        pedal = self._inputs.newest(PedalSample)
+        return pedal is not None and not 0.0 <= pedal.position < threshold
 
     def _on_parameters_set(self, parameters: list[Parameter]) -> None:
         changes = _tuning(parameters)
@@ -156,50 +160,35 @@ class BrakeAssistNode(Node):
                 self._assist.switch(enabled=given.value)
 
     def _on_pedal(self, message: JointState) -> None:
-        # A message without a value counts as full braking.
-        pedal = float(message.position[0]) if message.position else math.nan
-        self._demand = (to_nanoseconds(message.header.stamp), pedal)
         self._pedal_received = time.monotonic()
-        if self._lockstep:
-            self._pairing.take_pedal(*self._demand)
-            self._answer_step()
+        self._take(pedal_of(message))
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
-        twist, covariance = planar_twist_of(message)
-        self._feedback = TwistSample(to_nanoseconds(message.header.stamp), twist, covariance)
         self._twist_received = time.monotonic()
-        if self._lockstep:
-            self._pairing.take_feedback(self._feedback)
-            self._answer_step()
-        elif not self._watch():
-            self._answer(self._newest_ns())
+        self._take(twist_of(message))
+        if not self._lockstep:
+            self._answer()
 
     def _on_wheel_states(self, message: JointState) -> None:
         if self._assist.check_wheel_names(message.name) is not None:
             return
         speeds = wheel_speeds_of(message, self._wheels)
         if speeds is not None:
-            self._wheel_speeds = speeds
-        if self._lockstep and speeds is not None:
-            self._pairing.take_wheels(speeds)
-            self._answer_step()
+            self._take(speeds)
 
     def _on_imu(self, message: Imu) -> None:
         if not self._fault_detection:
             return
-        self._imu, self._imu_received = imu_reading_of(message), time.monotonic()
-        if self._lockstep:
-            self._pairing.take_imu(self._imu)
-            self._answer_step()
-        elif (
-            self._imu_received - self._twist_received > self._feedback_timeout and not self._watch()
-        ):
-            self._answer(self._newest_ns())  # no twist has been received
+        self._imu_received = time.monotonic()
+        self._take(imu_reading_of(message))
+        silent = self._imu_received - self._twist_received > self._feedback_timeout
+        if silent and not self._lockstep:
+            self._answer()  # no twist has been received
 
-    def _answer_step(self) -> None:
-        """Publish the decision for a demand once the feedback of its step has been received."""
-        demand = self._pairing.next_demand()
-        if demand is None:
+    def _take(self, sample: Sample) -> None:
+        """Store a sample; in lockstep, answer the step once all its inputs are received."""
+        demand = self._inputs.take(sample)
+        if demand is None or not self._lockstep:
             return
         fault = self._second_publisher()
         if fault is not None:
@@ -210,8 +199,8 @@ class BrakeAssistNode(Node):
     def _watch(self) -> bool:
         """Put all brakes on if an input is missing or has two publishers; return whether so."""
         fault = self._second_publisher() or self._silence()
-        if fault is not None and self._demand is not None:
-            self._publish(self._assist.timeout(self._newest_ns(), fault))
+        if fault is not None and self._inputs.newest(PedalSample) is not None:
+            self._publish(self._assist.timeout(self._inputs.newest_ns, fault))
         return fault is not None
 
     def _second_publisher(self) -> Fault | None:
@@ -228,37 +217,22 @@ class BrakeAssistNode(Node):
             )
         # With an IMU the assistant continues by dead reckoning as long as its estimate is valid.
         if no_twist > self._feedback_timeout < now - self._imu_received:
-            never = self._feedback is None
+            never = self._inputs.newest(TwistSample) is None
             return Fault(
                 AssistState.NO_FEEDBACK if never else AssistState.STALE_FEEDBACK,
                 f"no twist for {no_twist:.2f} s, more than {self._feedback_timeout:g} s",
             )
         return None
 
-    def _newest_ns(self) -> int:
-        """Return the newest stamp among the demands and the feedback [ns]."""
-        stamps = [self._demand[0]] if self._demand is not None else []
-        if self._feedback is not None:
-            stamps.append(self._feedback.stamp_ns)
-        if self._imu is not None:
-            stamps.append(self._imu.stamp_ns)
-        return max(stamps)
-
-    def _answer(self, stamp_ns: int) -> None:
-        if self._demand is None:
-            return
-        self._publish(
-            self._assist.update(
-                BrakeDemand(
-                    stamp_ns, self._demand[1], self._feedback, self._wheel_speeds, self._imu
-                )
-            )
-        )
+    def _answer(self) -> None:
+        """Publish the decision for the newest inputs, unless an input is missing."""
+        if not self._watch() and (demand := self._inputs.newest_demand()) is not None:
+            self._publish(self._assist.update(demand))
 
     def _publish(self, decision: Decision) -> None:
         stamp_ns = decision.stamp_ns
-        self._enable.publish(joint_state(stamp_ns, self._wheels, effort=decision.enable))
-        self._error.publish(joint_state(stamp_ns, self._wheels, velocity=decision.error))
+        for topic, message in decision_messages(decision, self._wheels).items():
+            self._decisions[topic].publish(message)
         sources = self._assist.sources()
         names, ratios, *_ = zip(*sources, strict=True)
         self._test_ratios.publish(joint_state(stamp_ns, names, position=np.array(ratios)))

@@ -1,12 +1,26 @@
-"""Conversion of ROS messages to inputs of the brake assistant."""
+"""Conversion of ROS messages to inputs of the brake assistant, and of its decisions to messages."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from omni_platform.signals import ImuSample, WheelSample
-from omni_ros.messages import to_nanoseconds
+from omni_brake_assist.decision import Decision
+from omni_platform import topics
+from omni_platform.signals import ImuSample, PedalSample, TwistSample, WheelSample
+from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
+
+
+def pedal_of(message: Any) -> PedalSample:
+    """Return the pedal position in a `JointState`; NaN, which counts as full braking, if empty."""
+    position = float(message.position[0]) if len(message.position) else math.nan
+    return PedalSample(to_nanoseconds(message.header.stamp), position)
+
+
+def twist_of(message: Any) -> TwistSample:
+    """Return the body twist in a `TwistWithCovarianceStamped`."""
+    return TwistSample(to_nanoseconds(message.header.stamp), *planar_twist_of(message))
 
 
 def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
@@ -31,3 +45,12 @@ def imu_reading_of(message: Any) -> ImuSample:
         float(message.angular_velocity.z),
         np.array([force.x, force.y]),
     )
+
+
+def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, Any]:
+    """Return the enables and the errors of a decision as `JointState`, by the name of the topic."""
+    stamp_ns = decision.stamp_ns
+    return {
+        topics.ENABLE.name: joint_state(stamp_ns, wheels, effort=decision.enable),
+        topics.SLIDING.name: joint_state(stamp_ns, wheels, velocity=decision.error),
+    }

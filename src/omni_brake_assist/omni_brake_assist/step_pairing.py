@@ -1,16 +1,21 @@
-"""Pairing of demands and feedback in lockstep."""
+"""Newest inputs of the brake assistant, and their pairing in lockstep."""
+
+from typing import Any, TypeVar
 
 from omni_brake_assist.decision import BrakeDemand
-from omni_platform.signals import ImuSample, TwistSample, WheelSample
+from omni_platform.signals import ImuSample, PedalSample, TwistSample, WheelSample
+
+Sample = PedalSample | TwistSample | WheelSample | ImuSample
+_S = TypeVar("_S")
 
 
 class StepPairing:
-    """Pairs each pedal value with the twist of its step, in any order of arrival.
+    """Stores the newest sample of each input; pairs each pedal value with the twist of its step.
 
-    The newest camera line of a step may be up to one line period older than the step. A twist
-    therefore belongs to the first demand whose stamp is not before that of the twist. Wheel speeds
-    and IMU readings have the stamp of their step. If the twist is sampled more slowly than the
-    steps, it belongs to all steps within its sampling period.
+    The samples may arrive in any order. The newest camera line of a step may be up to one line
+    period older than the step. A twist therefore belongs to the first demand whose stamp is not
+    before that of the twist. Wheel speeds and IMU readings have the stamp of their step. If the
+    twist is sampled more slowly than the steps, it belongs to all steps within its sampling period.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
@@ -23,41 +28,45 @@ class StepPairing:
         self, *, fault_detection: bool = False, imu: bool = False, twist_period_ns: int = 0
     ) -> None:
         self._twist_period_ns = twist_period_ns
-        self._awaits_wheels, self._awaits_imu = fault_detection, fault_detection and imu
-        self._wheels: WheelSample | None = None
-        self._imu: ImuSample | None = None
-        self._pedal: tuple[int, float] | None = None  # stamp [ns], pedal
-        self._feedback: TwistSample | None = None
+        awaited: tuple[type[Any], ...] = (WheelSample, ImuSample) if imu else (WheelSample,)
+        self._awaited = awaited if fault_detection else ()
+        self._newest: dict[type[Any], Any] = {}
         self._answered_ns = -1  # stamp of the newest answered demand
 
-    def take_pedal(self, stamp_ns: int, pedal: float) -> None:
-        """Store the driver's demand (0 to 1) of the step with this stamp [ns]."""
-        self._pedal = stamp_ns, pedal
+    def newest(self, kind: type[_S]) -> _S | None:
+        """Return the sample of this type that arrived last, None before the first one."""
+        return self._newest.get(kind)
 
-    def take_feedback(self, feedback: TwistSample) -> None:
-        """Store a received body twist."""
-        self._feedback = feedback
+    @property
+    def newest_ns(self) -> int:
+        """Newest stamp of pedal, twist and IMU [ns]."""
+        kinds = (PedalSample, TwistSample, ImuSample)
+        samples = [self._newest[kind] for kind in kinds if kind in self._newest]
+        return int(max(sample.stamp_ns for sample in samples))
 
-    def take_wheels(self, wheels: WheelSample) -> None:
-        """Store received wheel speeds."""
-        self._wheels = wheels
-
-    def take_imu(self, imu: ImuSample) -> None:
-        """Store a received reading of the IMU."""
-        self._imu = imu
-
-    def next_demand(self) -> BrakeDemand | None:
-        """Return each demand once, when all inputs of its step are received, otherwise None."""
-        if self._pedal is None or self._feedback is None:
+    def take(self, sample: Sample) -> BrakeDemand | None:
+        """Store a sample; return each demand once, when all inputs of its step are received."""
+        self._newest[type(sample)] = sample
+        pedal, twist = self.newest(PedalSample), self.newest(TwistSample)
+        if pedal is None or twist is None:
             return None
-        stamp_ns, pedal = self._pedal
-        if stamp_ns <= self._answered_ns or not self._is_of(self._feedback.stamp_ns, stamp_ns):
+        stamp_ns = pedal.stamp_ns
+        if stamp_ns <= self._answered_ns or not self._is_of(twist.stamp_ns, stamp_ns):
             return None
-        for awaited, signal in ((self._awaits_wheels, self._wheels), (self._awaits_imu, self._imu)):
-            if awaited and (signal is None or signal.stamp_ns < stamp_ns):
-                return None
+        awaited = map(self.newest, self._awaited)
+        if any(signal is None or signal.stamp_ns < stamp_ns for signal in awaited):
+            return None
         self._answered_ns = stamp_ns
-        return BrakeDemand(stamp_ns, pedal, self._feedback, self._wheels, self._imu)
+        return self._demand(pedal)
+
+    def newest_demand(self) -> BrakeDemand | None:
+        """Return a demand with the newest samples and the newest stamp; None without a pedal."""
+        pedal = self.newest(PedalSample)
+        return self._demand(pedal._replace(stamp_ns=self.newest_ns)) if pedal else None
+
+    def _demand(self, pedal: PedalSample) -> BrakeDemand:
+        twist, wheels = self.newest(TwistSample), self.newest(WheelSample)
+        return BrakeDemand(*pedal, twist, wheels, self.newest(ImuSample))
 
     def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
         """Return whether the demand at `stamp_ns` waits for the twist at `twist_ns` [ns]."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.step_pairing import StepPairing
-from omni_platform.signals import TwistSample
+from omni_platform.signals import PedalSample, TwistSample
 
 MS = 1_000_000
 
@@ -20,11 +20,8 @@ def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) ->
     paired = []
     for step in range(9):
         for word in order:
-            if word == "pedal":
-                pairing.take_pedal(10 * step * MS, 1.0)
-            else:
-                pairing.take_feedback(twist(40 * (step // 4)))
-            demand = pairing.next_demand()
+            pedal = PedalSample(10 * step * MS, 1.0)
+            demand = pairing.take(pedal if word == "pedal" else twist(40 * (step // 4)))
             if demand is not None:
                 assert demand.feedback is not None
                 paired.append((demand.stamp_ns // MS, demand.feedback.stamp_ns // MS))
@@ -33,8 +30,7 @@ def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) ->
 
 def test_a_line_that_is_older_than_its_step_belongs_to_it() -> None:
     pairing = StepPairing()
-    pairing.take_pedal(10 * MS, 1.0)
-    pairing.take_feedback(TwistSample(10 * MS - 400_000, np.zeros(3), np.eye(3)))
-    assert pairing.next_demand() is not None
-    pairing.take_pedal(20 * MS, 1.0)
-    assert pairing.next_demand() is None  # its twist is still to come
+    pairing.take(PedalSample(10 * MS, 1.0))
+    line = TwistSample(10 * MS - 400_000, np.zeros(3), np.eye(3))
+    assert pairing.take(line) is not None
+    assert pairing.take(PedalSample(20 * MS, 1.0)) is None  # its twist is still to come

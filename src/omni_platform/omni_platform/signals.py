@@ -21,6 +21,18 @@ UNMEASURED_VARIANCE = 1e6
 """Smallest variance that marks a component as not measured [square of its unit]."""
 
 
+class PedalSample(NamedTuple):
+    """Position of the brake pedal.
+
+    Attributes:
+        stamp_ns: time of validity [ns from the start of the run].
+        position: driver's brake demand [1], 0 to 1.
+    """
+
+    stamp_ns: int
+    position: float
+
+
 class TwistSample(NamedTuple):
     """A measured twist of `base_link` in its own axes.
 
