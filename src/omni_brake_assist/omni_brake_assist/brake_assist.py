@@ -30,10 +30,8 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.laws.law import NO_HELP, call_law
 from omni_brake_assist.laws.registry import own_law
-from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.sources import Source, sources
 from omni_brake_assist.valve_dwell import open_valves
-from omni_brake_assist.weighting import weighting_function
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -53,15 +51,11 @@ class BrakeAssist:
 
     Attributes:
         geometry: wheel geometry, in the order of `Decision.enable` and `Decision.error`.
-        manifold: error functions of the law `sliding_mode`.
     """
 
     def __init__(self, configuration: BrakeAssistConfiguration) -> None:
         self.configuration = configuration
         self.geometry = PlatformGeometry.from_wheels(configuration.wheels)
-        self.manifold = SlidingManifold(
-            self.geometry, weighting_function(configuration.weighting, configuration.k)
-        )
         self._wheels = len(self.geometry.names)
         self._constants = assist_state.make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None if the law is built in

@@ -151,40 +151,6 @@ class SlidingManifold:
         kind, k = weighting.kind, weighting.k
         self.constants = Manifold(r_x, r_y, n_x, n_y, geometry.lever, kind, k)
 
-    def sliding_velocities(self, twist: FloatArray) -> FloatArray:
-        """Return ``n_wi . v_i`` [m/s], shape (N,), with ``v_i`` of Eq. (38).
-
-        Args:
-            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
-        """
-        v_x, v_y, omega = twist.tolist()
-        c = self.constants
-        # No matrix product here, because its rounding may depend on the library.
-        projection: FloatArray = c.n_x * v_x + c.n_y * v_y + c.lever * omega
-        return projection
-
-    def force_directions(self, twist: FloatArray) -> FloatArray:
-        """Return ``f_hat_i = -sign(n_wi . v_i) n_wi``, shape (N, 2), Eq. (52).
-
-        Args:
-            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
-        """
-        sign = np.sign(self.sliding_velocities(twist))
-        directions: FloatArray = -sign[:, np.newaxis] * self.geometry.active
-        return directions
-
-    def wheel_speed(self, twist: FloatArray) -> float:
-        """Return the speed of the fastest wheel center [m/s], Eq. (38).
-
-        This speed is zero only if the whole vehicle is at rest. In contrast, ``v_c`` is also zero
-        if the vehicle spins about its center.
-
-        Args:
-            twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
-        """
-        c = self.constants
-        return float(fastest_wheel(c.r_x, c.r_y, *np.asarray(twist, dtype=float).tolist()))
-
     def errors(self, twist: FloatArray, perpendicular: FloatArray | None) -> ManifoldErrors:
         """Return the error functions of all wheels.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from reference_equations import wheel_rate
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
@@ -94,8 +95,10 @@ def test_placed_vehicle_rolls_as_equation_16(
     vehicle = Vehicle(configuration, twist=twist, wheel_angle=phases(n))
     squeeze = vehicle.wheels["load"] / platform.tire.vertical_stiffness
     rates = [
-        dataclasses.replace(geometry, radius=geometry.radius - deflected).wheel_rate(
-            geometry.roller_angle(angle), twist
+        wheel_rate(
+            dataclasses.replace(geometry, radius=geometry.radius - deflected),
+            float(geometry.roller_angle(angle)),
+            twist,
         )
         for geometry, angle, deflected in zip(
             configuration.roller_geometries, phases(n), squeeze, strict=True

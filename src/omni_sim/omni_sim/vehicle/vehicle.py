@@ -14,7 +14,6 @@ from omni_sim.vehicle import state as layout
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.placing import along_active, rolling_radius
 from omni_sim.vehicle.plant import build_losses, build_plant, build_rollers, build_suspension
-from omni_sim.vehicle.road_plane import RoadPlane, WheelContact, road_plane_at, wheel_contact
 from omni_sim.vehicle.suspension import fastest_motion, settle
 from omni_sim.wheel.brake_pressure import build_brake_pressure
 
@@ -341,25 +340,6 @@ class Vehicle:
     def _chassis(self) -> quantities.FloatArray:
         """Heave [m] and gradients forward and to the left [1] of the chassis, shape (3,)."""
         return np.array(list(self.state.suspension.chassis[0])[:3])
-
-    @property
-    def wheel_contacts(self) -> tuple[WheelContact, ...]:
-        """Contact of each wheel with its road plane, Eqs. (5), (6), in the order of the wheels."""
-        height, forward, left, _, _, _ = dynamics.standing(self.state, 0.0)
-        body = self.state.body[0]
-        yaw = float(body["yaw"])
-        turn = uneven_ground.orientation(yaw, forward, left)
-        base = np.array([body["x"], body["y"], height])
-        levers, directions = self.state.plant.position, self.kinematics.geometry.rolling
-        contacts = []
-        for lever, rolling, r_s in zip(levers, directions, rolling_radius(self.state), strict=True):
-            center = base + turn @ [*lever, r_s]
-            c_x, c_y = float(center[0]), float(center[1])
-            z, *normal = road_plane_at(self.state.terrain, c_x, c_y, math.cos(yaw), math.sin(yaw))
-            plane = RoadPlane(np.array([c_x, c_y, z]), np.array(normal))
-            axis = turn @ [-rolling[1], rolling[0], 0.0]
-            contacts.append(wheel_contact(center, axis, plane))
-        return tuple(contacts)
 
     @property
     def wheels(self) -> layout.Structured:

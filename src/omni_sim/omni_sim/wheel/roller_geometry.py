@@ -119,12 +119,6 @@ class RollerGeometry:
         """``a``, Eq. (8), shape (3,)."""
         return np.array([math.cos(self.alpha), math.sin(self.alpha), 0.0])
 
-    @property
-    def roller_centers(self) -> FloatArray:
-        """``d_i`` around the wheel: forward, along the axis, up [m], Eq. (17), shape (n, 3)."""
-        angle = 2.0 * np.pi * np.arange(1, self.rollers + 1) / self.rollers
-        return self.distance * np.column_stack((np.sin(angle), np.zeros_like(angle), np.cos(angle)))
-
     def roller_angle(self, wheel_angle: ArrayLike) -> FloatArray:
         """Return ``gamma`` of the roller on the ground, in [-pi/n, pi/n) [rad].
 
@@ -183,16 +177,3 @@ class RollerGeometry:
         """Distance by which the contact point jumps at a change of rollers [m]."""
         tangent = self.distance * math.tan(self.half_pitch)
         return abs(2.0 * tangent * math.cos(self.delta) / math.sin(self.delta))
-
-    def wheel_rate(self, gamma: ArrayLike, twist: ArrayLike) -> FloatArray:
-        """Return the wheel speed ``gamma_dot`` for rolling without slip [rad/s], Eq. (16).
-
-        Args:
-            gamma: wheel angle from the lowest position of the roller [rad], shape (...).
-            twist: ``(v_x, v_y, Omega)`` of the vehicle [m/s, m/s, rad/s], shape (3,).
-        """
-        v_x, v_y, omega = np.asarray(twist, dtype=np.float64)
-        b, c = self.roller_axis(gamma), self.contact_point(gamma)
-        driven = b[..., 0] * (v_x - omega * c[..., 1]) + b[..., 1] * (v_y + omega * c[..., 0])
-        lever = b[..., 0] * math.sin(self.alpha) - b[..., 1] * math.cos(self.alpha)
-        return np.asarray(driven / (self.radius * lever))
