@@ -144,7 +144,7 @@ def test_it_assists_and_every_invalid_input_puts_all_brakes_on(vehicle: Vehicle)
     "the assistant compares the names and puts all brakes on",
     within="the next decision",
 )
-def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
+def test_unknown_wheel_names_put_all_brakes_on(vehicle: Vehicle) -> None:
     vehicle.swerve_until_assisted()
     vehicle.wheel_states.publish(joint_state(vehicle.stamp_ns, ("port", "starboard")))
     vehicle.wait(
@@ -162,7 +162,7 @@ def test_a_vehicle_with_other_wheels_is_braked_on_all(vehicle: Vehicle) -> None:
     within="an event of the graph",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
-def test_it_publishes_before_it_receives_and_brakes_with_two_publishers(vehicle: Vehicle) -> None:
+def test_two_publishers_of_a_topic_put_all_brakes_on(vehicle: Vehicle) -> None:
     # Simulated time is in use, and no node publishes it.
     vehicle.wait(lambda: vehicle.states[-2:] == ["no_demand"] * 2)
     vehicle.swerve_until_assisted()

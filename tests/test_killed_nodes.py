@@ -39,7 +39,7 @@ def benchmark() -> Any:
         ("linescan_odometry", "kill", True, "linescan_odometry ended (signal 9)"),
     ],
 )
-def test_no_disturbed_run_ends_well(
+def test_no_disturbed_run_ends_without_an_error(
     node: str, action: str, real_time: bool, words: str, tmp_path: Path
 ) -> None:
     found = benchmark().trial(tmp_path / "run", node, action, 0.1, real_time=real_time)

@@ -46,7 +46,7 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
     "the valves apply all brakes after a timeout; the run ends with an error",
     within="`enable_timeout`",
 )
-def test_a_hung_assistant_means_all_brakes_on(tmp_path: Path) -> None:
+def test_a_hung_assistant_puts_all_brakes_on(tmp_path: Path) -> None:
     """The vehicle then brakes without the assistant: it swerves but stops; an error is reported."""
     folder = tmp_path / "run"
     process = subprocess.Popen(

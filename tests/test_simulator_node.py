@@ -122,7 +122,7 @@ class Valve(Bystander):
     "the valves apply all brakes while two publishers are matched",
     within="an event of the graph",
 )
-def test_it_runs_on_in_simulated_time_and_brakes_with_two_publishers(assistant: Assistant) -> None:
+def test_two_publishers_of_enables_put_all_brakes_on(assistant: Assistant) -> None:
     assistant.wait(lambda: not assistant.torque.any())
     given = Parameter("use_sim_time", value=True).to_parameter_msg()
     request = SetParameters.Request(parameters=[given])

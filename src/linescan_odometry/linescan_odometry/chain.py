@@ -22,8 +22,9 @@ class LineChain:
     """Stores the last line of a batch, for comparison with the first line of the next batch.
 
     Attributes:
-        stretch: relative deviation of the measured duration of the last batch from its number of
-            lines [1]; 0 within the tolerance. The velocity may have the same relative error.
+        stretch: relative deviation of the measured duration of the last batch from that of its
+            number of lines [1]; 0 within the tolerance. The velocity may have the same relative
+            error.
         remark: description of this deviation; empty within the tolerance.
         joined: whether the last batch followed the previous one without a gap.
     """

@@ -56,11 +56,11 @@ class OdometryConfiguration(Configuration):
     maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
     """Largest plausible acceleration along a sensor's axis; 0 for no limit"""
     maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)
-    """Largest speed of the vehicle, by which the covariance of the pose grows while no twist is
-    measured"""
+    """Largest speed of the vehicle; while no twist is measured, the covariance of the pose grows
+    with it"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=1000.0)
-    """Largest yaw rate of the vehicle, by which the variance of the yaw angle grows while no
-    twist is measured"""
+    """Largest yaw rate of the vehicle; while no twist is measured, the variance of the yaw angle
+    grows with it"""
     cover_detection: bool = parameter(True)
     """Whether a camera is rejected if its view does not change while the platform moves across its
     axis, because it is covered or sees an oblique texture; switch it off for grounds with stripes
@@ -74,7 +74,7 @@ class OdometryConfiguration(Configuration):
     minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
     """Smallest effective lever arm (RMS) with which the sensors measure the yaw rate"""
     kinematics: KinematicsConfiguration = section(KinematicsConfiguration)
-    """Kinematic constraint: the motion that the vehicle does not make while its wheels grip"""
+    """Kinematic constraint: a motion that the vehicle cannot make while its wheels grip"""
     sideslip: Mapping[str, SideslipWheel] = section(dict)
     """Wheels whose sideslip angle is measured"""
 

@@ -272,7 +272,7 @@ def _outcome(
         return conditions.SLOW
     if step.dead != 0:
         planned = helps and constants.laws.replans
-        return conditions.REPLANNED if planned else conditions.DEAD_BRAKE
+        return conditions.REPLANNED if planned else conditions.FAILED_BRAKE
     assisting = conditions.DEAD_RECKONING if step.reckoned else conditions.ASSISTING
     return assisting if helps else conditions.NO_RELEASE
 
@@ -284,7 +284,7 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
     if step.no_effect:
         fault = min(fault, conditions.NO_EFFECT)
     if step.dead != 0:
-        fault = min(fault, conditions.REPLANNED if replans else conditions.DEAD_BRAKE)
+        fault = min(fault, conditions.REPLANNED if replans else conditions.FAILED_BRAKE)
     return int(min(fault, conditions.CONTRADICTED) if step.contradicted else fault)
 
 

@@ -33,7 +33,7 @@ class AssistState(enum.Enum):
     CONTRADICTED_FEEDBACK = "contradicted_feedback"
     BELOW_SPEED_THRESHOLD = "below_speed_threshold"
     NO_RELEASE = "no_release"  # the control law releases no brake
-    DEAD_BRAKE = "dead_brake"  # a wheel rolls freely although its brake should act
+    FAILED_BRAKE = "failed_brake"  # a wheel rolls freely although its brake should act
     DEAD_RECKONING = "dead_reckoning"  # assisting with IMU and wheel speeds, without a valid twist
     ASSISTING = "assisting"
 
@@ -104,7 +104,7 @@ class Condition(NamedTuple):
     CONTRADICTED,
     SLOW,
     NO_RELEASE,
-    DEAD_BRAKE,
+    FAILED_BRAKE,
     REPLANNED,
     DEAD_RECKONING,
     ASSISTING,
@@ -113,7 +113,7 @@ GOOD = ASSISTING
 """No fault."""
 
 _S = AssistState
-_DEAD = "the brake of {wheel} does not act"
+_FAILED = "the brake of {wheel} does not act"
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
 _LATCHED = ": all brakes on until the pedal is released"
@@ -182,11 +182,11 @@ CONDITIONS: tuple[Condition, ...] = (
         OK,
         "control law releases no brake: no error is negative, or too few wheel speeds are known",
     ),
-    Condition(_S.DEAD_BRAKE, ERROR, _DEAD + _LATCHED),
+    Condition(_S.FAILED_BRAKE, ERROR, _FAILED + _LATCHED),
     Condition(
-        _S.DEAD_BRAKE,
+        _S.FAILED_BRAKE,
         ERROR,
-        _DEAD + ": until the pedal is released, on-off valves brake the others by allocation",
+        _FAILED + ": until the pedal is released, allocation controls the valves of the others",
     ),
     Condition(
         _S.DEAD_RECKONING,

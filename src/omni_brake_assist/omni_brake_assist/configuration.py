@@ -37,9 +37,9 @@ class AllocationConfiguration(Configuration):
     """Time constant of the control barrier functions that limit the deviations of heading and
     direction of motion, as a share of the time left until rest"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the QP of the control allocation: the cost of a
-    normalized yaw or lateral acceleration beyond its bounds, where no deceleration at all costs
-    1"""
+    """Weight of heading and line of motion in the QP of the control allocation: cost of an
+    acceleration beyond its bounds by as much as all capacities together could cause, relative to
+    the cost of no deceleration"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """A wheel counts as locked, because the motion does not drive it, if the speed of its hub
     along its active direction is below this share of the largest such speed"""

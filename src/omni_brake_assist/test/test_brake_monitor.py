@@ -49,7 +49,7 @@ def found(
     pedal: float = 1.0,
     duration: float = 1.0,
 ) -> tuple[int, float]:
-    """Return whose brake is called dead, and when, if the rims fall behind by these shares."""
+    """Return whose brake is reported as failed, and when, if the rims fall behind by these shares."""
     memory = brake_memory(len(told))
     wheels = BrakedWheels(told, (1.0 - slips) * rolling(constants, TWIST), 0.0)
     for step in range(1, round(duration / DT)):
@@ -68,7 +68,7 @@ def found(
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])
 @pytest.mark.parametrize("dead", range(4))
-def test_a_brake_whose_wheel_rolls_on_is_dead(
+def test_a_brake_whose_wheel_keeps_rolling_has_failed(
     configuration: BrakeAssistConfiguration, brake: BrakeConfiguration, dead: int, within: float
 ) -> None:
     constants = constants_of(dataclasses.replace(configuration, brake=brake))
@@ -78,7 +78,7 @@ def test_a_brake_whose_wheel_rolls_on_is_dead(
     assert time <= within
 
 
-def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_is_dead(
+def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     configuration: BrakeAssistConfiguration,
 ) -> None:
     """A law of shares asks ever more of it and lets go of the others for the heading."""
@@ -100,7 +100,7 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_is_dead(
         ([np.nan, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # an encoder that is silent
     ],
 )
-def test_a_brake_that_may_well_act_is_not_called_dead(
+def test_a_brake_that_may_well_act_is_not_reported_as_failed(
     configuration: BrakeAssistConfiguration, slips: list[float], told: list[float], pedal: float
 ) -> None:
     constants = constants_of(configuration)
@@ -145,11 +145,11 @@ def test_the_other_brakes_act_until_the_pedal_is_released(
         )
         enable = decision.enable
         states.append(decision.state)
-        if decision.state == AssistState.DEAD_BRAKE:
+        if decision.state == AssistState.FAILED_BRAKE:
             assert np.any(np.delete(decision.enable, 1) > 0.0)
             assert law in LAWS or np.all(decision.enable == 1.0)
             assert "front_left" in decision.reason
-    dead = [state == AssistState.DEAD_BRAKE for state in states]
+    dead = [state == AssistState.FAILED_BRAKE for state in states]
     first = dead.index(True)
     assert 30 < first < 30 + 25
     assert all(dead[first:90])

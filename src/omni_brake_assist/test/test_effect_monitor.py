@@ -154,7 +154,7 @@ def test_one_wheel_that_rolls_is_enough_to_detect_it(constants: EffectConstants)
         ),
     ],
 )
-def test_a_vehicle_that_rolls_on_at_the_end_of_a_stop_is_braked(
+def test_a_vehicle_that_keeps_rolling_at_the_end_of_a_stop_is_braked(
     constants: EffectConstants, imu: bool, within: float
 ) -> None:
     # It loses speed from 5 to 0.5 m/s within half a second, and rolls on from there.
@@ -218,7 +218,7 @@ def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(
     within=1.2,
 )
 @pytest.mark.parametrize("scale", [0.0, 0.5, 0.7])
-def test_a_scale_error_of_all_encoders_does_not_hide_a_vehicle_that_rolls(
+def test_a_scale_error_of_all_encoders_does_not_hide_an_unbraked_vehicle(
     constants: EffectConstants, scale: float, within: float
 ) -> None:
     ledger, speed, time = effect_memory(), START, 0.0

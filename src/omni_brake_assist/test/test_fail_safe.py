@@ -72,7 +72,7 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
 @pytest.mark.parametrize(
     ("spoil", "state", "reason"), [row[1:] for row in FAULTS], ids=[row[0] for row in FAULTS]
 )
-def test_fault_has_all_brakes_on_and_passes(
+def test_a_fault_puts_all_brakes_on_until_it_ends(
     mecanum: Wheels,
     spoil: Callable[[BrakeDemand], BrakeDemand],
     state: AssistState,
@@ -311,7 +311,7 @@ def test_some_brake_is_always_on(
     "after an exception or an enable outside [0, 1], all brakes are on",
     within="the same step",
 )
-def test_failure_inside_has_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_law_puts_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:
     assist = assisting(mecanum)
 
     def fail(*_: object) -> None:

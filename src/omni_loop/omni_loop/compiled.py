@@ -42,7 +42,7 @@ class Record(NamedTuple):
         motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
             in the body frame [m/s, m/s, rad/s], shape (T, 6).
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
-        trusted: whether all inputs were valid, so that brakes could be released, shape (T,).
+        valid: whether all inputs were valid, so that brakes could be released, shape (T,).
         energy: kinetic energy of body and wheels plus elastic energy of the tires [J], shape (T,).
         wheel_angle: rotation of each wheel [rad], shape (T, N).
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
@@ -53,7 +53,7 @@ class Record(NamedTuple):
 
     motion: FloatArray
     feedback: FloatArray
-    trusted: BoolArray
+    valid: BoolArray
     energy: FloatArray
     wheel_angle: FloatArray
     wheel_speed: FloatArray
@@ -411,7 +411,7 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
 def _record_and_advance(run: _Run, stamp: int) -> int:
     """Record a stamp, advance the vehicle unless the run has ended, and return the outcome."""
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
-    record.trusted[stamp] = not run.memory.step[0].faulty
+    record.valid[stamp] = not run.memory.step[0].faulty
     stored = energies(state)
     record.energy[stamp] = stored.translation + stored.rotation + stored.spin + stored.elastic
     for i in range(scratch.enable.size):

@@ -48,7 +48,7 @@ def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun
     [(changes, wheel) for changes in (FORWARD, SLANTED, ASIDE, DIAGONAL) for wheel in MECANUM]
     + [(SIX, wheel) for wheel in ("front_left", "middle_right", "rear_right")],
 )
-def test_a_stop_with_a_dead_brake_is_not_worse_than_unassisted(
+def test_a_stop_with_a_failed_brake_is_not_worse_than_unassisted(
     changes: tuple[str, ...], wheel: str
 ) -> None:
     unassisted, assisted = stops(changes, wheel, brake=0.0)
@@ -76,7 +76,7 @@ SHARES = ("brake_assist.law=allocation", "vehicle.brake.kind=proportional")
         (SIX, "front_right"),
     ],
 )
-def test_allocation_with_a_brake_that_fails_is_not_far_from_unassisted(
+def test_allocation_with_a_failing_brake_is_close_to_unassisted(
     changes: tuple[str, ...], wheel: str, fails: dict[str, float]
 ) -> None:
     unassisted, assisted = stops((*changes, *SHARES), wheel, **fails)
@@ -101,7 +101,7 @@ def test_a_brake_with_a_quarter_of_its_torque_is_not_treated_as_failed(wheel: st
 @pytest.mark.parametrize("changes", [FORWARD, SLANTED, ASIDE, DIAGONAL])
 @pytest.mark.parametrize("fails", [{"open_valve": 1.0}, {"stuck_brake": 0.5}])
 @pytest.mark.parametrize("wheel", ["rear_left", "front_right"])
-def test_a_brake_that_cannot_release_lengthens_the_stop_little(
+def test_a_brake_that_cannot_release_hardly_lengthens_the_stop(
     changes: tuple[str, ...], fails: dict[str, float], wheel: str
 ) -> None:
     unassisted, assisted = stops(changes, wheel, **fails)

@@ -91,7 +91,7 @@ def test_same_bits_as_the_loop_of_the_cores(
     faults = np.array([state in faulty for state in cores.assist_state])
     if configuration.brake_assist.enabled:
         braking = fast.pedal >= configuration.brake_assist.pedal_threshold
-        np.testing.assert_array_equal(faults[braking], ~fast.record.trusted[braking])
+        np.testing.assert_array_equal(faults[braking], ~fast.record.valid[braking])
     metrics = run_metrics(cores)
     if fast.stopped:
         assert fast.orientation_change == pytest.approx(metrics["orientation_change"].value)
@@ -144,4 +144,4 @@ def test_trust_holds_up_to_the_fastest_maneuver(law: str) -> None:
     )
     run = run_fast_loop(configuration)
     assert run.stopped
-    assert np.all(run.record.trusted[run.brake_start :])
+    assert np.all(run.record.valid[run.brake_start :])

@@ -161,7 +161,7 @@ class Simulator:
             self._batches = self._expose(self._lines, start, -1)
 
     def observe(self) -> Observation:
-        """Return state and measurements at the present stamp; repeated calls give the same."""
+        """Return state and measurements at the present stamp; the call may be repeated."""
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose

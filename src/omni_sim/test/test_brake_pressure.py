@@ -42,7 +42,7 @@ def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray
     "an enable is a share of the pedal's demand, which is zero if the pedal is up",
     within=0.0,
 )
-def test_pressure_without_lag_is_what_is_commanded() -> None:
+def test_pressure_without_lag_equals_the_command() -> None:
     pressure = build_brake_pressure(0.0, 0.0, 3, STEP)
     np.testing.assert_array_equal(brake_torques(pressure, 1500.0, 20), [ASKED] * 20)
     np.testing.assert_array_equal(brake_torques(pressure, 0.0, 20), 0.0)

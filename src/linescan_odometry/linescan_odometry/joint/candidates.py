@@ -217,7 +217,7 @@ def coherent(
         layout: sizes of the batch.
         removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         displacement: displacement per line [px].
-        spread: width of the range of displacements whose best value is used [px].
+        spread: width of the range around the displacement whose largest ratio is returned [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size
@@ -263,7 +263,7 @@ def coherent(
 
 @kernel
 def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
-    """Return the log-likelihood ratio of each candidate at its best line spacing [nats], (c,).
+    """Return each candidate's log-likelihood ratio at its best line spacing [nats], shape (c,).
 
     Args:
         products: see `correlate`.
@@ -295,7 +295,7 @@ def scatter(
         products: see `correlate`.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        limits: loss of log-likelihood that excludes a rival [nats]; share of the loss that counts,
+        limits: loss of log-likelihood that excludes a rival [nats]; factor on this loss, below 1
             because neighboring frequencies are not independent [1].
     """
     excluded, share = limits

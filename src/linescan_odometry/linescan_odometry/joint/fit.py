@@ -29,8 +29,8 @@ class Fit(NamedTuple):
         white: variance of the displacement by the model [px^2], infinite without information.
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
-        contrast: ratio of the gradient energy that neighboring lines share to that of the noise
-            [1].
+        contrast: energy of the gradients that neighboring lines have in common, relative to that of
+            the noise [1].
         details: effective number of independent texture values in a line [1].
         difference: difference between the displacement by neighboring lines and that by all lines
             [px]; 0 if it is not significant.
@@ -47,7 +47,7 @@ class Fit(NamedTuple):
 
 @kernel
 def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients that neighboring lines share, in units of `_gain`."""
+    """Return the energy of the gradients common to neighboring lines, in units of `_gain`."""
     total, number = 0.0, 0
     for block in range(len(cut.first) - 1):
         for r in range(cut.first[block] + 1, cut.first[block + 1]):

@@ -225,7 +225,7 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
 def correlation(
     lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
 ) -> float:
-    """Return Pearson's correlation (81) of a pair at a shift, with the same bits as `pearson`."""
+    """Return Pearson's correlation (81) of a pair at a shift, bit-identical to `pearson`."""
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)
     s_x = sums[0, pair + 1, x + count] - sums[0, pair + 1, x]

@@ -206,7 +206,7 @@ class ObliqueTextures:
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return all readings as unmeasured if a camera does not match and none can be confirmed.
+        """Return all readings as unmeasured if a camera has no match and its motion is unknown.
 
         Without a twist the motion across the axis is unknown, so the texture may be oblique. A
         twist that was measured shortly before can give this motion.

@@ -19,9 +19,8 @@ class LawConstants(NamedTuple):
     Attributes:
         kind: number of the chosen law.
         replans: whether `allocation` controls the rest of a stop after a brake has failed; only
-            with at most `MOST_VALVES` on-off valves and a built-in law. With proportional brakes
-            this rotated some vehicles more than all brakes on (`study faults`), so all brakes then
-            act.
+            with at most `MOST_VALVES` on-off valves and a built-in law. With proportional brakes,
+            some vehicles would rotate more than with all brakes on, so all brakes then act.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """

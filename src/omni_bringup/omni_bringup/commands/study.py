@@ -95,6 +95,6 @@ def _text(result: StudyResult) -> Iterator[Any]:
     yield table
     yield from result.findings
     yield from map(str, result.claims)
-    judged = sum(bool(metric.status) for metric in metrics) + len(result.claims)
-    if judged:
-        yield f"{judged - len(result.missed)} of {judged} limits and claims are met"
+    checked = sum(bool(metric.status) for metric in metrics) + len(result.claims)
+    if checked:
+        yield f"{checked - len(result.missed)} of {checked} limits and claims are met"

@@ -30,7 +30,7 @@ def linked(dispatcher: Any) -> Any:
     """Mark a kernel whose callers only call it and do not include its code.
 
     The decorator is for the top of a large call tree and is written above `kernel` or `lean`.
-    Callers take less time to compile and to load, and their results have the same bits. A call
+    Callers take less time to compile and to load, and their results are bit-identical. A call
     takes about 0.1 us more.
     """
     linked_kernels.add(dispatcher)

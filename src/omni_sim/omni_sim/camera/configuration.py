@@ -59,7 +59,7 @@ class CameraConfiguration(Configuration):
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the light lost in a shadow that does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Frequency at which the edge of the shadow oscillates along the line; 0 for an edge that is
+    """Speed at which the edge of the shadow moves to and fro along the line; 0 for an edge that is
     fixed in the view"""
 
     @property

@@ -79,7 +79,8 @@ class PixelFaults:
 
     Attributes:
         offset: dark signal, and light from mud on the optics, shape (pixels,).
-        sight: share of the ground's light [1], 0 behind mud or at a defect, shape (pixels,).
+        sight: share of the ground's light that reaches each pixel [1], 0 behind mud or at a defect,
+            shape (pixels,).
     """
 
     offset: NDArray[np.float32]
@@ -122,7 +123,7 @@ def shade(
     first_line: int,
     penumbra: float = 0.002,
 ) -> NDArray[np.float32]:
-    """Return lines that are darkened by a shadow whose soft edge is fixed or oscillates.
+    """Return lines that are darkened by a shadow whose soft edge is fixed or moves to and fro.
 
     Args:
         grays: gray levels of the ground, shape (m, pixels).

@@ -8,14 +8,14 @@ texels changes only the resolution. All random values are drawn from the generat
 cork           pressed granules of 2 mm
 asphalt        chippings of 0.6 to 6 mm in dark binder
 stone          coarse flat pieces of 12 mm with mineral grain
-wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibres of 0.2 mm by
+wood           a board with its grain along x: growth rings of 1.5 to 4.5 mm, fibers of 0.2 mm by
                40 mm, pores of 0.2 mm by 6 mm; like a bar code, it hardly changes along x
 plastic        a smooth sheet: a faint molded grain of 0.25 to 2 mm and fainter mottles
 metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm along x
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
 worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
-concrete       trowelled: mottles of some centimeters, cement and sand grain, few pores
+concrete       troweled: mottles of some centimeters, cement and sand grain, few pores
 wet_concrete   concrete with wet patches, which are dark and without detail
 gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
 sand           grains of 0.1 to 0.4 mm and faint ripples
@@ -82,12 +82,12 @@ def _wood(size: float, generator: np.random.Generator) -> Layers:
         _noise(size, generator, 0.03, 0.2, 0.0012 / size),
         _noise(size, generator, 0.012, 0.1, 0.0003 / size),
     )
-    fibres = ((0.02, 0.2, 6.0), (0.0009, 0.07, 4.0), (0.0002, 0.04, 6.0))
+    fibers = ((0.02, 0.2, 6.0), (0.0009, 0.07, 4.0), (0.0002, 0.04, 6.0))
     shape = _Shape((0.0015, 0.0045), (0.02, 0.035), (106.0, 10.0), direction=0.01)
     pores = _leaves(size, generator, 40000.0, shape, 0.00005)
     return [
         patterns.Rings(profile.astype(np.float32), bend),
-        *(_noise(size, generator, *fibre) for fibre in fibres),
+        *(_noise(size, generator, *fiber) for fiber in fibers),
         pores,
     ]
 

@@ -188,7 +188,7 @@ class Added:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Studs:
-    """Square studs with rounded corners and bevelled edges on a grid, lit from the upper left.
+    """Square studs with rounded corners and beveled edges on a grid, lit from the upper left.
 
     Attributes:
         gray: gray level of the top of each stud, shape (c, c).

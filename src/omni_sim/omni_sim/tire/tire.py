@@ -31,7 +31,7 @@ _ModelFields: Any = type(
 
 
 class TireConfiguration(_ModelFields):
-    """Tire of a vehicle, by default TMeasy with Table 1; other models' sections are ignored."""
+    """Tire of a vehicle, by default TMeasy with Table 1; sections of other models are ignored."""
 
     model: str = parameter("tmeasy", choices=tuple(MODELS))
     """Tire model; its parameters are in the section of the same name"""

@@ -44,7 +44,8 @@ class SuspensionConfiguration(Configuration):
     """Moment of inertia of body and load about the lateral axis through their center of gravity;
     with 0, that of a homogeneous box as long as the chassis"""
     roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
-    """Moment of inertia about the longitudinal axis; 0: of a box as wide as the chassis"""
+    """Moment of inertia about the longitudinal axis; with 0, that of a homogeneous box as wide as
+    the chassis"""
 
 
 def fastest_motion(plant: Plant, suspension: Suspension) -> float:

@@ -93,7 +93,7 @@ class LawTrials:
         variant = "assisted" if law else "unassisted"
         base = self._braking.configurations(robustness.without(draw(seed), "failure"))[variant]
         random = np.random.default_rng([seed, 1])
-        lag = str(random.choice(["none", "nominal", "unmodelled"]))
+        lag = str(random.choice(["none", "nominal", "unmodeled"]))
         dead_time = float(random.uniform(0.0, _LARGEST_DEAD_TIME))
         time_constant = float(random.uniform(0.0, _LARGEST_TIME_CONSTANT))
         torque, mass, inertia = _LARGEST_ERROR ** random.uniform(-1.0, 1.0, 3)

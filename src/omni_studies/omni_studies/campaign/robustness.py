@@ -119,7 +119,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
         stopped_unassisted=int(unassisted.stopped),
         stopped_assisted=int(assisted.stopped),
         tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
-        rejected_share=float(np.mean(~assisted.record.trusted[assisted.brake_start :])),
+        rejected_share=float(np.mean(~assisted.record.valid[assisted.brake_start :])),
     )
 
 

@@ -239,7 +239,7 @@ class FaultyStops:
         )
 
     def reference(self, setting: Setting) -> Reference:
-        """Return the worse values of unassisted and of assisted braking without a fault."""
+        """Return the longer distance and the larger rotation of both fault-free stops."""
         if setting not in self._references:
             bases = [self._bases[setting, assisted] for assisted in (False, True)]
             self._references[setting] = _reference([run_fast_loop(base) for base in bases])

@@ -42,7 +42,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return how long [s] the path up to given times [s] would take with the initial twist."""
+        """Return the times [s] in which the initial twist covers the path up to given times [s]."""
         return time + 0.5 * self.growth * time**2
 
 

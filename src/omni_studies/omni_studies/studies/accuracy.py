@@ -201,11 +201,11 @@ def _draw(cases: list[Case]) -> Figure:
             bound = [math.sqrt(float(np.mean(case.bound))) for case in own]
             over_noise.plot(_NOISES, [c.rmse for c in own], "o-", color=color, label=kind)
             over_noise.plot(_NOISES, bound, "--", color=color)
-            judged = next(case for case in own if case.noise == _DRAWN_NOISE)
-            places = np.unique(judged.fraction)
-            means = [float(np.mean(judged.error[judged.fraction == f])) for f in places]
+            drawn = next(case for case in own if case.noise == _DRAWN_NOISE)
+            places = np.unique(drawn.fraction)
+            means = [float(np.mean(drawn.error[drawn.fraction == f])) for f in places]
             over_fraction.plot(places, means, "o", color=color, markersize=4, alpha=0.5)
-            over_fraction.plot(*_pull(judged.fraction, judged.error), color=color, linewidth=1.8)
+            over_fraction.plot(*_pull(drawn.fraction, drawn.error), color=color, linewidth=1.8)
         over_noise.plot(_NOISES, [math.sqrt(1.0 / 12.0)] * len(_NOISES), color=style.GRAY)
         place = _NOISES[0], math.sqrt(1.0 / 12.0)
         style.note(over_noise, "whole pixels", place, (0, -3), va="top", color=style.GRAY)

@@ -213,7 +213,7 @@ def test_a_stop_without_an_imu_and_without_a_fault_is_not_ended(changes: tuple[s
     without_imu = ("imu.enabled=false", "encoders.resolution=4096", "feedback=velocity_sensor")
     settings = ("simulation.render_lines=false", *without_imu, *changes)
     run = run_fast_loop(LIBRARY.load("straight_line", "assisted", settings))
-    assert np.all(run.record.trusted[run.brake_start :])
+    assert np.all(run.record.valid[run.brake_start :])
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_disputes_that_come_and_go_are_settled() -> None:
     "dead reckoning, then all brakes on: the vehicle rotates by at most 6 deg, with either law",
     within="the whole stop",
 )
-def test_a_stop_goes_on_without_the_twist(stops: FaultyStops) -> None:
+def test_a_stop_continues_without_the_twist(stops: FaultyStops) -> None:
     assert loss_of_twist(stops, 0.3) <= 6.0
 
 
@@ -297,7 +297,7 @@ FAST_TURN = (
         ("straight_line", "assisted", FAST_TURN),
     ],
 )
-def test_a_configured_delay_costs_little(
+def test_a_configured_delay_hardly_changes_a_stop(
     experiment: str, variant: str, changes: tuple[str, ...], delay: float, law: str
 ) -> None:
     ideal = ["feedback=velocity_sensor", f"brake_assist.law={law}", *changes]
@@ -322,7 +322,7 @@ def test_a_configured_delay_costs_little(
 )
 @pytest.mark.parametrize("law", ["sliding_mode", "allocation"])
 @pytest.mark.parametrize("scale", [-0.36, -0.31, -0.26])
-def test_a_shared_scale_error_ends_in_all_brakes(
+def test_a_shared_scale_error_puts_all_brakes_on(
     stops: FaultyStops, law: str, scale: float
 ) -> None:
     fault = Fault("encoder+twist", "scale", -1, 0.0, scale, 0.1)

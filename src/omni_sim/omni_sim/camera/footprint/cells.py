@@ -19,7 +19,7 @@ class Edges(NamedTuple):
     Attributes:
         start: position of the first edge [cells].
         step: distance between two edges [cells].
-        slant: standard deviation of an edge's position, because it is slanted against the rows
+        slant: standard deviation of the position of an edge that is slanted against the rows
             [cells].
         scale: gray level per difference of the integral.
         middle: gray level that is stored as 0.

@@ -31,11 +31,10 @@ class Coarsening(NamedTuple):
     Attributes:
         sufficient: smallest number of texels per pixel along the axis, and across the footprint.
         wide: the same two numbers for a wide footprint.
-        most: largest number of texels per period, which need a quarter of a gigabyte: 20 cm at 1200
-            dpi.
+        most: largest number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
         worth: smallest ratio of coarse to fine texel size for which coarse texels are used [1].
-        whole: largest increase of the number of texels that is accepted to compose each of whole
-            texels of the ground [1].
+        whole: largest factor on the number of coarse texels that is accepted so that each of them
+            consists of whole texels of the ground [1].
     """
 
     sufficient: tuple[float, float] = (4.0, 128.0)
@@ -129,12 +128,12 @@ def _room(texels: int, stride: int) -> NDArray[np.int8]:
 def padded_levels(
     sensors: Mapping[str, LineSensor], texture: GroundTexture, headroom: float = 1.0
 ) -> dict[str, PaddedTexture]:
-    """Return the ground for each sensor, with the coarsest texels that are accurate enough.
+    """Return a padded ground for each camera, with the coarsest texels that are accurate enough.
 
     Args:
         sensors: the cameras by name.
         texture: the ground.
-        headroom: factor by which heave may lengthen the views [1].
+        headroom: largest factor by which heave of the chassis lengthens the fields of view [1].
 
     Raises:
         ConfigurationError: a footprint exceeds the period of the texture or is narrower than 10
