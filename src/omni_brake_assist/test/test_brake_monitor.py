@@ -49,7 +49,7 @@ def found(
     pedal: float = 1.0,
     duration: float = 1.0,
 ) -> tuple[int, float]:
-    """Return whose brake is reported as failed, and when, if the rims fall behind by these shares."""
+    """Return which brake is reported as failed, and when, if the rims slip by these shares."""
     memory = brake_memory(len(told))
     wheels = BrakedWheels(told, (1.0 - slips) * rolling(constants, TWIST), 0.0)
     for step in range(1, round(duration / DT)):
