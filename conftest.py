@@ -1,7 +1,7 @@
 """Mark the fast tests for work on the code (``./omni test -m fast``); order tests by duration.
 
-Tests of the safety case carry ``safety(hazard, fault, caught_by, within=...)``, from which
-``tests/safety_table.py`` makes the table of docs/safety.md.
+Tests of the safety case have the mark ``safety(hazard, fault, caught_by, within=...)``, from which
+``tests/safety_table.py`` generates the table of docs/safety.md.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ DURATIONS = ROOT / "tests" / "durations.json"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option to measure the files of tests."""
+    """Add the option that measures the durations of the test files."""
     words = f"write how long the files of tests take to {DURATIONS.relative_to(ROOT)}"
     parser.addoption("--store-durations", action="store_true", help=words)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Shorten imports; measure the files if asked to, once with xdist, where all results arrive."""
+    """Shorten imports; if requested, measure the files in the process that receives all results."""
     start_lightly()
     if config.getoption("--store-durations") and not hasattr(config, "workerinput"):
         config.pluginmanager.register(_Stopwatch())
@@ -61,6 +61,6 @@ class _Stopwatch:
 
 @pytest.fixture
 def within(request: pytest.FixtureRequest) -> float:
-    """Time within which the effect that a test shows must occur by the safety case [s]."""
+    """Return the time within which the safety case requires the tested effect [s]."""
     mark = request.node.get_closest_marker("safety")
     return float(mark.kwargs["within"]) if mark else math.inf

@@ -1,8 +1,8 @@
 """Links from the documentation to files of the workspace, for the site.
 
-A page may link to a module, a configuration or the README of a package. The site brings what is
-linked along below ``source/``, READMEs as pages and all else as text, so that it can be read
-without the workspace. The first use of each term on a page links to the glossary.
+A page may link to a module, a configuration or the README of a package. The site contains these
+files below ``source/``, READMEs as pages and all others as text, so that it can be read without
+the workspace. The first use of each term on a page links to the glossary.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _TERM = re.compile(r"<dt>(.*?)</dt>")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add what the pages link to outside of ``docs/``, and what that links to."""
+    """Add the files outside of ``docs/`` to which the pages link, and those to which these link."""
     for notebook in sorted((_ROOT / "docs").rglob("*.ipynb")):
         uri = notebook.relative_to(_ROOT / "docs").with_suffix(".md").as_posix()
         files.append(File.generated(config, uri, content=_as_page(notebook)))
@@ -69,7 +69,7 @@ def _as_page(notebook: Path) -> str:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Point the links of a page to where the site has what they mean."""
+    """Replace the links of a page by the addresses of the linked files on the site."""
     del config, files
     uri = page.file.src_uri
     place = _ROOT / (uri.removeprefix(f"{_SOURCE}/") if uri.startswith(_SOURCE) else f"docs/{uri}")
@@ -87,7 +87,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def _target(page: Path, link: str) -> Path | None:
-    """Return the file that a link means, None for one that is no file of the workspace."""
+    """Return the file to which a link refers; None if it is no file of the workspace."""
     if ":" in link or link.startswith("/"):
         return None
     target = Path(os.path.normpath(page.parent / link))
@@ -133,7 +133,7 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
 
 
 def _terms() -> Iterator[tuple[str, str]]:
-    """Yield the words of the glossary, in small letters, and the anchor of each."""
+    """Yield the terms of the glossary in lower case, with the anchor of each."""
     text = (_ROOT / "docs" / _GLOSSARY).read_text(encoding="utf-8")
     for term in re.findall(r"^(\S.*)\n:   ", text, re.M):
         for word in re.split(r", | \(|\)", term):
@@ -146,7 +146,7 @@ def _anchor(term: str) -> str:
 
 
 def _linked(text: str, waiting: dict[str, str], place: str) -> str:
-    """Return text with a link at each word that waits for its first use, and take it away."""
+    """Return text with links at the first uses of waiting terms, which are then removed."""
     if not waiting:
         return text
     # The longest first: "line pair" before "line".

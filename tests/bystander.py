@@ -1,4 +1,4 @@
-"""A node in the process of the tests, among the nodes under test."""
+"""A node in the process of the tests, next to the nodes under test."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 
 class Bystander:
-    """A node in a ROS domain of other processes; derived classes publish and listen with it."""
+    """A node in a ROS domain of other processes; derived classes publish and subscribe."""
 
     round_timeout = 30.0  # [s] only ends a test that hangs
     pause = 0.02  # [s] at most, between two looks at a condition
@@ -28,18 +28,18 @@ class Bystander:
         self._executor.add_node(self.node)
 
     def description(self) -> str:
-        """Return what helps to understand why a condition never held."""
+        """Return a text that explains why a condition did not become true."""
         raise NotImplementedError
 
     def wait(self, condition: Callable[[], object]) -> None:
-        """Listen until the condition holds."""
+        """Receive messages until the condition is true."""
         deadline = time.monotonic() + self.round_timeout
         while not condition():
             assert time.monotonic() < deadline, f"timed out; {self.description()}"
             self._executor.spin_once(timeout_sec=self.pause)
 
     def catch_up(self) -> None:
-        """Take what was sent before and waits in the queues, one message a spin."""
+        """Receive the messages that wait in the queues, one per spin."""
         for _ in range(50):
             self._executor.spin_once(timeout_sec=0.005)
 

@@ -1,7 +1,7 @@
-"""A headless Chromium to look at pages with, driven over a pipe by its DevTools protocol.
+"""A headless Chromium that shows pages, controlled over a pipe by its DevTools protocol.
 
-The pipe needs the standard library alone: a client library would bring a browser or a driver of
-its own, which must fit the one that is there.
+The pipe needs only the standard library. A client library would need a browser or driver of its own
+version.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Event = dict[str, Any]
 
 
 class Chromium:
-    """One page of a running browser; notes what it asks for and what goes wrong in it."""
+    """One page of a running browser; stores its requests and errors."""
 
     def __init__(self, write: int, read: int) -> None:
         self._write, self._read = write, read
@@ -61,7 +61,7 @@ class Chromium:
             return result
 
     def open(self, page: Path) -> None:
-        """Load a file and wait until it and its script are done."""
+        """Load a file and wait until page and script are loaded."""
         self.events.clear()
         self.call("Page.navigate", url=page.as_uri())
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
@@ -104,7 +104,7 @@ class Chromium:
             )
 
     def show(self, width: int, height: int, *, dark: bool = False, phone: bool = False) -> None:
-        """Set the size of the window [px] and the reader's choice of colors."""
+        """Set the size of the window [px] and the preferred color scheme."""
         scale = 2 if phone else 1
         size = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": phone}
         self.call("Emulation.setDeviceMetricsOverride", **size)
@@ -113,19 +113,19 @@ class Chromium:
 
     @property
     def requests(self) -> list[str]:
-        """Addresses that the page has asked for since it was opened."""
+        """Addresses that the page has requested since it was opened."""
         found = [e for e in self.events if e.get("method") == "Network.requestWillBeSent"]
         return [event["params"]["request"]["url"] for event in found]
 
     @property
     def complaints(self) -> list[Event]:
-        """Uncaught exceptions and everything that stands in the console."""
+        """Uncaught exceptions and all messages on the console."""
         kinds = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         return [event for event in self.events if event.get("method") in kinds]
 
     @property
     def seconds_of_work(self) -> float:
-        """Time of the processor that the page's main thread has used [s]."""
+        """CPU time of the page's main thread [s]."""
         metrics = self.call("Performance.getMetrics")["metrics"]
         return float(next(m["value"] for m in metrics if m["name"] == "TaskDuration"))
 
@@ -142,7 +142,7 @@ class Chromium:
 
 @contextlib.contextmanager
 def chromium() -> Iterator[Chromium]:
-    """Run a browser; without one the test is skipped, unless it is required."""
+    """Start a browser; without one the test is skipped, unless a browser is required."""
     program = next(filter(None, map(shutil.which, _NAMES)), None)
     if program is None:
         problem = f"there is no {_NAMES[0]}, which shows the page (Debian's package {_NAMES[0]})"

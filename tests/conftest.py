@@ -1,4 +1,4 @@
-"""Real runs over the graph, shared by the tests that look at them."""
+"""Runs over the graph that several tests share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from omni_loop.experiment import ExperimentLibrary
 
 @dataclasses.dataclass(frozen=True)
 class FinishedRun:
-    """What a finished ``omni run --json`` left behind."""
+    """Output and files of a finished ``omni run --json``."""
 
     folder: Path
     metrics: dict[str, Any]
@@ -40,7 +40,7 @@ RunExperiment = Callable[..., FinishedRun]
 
 @pytest.fixture(scope="session", autouse=True)
 def _kernels() -> None:
-    """Compile what has changed, in one process: the tests wait for nodes, but not for compilers."""
+    """Compile changed kernels in one process before the tests, which have timeouts for nodes."""
     cache = Path(os.environ["NUMBA_CACHE_DIR"])
     modules = WORKSPACE.glob("src/*/*/**/*.py")
     changed = max(module.stat().st_ctime for module in modules)
@@ -53,7 +53,7 @@ def _kernels() -> None:
 
 @pytest.fixture(scope="session")
 def run_experiment(tmp_path_factory: pytest.TempPathFactory) -> RunExperiment:
-    """Run an experiment over the graph and return what it left."""
+    """Run an experiment over the graph and return its results."""
 
     def run(*arguments: str) -> FinishedRun:
         folder = tmp_path_factory.mktemp("runs") / "run"

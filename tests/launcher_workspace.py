@@ -1,6 +1,6 @@
-"""A small workspace in which tests start the launcher for real.
+"""A small workspace in which tests start the launcher.
 
-Its environment borrows the packages of the Python that runs the tests, so that nothing is
+Its environment uses the packages of the Python that runs the tests, so that nothing is
 downloaded.
 """
 

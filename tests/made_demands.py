@@ -1,4 +1,4 @@
-"""Demands of the brake assistant: fault-free ones, faulty ones, and an assistant that assists."""
+"""Demands of the brake assistant, fault-free and faulty, and an assistant that assists."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ PERIOD_NS = 10_000_000
 
 
 def demand(step: int, *, pedal: float = 1.0, speed: float | None = None) -> BrakeDemand:
-    """A good demand of a step; the vehicle slows down by 5 m/s^2."""
+    """A valid demand of a step; the vehicle slows down by 5 m/s^2."""
     stamp_ns = step * PERIOD_NS
     twist = np.array([10.0 - 0.05 * step if speed is None else speed, 0.0, 0.3])
     return BrakeDemand(stamp_ns, pedal, TwistSample(stamp_ns, twist, 1e-5 * np.eye(3)))
 
 
 def assisting(wheels: Wheels, **changes: Any) -> BrakeAssist:
-    """An assistant that has earned trust and is assisting; the next step is number 5."""
+    """An assistant that is assisting after enough valid twists; the next step is number 5."""
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, **changes))
     for step in range(5):
         decision = assist.update(demand(step))

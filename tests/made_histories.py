@@ -1,4 +1,4 @@
-"""Histories made from closed forms, for the tests of several packages."""
+"""Histories in closed form, for the tests of several packages."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def straight_stop(  # one argument for each property of the run that some test v
     """Return a vehicle that drives straight, then stops at a constant deceleration.
 
     Args:
-        speed: before braking [m/s].
-        deceleration: [m/s^2].
+        speed: speed before braking [m/s].
+        deceleration: constant deceleration [m/s^2].
         brakes_at: time at which the pedal goes down [s].
-        heading: of the motion in `odom` [rad].
+        heading: direction of the motion in `odom` [rad].
         turn: yaw from the start of braking to rest, at a constant rate [rad].
-        wheel_names: of the vehicle.
-        rest: time shown after the stop [s].
+        wheel_names: names of the wheels.
+        rest: duration of the history after the stop [s].
         **replaced: arguments of `RunHistory.from_samples` to use instead.
     """
     braking = speed / deceleration

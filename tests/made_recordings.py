@@ -1,4 +1,4 @@
-"""Recordings of known content, and the records of MCAP files made by hand."""
+"""Recordings with known content, and records of MCAP files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def record(entry: Any) -> bytes:
 
 
 def mcap(path: Path, *records: bytes, end: bool = True) -> Path:
-    """Write an MCAP file of these records; without an index."""
+    """Write an MCAP file of these records, without an index."""
     tail = record(Footer(0, 0, 0)) + MAGIC if end else b""
     path.write_bytes(MAGIC + record(Header("ros2", "test")) + b"".join(records) + tail)
     return path

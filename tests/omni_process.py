@@ -1,4 +1,4 @@
-"""The command line as a process of its own, as the launcher starts it."""
+"""The command line as a separate process, as the launcher starts it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def drive_process(recording: Path | None = None) -> Iterator[subprocess.Popen[st
 
 
 def node_processes(session_of: int) -> list[int]:
-    """Return the processes that carry the mark of a bring-up process."""
+    """Return the processes that have the mark of a bring-up process."""
     mark = f"OMNI_PARENT_PID={session_of}".encode()
     found = []
     for entry in Path("/proc").iterdir():
@@ -79,12 +79,12 @@ def wait_until(condition: Callable[[], bool], timeout: float = RUN_TIMEOUT) -> N
 
 
 def recorded_bytes(folder: Path) -> int:
-    """Return what the recorders of a run have written so far [bytes]."""
+    """Return the number of bytes that the recorders of a run have written so far."""
     return sum(path.stat().st_size for path in folder.glob("*/*.mcap"))
 
 
 def processes_of(package: str, session_of: int, executable: str = "") -> list[int]:
-    """Return those processes of a bring-up that run this, or any, executable of a package."""
+    """Return the processes of a bring-up that run an executable of a package, or any if None."""
     return [
         pid
         for pid in node_processes(session_of)

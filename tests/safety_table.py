@@ -1,8 +1,8 @@
-"""The table of hazards of docs/safety.md, from the marks of the tests that show them.
+"""Table of hazards of docs/safety.md, generated from the marks of the tests.
 
-A test is marked with ``safety(hazard, fault, caught_by, within=...)``; `within` is a time [s] that
-the test holds what it measures against, by the fixture of that name, or words where a time-out of
-a node decides. ``./omni exec python tests/safety_table.py`` writes the table into docs/safety.md.
+A test is marked with ``safety(hazard, fault, caught_by, within=...)``. `within` is a time [s] that
+the test requires, through the fixture of this name, or a text if a timeout of a node decides.
+``./omni exec python tests/safety_table.py`` writes the table into docs/safety.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _HEAD = "| hazard | single fault | detected or limited by | within | test |"
 
 
 class Row(NamedTuple):
-    """What a test shows."""
+    """A row of the table: hazard, fault, detection, time and test."""
 
     hazard: str
     fault: str
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
 
 def rows() -> list[Row]:
-    """Return the rows of all tests, those of a hazard together."""
+    """Return the rows of all tests, grouped by hazard."""
     files = [*WORKSPACE.glob("src/*/test/**/test_*.py"), *WORKSPACE.glob("tests/test_*.py")]
     files.sort(key=lambda file: ("omni_brake_assist" not in file.parts, file))
     found = [row for file in files for row in _rows_of(file)]

@@ -1,4 +1,4 @@
-"""The arrows between the packages point one way, nothing runs in circles, cores know no ROS."""
+"""Package dependencies have one direction and no cycles, and cores do not import ROS."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ MODULES = modules()
 
 
 def imported(path: Path) -> set[str]:
-    """Return the names of modules, and of what may be modules, that a module imports."""
+    """Return the names that a module imports: modules, and names that may be modules."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -56,12 +56,12 @@ def imported(path: Path) -> set[str]:
 
 @pytest.fixture(scope="module")
 def imports() -> dict[str, set[str]]:
-    """Return what each module imports."""
+    """Return the imports of each module."""
     return {name: imported(path) for name, path in MODULES.items()}
 
 
 def arrows_of_the_map() -> dict[str, set[str]]:
-    """Return what each package uses of the others, as CONTRIBUTING.md draws it."""
+    """Return the dependencies of each package according to CONTRIBUTING.md."""
     text = (WORKSPACE / "CONTRIBUTING.md").read_text(encoding="utf-8")
     block = re.search(r"## Packages\n.*?```\n(.*?)```", text, re.DOTALL)
     assert block is not None
@@ -116,7 +116,7 @@ def unit(name: str) -> str:
 
 
 def test_every_number_of_a_configuration_has_bounds() -> None:
-    """So that no permitted value overflows; the integers of seeds are limited to 64 bits."""
+    """With bounds, no permitted value overflows; seeds are limited to 64 bits."""
     for name in MODULES:
         if name not in OF_LAUNCH:
             importlib.import_module(name)

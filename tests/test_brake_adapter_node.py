@@ -23,7 +23,7 @@ JOINTS = ("left_joint", "right_joint")
 
 
 class Controllers(Bystander):
-    """The rest of a vehicle: its assistant, joint states, drive and a controller that obeys."""
+    """The other nodes of a vehicle: assistant, joint states, drive, and a controller."""
 
     def __init__(self, domain: int, array: bool) -> None:
         super().__init__("controllers", domain)

@@ -34,7 +34,7 @@ SWERVING = np.array([8.0, 0.0, 0.6])
 
 
 class Vehicle(Bystander):
-    """Everything around the brake assistant: driver, odometry and brakes."""
+    """The other nodes of a vehicle: driver, odometry and brakes."""
 
     def __init__(self, domain: int, wheels: tuple[str, ...]) -> None:
         super().__init__("vehicle", domain)
@@ -70,7 +70,7 @@ class Vehicle(Bystander):
         self.pedal.publish(joint_state(self.stamp_ns, ("brake_pedal",), position=np.array([value])))
 
     def step(self, values: np.ndarray, covariance: np.ndarray = GOOD) -> dict[str, float]:
-        """Brake for one step with this feedback and return the enables that answer it."""
+        """Brake for one step with this feedback and return the enables with its stamp."""
         self.stamp_ns += STEP_NS
         self.send_pedal(1.0)
         self.send_twist(values, covariance)
@@ -78,7 +78,7 @@ class Vehicle(Bystander):
         return dict(zip(self.enables[-1].name, self.enables[-1].effort, strict=True))
 
     def set_parameter(self, name: str, value: object) -> SetParametersResult:
-        """Do what ``ros2 param set`` does."""
+        """Set a parameter as ``ros2 param set`` does."""
         given = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[given])
         (result,) = self.call(SetParameters, "/brake_assist/set_parameters", request).results
@@ -88,7 +88,7 @@ class Vehicle(Bystander):
         return to_nanoseconds(self.enables[-1].header.stamp) if self.enables else -1
 
     def swerve_until_assisted(self) -> dict[str, float]:
-        """Brake until brakes are let go; on a busy machine trust may be lost and earned anew."""
+        """Brake until brakes are released; on a busy machine, assistance may stop and resume."""
         deadline = time.monotonic() + self.round_timeout
         enable: dict[str, float] = {}
         # The state comes on a topic of its own, before or after the enables.
@@ -102,7 +102,7 @@ class Vehicle(Bystander):
 
 @pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
 def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
-    """A vehicle with a real brake assistant process, in a ROS domain of its own."""
+    """A vehicle with a brake assistant process, in a separate ROS domain."""
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         # There are no wheel speeds for fault detection.
         "straight_line",

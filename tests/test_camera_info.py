@@ -1,4 +1,4 @@
-"""A camera that describes itself otherwise than the configuration does is named."""
+"""A camera whose ``camera_info`` differs from the configuration is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real cameras over topics: films of a moving ground become the twist of the platform."""
+"""Camera nodes over topics: videos of a moving ground give the twist of the platform."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ CAMERAS = {
 
 
 class Listener(Bystander):
-    """Hears the twist and what the cameras say of themselves."""
+    """Receives the twist and the status of the cameras."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("listener", domain)
@@ -69,7 +69,7 @@ class Listener(Bystander):
 
 
 def frames(name: str) -> Any:
-    """Return what a line camera that delivers blocks of rows sees, shape (frames, rows, n)."""
+    """Return the frames of a line camera that delivers blocks of rows, shape (frames, rows, n)."""
     sensor = CAMERAS[name]
     across = replace(sensor, heading_deg=sensor.heading_deg + 90.0)
     count = round(SECONDS * FRAME_RATE) * ROWS
@@ -91,7 +91,7 @@ def frames(name: str) -> Any:
 
 
 def film(path: Path, pictures: Any) -> Path:
-    """Write a video without loss, or the pictures alone where OpenCV is not installed."""
+    """Write a lossless video, or only the pictures if OpenCV is not installed."""
     if importlib.util.find_spec("cv2") is None:
         np.save(path.with_suffix(".npy"), pictures)
         return path.with_suffix(".npy")
@@ -105,7 +105,7 @@ def film(path: Path, pictures: Any) -> Path:
 
 
 def camera(name: str, source: Path) -> NodeProcess:
-    """Return the process of a camera, which waits for one listener."""
+    """Return the process of a camera node, which waits for one subscriber."""
     given = {"sensor": name, "source": source, "frame_rate": FRAME_RATE, "length": LENGTH}
     given |= {"band": "false", "batch": BATCH, "subscribers": 1}
     arguments = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]

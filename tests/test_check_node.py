@@ -1,4 +1,4 @@
-"""`check-node`: our own nodes keep their contract, and each breach of a foreign one is named."""
+"""`check-node`: the project's nodes meet their contract, and each violation is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check-vehicle live`: a drive over topics is judged as soon as the vehicle stands."""
+"""`check-vehicle live`: a drive over topics is evaluated as soon as the vehicle is at rest."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STEPS = 2050
 
 
 class Vehicle(Bystander):
-    """A vehicle whose wheels roll as demanded, and slow down under its pedal."""
+    """A vehicle whose wheels roll as demanded and slow down when the pedal is down."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("vehicle", domain)
@@ -97,7 +97,7 @@ def test_a_live_drive_is_judged(signs: tuple[int, ...], found: list[str], tmp_pa
 
 
 class BusyPartner(Partner):
-    """A receiver that takes no message while the vehicle drives."""
+    """A receiver that processes no message while the vehicle drives."""
 
     def __init__(self, domain: int, vehicle: Vehicle) -> None:
         super().__init__(domain, "robot1")

@@ -1,4 +1,4 @@
-"""What is wrong is refused by name before anything starts; Ctrl-C leaves nothing running."""
+"""Invalid input is rejected by name before anything starts; Ctrl-C leaves no process running."""
 
 from __future__ import annotations
 

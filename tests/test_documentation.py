@@ -1,4 +1,4 @@
-"""What the documentation says of parameters and commands is what the code does."""
+"""The documentation of parameters and commands agrees with the code."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_measured_numbers_are_not_typed() -> None:
 
 
 def prose(text: str) -> str:
-    """Return a page without filled blocks, code, and rows that name the test of their number."""
+    """Return a page without filled blocks, code, and rows that name a test of their number."""
     tested = re.sub(r"^.*`test_.*$", "", text, flags=re.MULTILINE)
     filled = r"<!-- numbers: .*?<!-- /numbers -->|```.*?```|`[^`\n]*`"
     return re.sub(filled, "", tested, flags=re.DOTALL)

@@ -1,4 +1,4 @@
-"""A person drives: over HTTP, a WebSocket and topics, with the real processes."""
+"""Driving by hand: HTTP, WebSocket and topics, with the processes of ``omni drive``."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Drive:
 
 
 class Page:
-    """What the page does: sends a demand 20 times a second and shows the state it receives."""
+    """Behavior of the page: sends a demand 20 times a second and stores the received state."""
 
     def __init__(self, drive: Drive) -> None:
         self.socket = drive.connect()
@@ -115,7 +115,7 @@ def page(drive: Drive) -> Iterator[Page]:
 
 
 class Onlooker(Bystander):
-    """A node in the same domain, as a terminal with ``ros2`` would be."""
+    """A node in the same domain, like a terminal with ``ros2``."""
 
     round_timeout = PATIENCE
     pause = HEARTBEAT
@@ -247,7 +247,7 @@ def test_cmd_vel_drives_as_long_as_it_is_repeated(onlooker: Onlooker) -> None:
 
 @pytest.mark.parametrize("name", ["simulator", "linescan_odometry", "brake_assist", "driver"])
 def test_every_parameter_is_described(onlooker: Onlooker, name: str) -> None:
-    """What ``ros2 param list`` and ``ros2 param describe`` show."""
+    """Descriptions that ``ros2 param list`` and ``ros2 param describe`` print."""
     listed = onlooker.call(ListParameters, f"/{name}/list_parameters", ListParameters.Request())
     own = [
         key
@@ -266,7 +266,7 @@ def test_every_parameter_is_described(onlooker: Onlooker, name: str) -> None:
 def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     drive: Drive, page: Page, onlooker: Onlooker, recording: Path
 ) -> None:
-    """After all others, for the drive is over then; what was recorded is whole."""
+    """This test is the last, because it ends the drive; the recording is then complete."""
     page.drive_to(2.0)
     (driver,) = processes_of("omni_bringup", drive.process.pid, "driver")
     os.kill(driver, signal.SIGSTOP)

@@ -1,4 +1,4 @@
-"""Somebody drives with real keys in a real browser, stops twice, and looks at the report."""
+"""Driving with keys in a browser: two stops, and the report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def hold(browser: Chromium, code: str, *, down: bool) -> None:
 
 
 def stop_from(browser: Chromium, speed: float, number: int) -> str:
-    """Drive ahead until a speed [m/s], brake to rest, and return the card of that stop."""
+    """Drive ahead up to a speed [m/s], brake to rest, and return the card of this stop."""
     hold(browser, "Space", down=False)
     hold(browser, "KeyW", down=True)
     browser.wait(f"Number(document.getElementById('speed').textContent) > {speed}")
@@ -37,7 +37,7 @@ def stop_from(browser: Chromium, speed: float, number: int) -> str:
 
 @contextlib.contextmanager
 def page_of(process: subprocess.Popen[str], width: int) -> Iterator[Chromium]:
-    """Show the page of a drive in a window so many pixels wide, once the vehicle answers."""
+    """Show the page of a drive in a window of a given width [px] once the vehicle responds."""
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     with chromium() as browser:

@@ -1,4 +1,4 @@
-"""A simulator that anybody drives over ROS: by cmd_vel alone, paused, stepped, put back, placed."""
+"""A simulator driven over ROS: cmd_vel alone, pause, step, reset and placement."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SPEED = 0.8  # [m/s]
 
 
 class Teleoperator(Bystander):
-    """Says cmd_vel, and nothing else."""
+    """Publishes only cmd_vel."""
 
     def __init__(self, domain: int, kind: Any) -> None:
         super().__init__("teleoperator", domain)
@@ -49,7 +49,7 @@ class Teleoperator(Bystander):
         self.speed = message.twist.twist.linear.x
 
     def drive(self) -> bool:
-        """Publish the speed once, and return whether the vehicle has it."""
+        """Publish the speed once, and return whether the vehicle has reached it."""
         message = self.kind()
         twist = message.twist if self.kind is TwistStamped else message
         twist.linear.x = SPEED
@@ -64,7 +64,7 @@ class Teleoperator(Bystander):
 
 @pytest.fixture
 def teleoperator(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Teleoperator]:
-    """A simulator that is driven by cmd_vel, in a domain of its own."""
+    """A simulator that is driven by cmd_vel, in a separate domain."""
     overrides = ["feedback=velocity_sensor", "simulation.render_lines=false", "maneuver.x=2"]
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "small_stop", "assisted", overrides

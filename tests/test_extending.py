@@ -1,4 +1,4 @@
-"""The page on parts of one's own is followed to the letter."""
+"""The commands and files of docs/extending.md work as written."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ exec {sys.executable} -m omni_bringup.cli "$@"
 
 @pytest.fixture(scope="module")
 def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of somebody who has followed the page."""
+    """A folder with the files of the page, after its commands."""
     folder = tmp_path_factory.mktemp("reader")
     (folder / "omni").write_text(LAUNCHER)
     (folder / "omni").chmod(0o755)

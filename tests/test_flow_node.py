@@ -1,4 +1,4 @@
-"""Flow sensors over topics: messages of their drivers in, a twist and reasons out."""
+"""Flow sensors over topics: messages of drivers give a twist, or reasons for its absence."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PERIOD_NS = 10_000_000
 
 
 class Boards(Bystander):
-    """Drivers of flow sensors, and who listens to the odometry."""
+    """Drivers of flow sensors, and a subscriber of the odometry."""
 
     def __init__(self, domain: int, sensors: dict[str, FlowSensor]) -> None:
         super().__init__("boards", domain)
@@ -54,7 +54,7 @@ class Boards(Bystander):
         return f"said so far: {self.values}"
 
     def step(self, **velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Publish a measurement of each and return the twist that answers it."""
+        """Publish a measurement of each sensor and return the resulting twist."""
         self.stamp_ns += PERIOD_NS
         true = (sensor_matrix(self.sensors) @ TWIST).reshape(-1, 2)
         for (name, publisher), velocity in zip(self.publishers.items(), true, strict=True):

@@ -1,4 +1,4 @@
-"""The node of a flow chip publishes its readings, and opens a chip again that was lost."""
+"""The node of a flow chip publishes its readings, and reopens a chip after a failure."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ RETRY_NS = 300_000_000
 
 
 class Listener(Bystander):
-    """The odometry that receives the sensor."""
+    """The odometry that receives the readings."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("listener", domain)

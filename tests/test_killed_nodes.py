@@ -12,7 +12,7 @@ from omni_process import WORKSPACE
 
 
 def benchmark() -> Any:
-    """Return the module that does it at many more moments."""
+    """Return the benchmark module, which disturbs runs at many more moments."""
     path = WORKSPACE / "benchmarks/killed_nodes.py"
     spec = importlib.util.spec_from_file_location("killed_nodes", path)
     assert spec is not None

@@ -1,4 +1,4 @@
-"""The launcher hands a command over to the Python and the environment of its workspace."""
+"""The launcher starts a command with the Python and the environment of its workspace."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LAUNCHER = WORKSPACE / "omni"
 
 @pytest.fixture(scope="module")
 def built_once(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
-    """A finished workspace for tests that change nothing in it."""
+    """A complete workspace for tests that do not change it."""
     workspace = Workspace(tmp_path_factory.mktemp("module") / "a clone")
     workspace.borrow_environment()
     assert workspace.start("run").returncode == 0

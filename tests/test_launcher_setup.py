@@ -1,4 +1,4 @@
-"""The set-up of a workspace: what a machine lacks, builds, interruptions, locks of packages."""
+"""Set-up of a workspace: missing requirements, builds, interruptions, lock files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from setup import workspace as places
 
 
 def _wait_for(stream: IO[str] | None, word: str) -> str:
-    """Read lines until one has `word`; return it. The end of the stream is a failure."""
+    """Read lines until one contains `word`, and return it; the end of the stream is a failure."""
     assert stream is not None
     for line in stream:
         if word in line:

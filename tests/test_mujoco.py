@@ -1,4 +1,4 @@
-"""The graph with the vehicle in MuJoCo: the same nodes and topics, another plant."""
+"""The graph with the vehicle in MuJoCo: the same nodes and topics with another plant."""
 
 from __future__ import annotations
 

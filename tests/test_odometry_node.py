@@ -1,4 +1,4 @@
-"""The odometry over topics: an invalid image is reported with the twist that lacks it."""
+"""The odometry over topics: the reason for an invalid image is published with the twist."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Cameras(Bystander):
         )
 
     def step(self, **spoilt: Callable[[Image], None]) -> TwistWithCovarianceStamped:
-        """Publish one batch of every camera and return the twist that answers it."""
+        """Publish one batch of every camera and return the resulting twist."""
         self.show(**spoilt)
         self.wait(
             lambda: self.twists and to_nanoseconds(self.twists[-1].header.stamp) == self._stamp_ns
@@ -88,7 +88,7 @@ class Cameras(Bystander):
 
 @pytest.fixture
 def cameras(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Cameras]:
-    """Cameras before a real odometry process, in a ROS domain of its own."""
+    """Cameras and an odometry process, in a separate ROS domain."""
     best_effort = getattr(request, "param", False)
     configuration = ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted")
     process = graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1)
@@ -111,7 +111,7 @@ def measured(twist: TwistWithCovarianceStamped) -> bool:
 
 
 def floats(image: Image) -> None:
-    """What a driver sends that takes its lines for floating-point numbers, here none at all."""
+    """Return lines as the driver would send them with a wrong type, here an empty array."""
     image.encoding, image.step = "32FC1", 4 * image.width
     image.data = np.full((image.height, image.width), np.nan, np.float32).tobytes()
 

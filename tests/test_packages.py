@@ -1,4 +1,4 @@
-"""What a package imports it declares, by keys that rosdep knows or our rules file adds."""
+"""Each package declares its imports, by keys of rosdep or of rosdep.yaml."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_every_import_is_declared_once(package: Path) -> None:
 
 
 def names_of_messages(tree: ast.Module) -> dict[str, str]:
-    """Return the package of every message type that a module imports, by the type's name."""
+    """Return the packages of the message types that a module imports, by type name."""
     imported = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
     return {
         alias.name: str(node.module).partition(".")[0]
@@ -90,7 +90,7 @@ def names_of_messages(tree: ast.Module) -> dict[str, str]:
 
 
 def messages_through_omni_ros(package: Path) -> set[str]:
-    """Return the message packages of what a package takes from `omni_ros` by name."""
+    """Return the message packages that a package uses through `omni_ros`."""
     shared = WORKSPACE / "src/omni_ros"
     needed: set[str] = set()
     for file in (package / package.name).rglob("*.py"):

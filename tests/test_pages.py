@@ -1,4 +1,4 @@
-"""Every command that a page names is understood, and run here unless it says why not."""
+"""Every command on a page is accepted, and is run unless a reason is listed."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def inline_commands() -> Iterator[tuple[str, str]]:
 
 
 def misunderstood(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Return why a command line is refused, empty for one that is understood or asks for help."""
+    """Return why a command line is rejected; empty if it is accepted or asks for help."""
     try:
         understand(words)
     except SystemExit as ended:

@@ -1,4 +1,4 @@
-"""The page for a real vehicle, followed to the letter on a vehicle that is not the simulator."""
+"""The commands of the page for a real vehicle work with a stand-in for the vehicle."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ COVARIANCE = np.diag([1e-4, 1e-4, 1e-4])
 
 
 def commands() -> list[list[str]]:
-    """Return the words of every command of the page."""
+    """Return the words of every command on the page."""
     blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     return [shlex.split(line) for block in blocks for line in block.splitlines()]
 
 
 class StandIn(Bystander):
-    """A vehicle that slides on and turns, whatever its brakes do."""
+    """A vehicle that slides and turns independently of its brakes."""
 
     def __init__(self, domain: int, wheels: tuple[str, ...]) -> None:
         super().__init__("vehicle", domain)
@@ -79,7 +79,7 @@ class StandIn(Bystander):
 
 @pytest.fixture
 def parameters(tmp_path: Path) -> Path:
-    """The folder that the first command of the page writes."""
+    """The folder written by the first command of the page."""
     (first,) = [words for words in commands() if "ros-params" in words]
     assert first[:2] == ["./omni", "ros-params"]
     words = [str(WORKSPACE / w) if w.startswith("config/") else w for w in first[1:]]
@@ -94,7 +94,7 @@ def parameters(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def vehicle(parameters: Path) -> Iterator[StandIn]:
-    """The vehicle with the assistant that the page starts, in a namespace of its own."""
+    """The vehicle with the assistant of the page, in a separate namespace."""
     (start,) = [words for words in commands() if "-m" in words]
     # Without `ros2`, which the wheels of ROS do not have.
     module = "omni_brake_assist.brake_assist_node"

@@ -1,4 +1,4 @@
-"""The recorder over real topics: complete, in order, byte for byte, however it ends."""
+"""The recorder over topics: complete, ordered and byte-identical, however it ends."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def wait_until(condition: Callable[[], Any], what: str) -> None:
 
 
 class Graph:
-    """A ROS domain of its own with one node that publishes, in this process."""
+    """A separate ROS domain with one publishing node in this process."""
 
     def __init__(self, domain: int) -> None:
         self.environment = node_environment(domain)
@@ -113,7 +113,7 @@ class Recorder:
         return self.folder / f"{self.folder.name}_0.mcap"
 
     def end(self, number: signal.Signals | None = signal.SIGTERM) -> tuple[int, str, str]:
-        """Signal the process; return its exit code and what it wrote to stdout and stderr.
+        """Signal the process; return its exit code and its output on stdout and stderr.
 
         The middleware's own messages on stderr are left out: where processes of another graph were
         killed or halted, it writes that a port in shared memory is taken, and takes the next one.
@@ -125,7 +125,7 @@ class Recorder:
         return self.process.returncode, out, "".join(own)
 
     def streamed(self) -> list[tuple[str, bytes]]:
-        """Return the messages that a reader finds who does not need the file's end."""
+        """Return the messages that a reader finds without the end of the file."""
         return read_stream(self.file.read_bytes()) if self.file.exists() else []
 
 
@@ -242,7 +242,7 @@ def test_every_message_is_recorded_in_order_and_unchanged(graph: Graph, tmp_path
 def test_three_fast_line_cameras_are_recorded_without_a_gap(
     graph: Graph, tmp_path: Path, options: dict[str, object]
 ) -> None:
-    """3 x 2500 lines/s of 1024 px as the nodes send them: 100 batches of 25 lines a second."""
+    """Three cameras with 2500 lines/s of 1024 px give 100 batches of 25 lines a second."""
     count = 150
     batches = [serialized_image(k, lines=25, pixels=1024) for k in range(count)]
     # The depth of the nodes' own publishers, no deeper: a recorder that stalls loses some.

@@ -1,4 +1,4 @@
-"""Replays over the graph, and the way of a recording whose recorder was killed."""
+"""Replays over the graph, and recovery of a killed recorder's recording."""
 
 from __future__ import annotations
 

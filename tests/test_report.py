@@ -1,4 +1,4 @@
-"""A report opens without a network, plays, and shows nothing but what was recorded."""
+"""A report opens without a network, plays, and shows only recorded values."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sample() -> ReportedRun:
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of the sample and of a copy whose texts try to be markup, by the command."""
+    """The page of the sample and of a copy whose texts contain markup."""
     folder = tmp_path_factory.mktemp("report")
     copy = folder / FOLDER
     shutil.copytree(SAMPLE, copy)
@@ -62,7 +62,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def opened(browser: Chromium, page: Path) -> Iterator[Chromium]:
-    """The page just opened; whatever a test does, no request leaves and nothing goes wrong."""
+    """The opened page; no request may leave it, and no error may occur."""
     browser.show(1280, 900)
     browser.open(page)
     yield browser
@@ -79,13 +79,13 @@ def number(text: str) -> float:
 
 
 def legend(browser: Chromium, plot: str) -> list[float]:
-    """Return the values that a plot shows for the run in front."""
+    """Return the values in the legend of a plot for the front run."""
     shown = f"[...document.querySelectorAll('#plot-{plot} .value')].map(e => e.textContent)"
     return [number(text) for text in browser.run(shown)]
 
 
 def cursors(browser: Chromium) -> list[float]:
-    """Return how far along its axis each plot's cursor stands, 0 to 1."""
+    """Return the position of each plot's cursor along its axis, 0 to 1."""
     found: list[float] = browser.run(
         "[...document.querySelectorAll('.curves')].map(box => {"
         "const [b, c] = [box, box.querySelector('.cursor')].map(e => e.getBoundingClientRect());"
@@ -95,7 +95,7 @@ def cursors(browser: Chromium) -> list[float]:
 
 
 def pictures(browser: Chromium) -> list[str]:
-    """Return all that is drawn, as texts to compare."""
+    """Return all drawn elements as texts for comparison."""
     drawn = "[...document.querySelectorAll('canvas')].map(canvas => canvas.toDataURL())"
     found: list[str] = browser.run(drawn)
     return found
@@ -284,7 +284,7 @@ def test_it_can_be_read_on_a_phone_by_day_and_night(
 
 
 def lasting(history: RunHistory, stamps: int) -> RunHistory:
-    """Return a history of as many stamps, its values repeated."""
+    """Return a history with this number of stamps and repeated values."""
     longer: dict[str, Any] = {
         field.name: np.resize(array, (stamps, *array.shape[1:]))
         for field in dataclasses.fields(history)

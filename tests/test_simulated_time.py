@@ -25,7 +25,7 @@ SPEAKERS = ("brake_assist", "linescan_odometry")
 
 
 class Listener(Bystander):
-    """Counts what each node says of itself."""
+    """Counts the status messages of each node."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("listener", domain)
@@ -39,7 +39,7 @@ class Listener(Bystander):
         return f"messages of {self.counts}"
 
     def wait_for_all(self) -> None:
-        """Wait for two more messages of each."""
+        """Wait for two more status messages of each node."""
         wanted = {name: count + 2 for name, count in self.counts.items()}
         self.wait(lambda: all(self.counts[name] >= wanted[name] for name in SPEAKERS))
 

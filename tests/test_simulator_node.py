@@ -30,7 +30,7 @@ from omni_ros.qos import RELIABLE
 
 
 class Assistant(Bystander):
-    """An assistant that lets every brake go."""
+    """An assistant that releases every brake."""
 
     def __init__(self, domain: int, wheels: tuple[str, ...], process: RunningProcess) -> None:
         super().__init__("brake_assist", domain)
@@ -54,7 +54,7 @@ class Assistant(Bystander):
 
 @pytest.fixture
 def assistant(tmp_path: Path) -> Iterator[Assistant]:
-    """A simulator in real time, in a domain of its own; 10 m/s, and the pedal is down soon."""
+    """A simulator in real time, in a separate domain, at 10 m/s just before braking."""
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line",
         "assisted",
@@ -93,7 +93,7 @@ def test_a_subscriber_with_a_deadline_is_notified_of_a_simulator_that_hangs(tmp_
 
 
 class Valve(Bystander):
-    """Asks for a pedal every half second at least, and counts what does not come."""
+    """Requests a pedal message at least every half second, and counts missed deadlines."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("valve", domain)

@@ -1,4 +1,4 @@
-"""The standard experiment over real processes: what it shows and what it leaves behind."""
+"""The standard experiment over processes: results and written files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_assisted_keeps_its_line(straight_line: FinishedRun, quantity: str) -> N
 
 @pytest.fixture(scope="module")
 def weighting_zero(run_experiment: RunExperiment) -> FinishedRun:
-    """The assisted run with another weighting, and the sideslip of what would be a nose wheel."""
+    """The assisted run with another weighting, and the sideslip angle of a virtual front wheel."""
     wheel = {"sensor": "front", "x": 0.6, "y": 0.0}
     sets = [f"--set=odometry.sideslip.nose.{key}={value}" for key, value in wheel.items()]
     return run_experiment("small_stop", "--set=brake_assist.weighting=zero", *sets)
@@ -75,7 +75,7 @@ def test_sideslip_is_published_with_every_twist(weighting_zero: FinishedRun) -> 
 def test_assisted_errors_are_smaller_by_a_factor_of_five_on_cameras(
     straight_line: FinishedRun,
 ) -> None:
-    """Section 3.6.1: the distance from the sliding manifold, Figures 31 and 32."""
+    """Section 3.6.1: errors relative to the sliding manifold, Figures 31 and 32."""
     largest = {}
     for variant in VARIANTS:
         error = read_run(straight_line.folder / variant).error
@@ -102,7 +102,7 @@ def test_one_process_gives_the_same_bits(
 def test_noisy_velocity_sensor_gives_the_same_bits_too(
     run_experiment: RunExperiment, library: ExperimentLibrary
 ) -> None:
-    """The dissertation's feedback, Eqs. (60) and (61), while the odometry only looks on."""
+    """The dissertation's feedback, Eqs. (60) and (61); the odometry runs without being used."""
     overrides = (
         "feedback=velocity_sensor",
         "velocity_sensor.linear_noise=0.15",
@@ -148,7 +148,7 @@ def test_every_topic_is_recorded_without_loss(straight_line: FinishedRun, varian
 
 
 def test_the_diagnostics_of_a_node_are_recorded_bit_for_bit(straight_line: FinishedRun) -> None:
-    """With zeros where CDR is aligned, so that two runs can be compared byte by byte."""
+    """Padding of CDR is zero, so that recordings of two runs can be compared byte by byte."""
     with AnyReader([straight_line.folder / "assisted"]) as reader:
         connections = [c for c in reader.connections if c.topic == "/diagnostics"]
         recorded = [bytes(data) for _, _, data in reader.messages(connections)]

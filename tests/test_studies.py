@@ -1,4 +1,4 @@
-"""The studies as a user calls them."""
+"""The studies, started like by a user."""
 
 from __future__ import annotations
 

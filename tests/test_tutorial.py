@@ -1,4 +1,4 @@
-"""Every command of the tutorials works for someone who has nothing but a measuring tape."""
+"""All commands of the tutorials work with values from a measuring tape."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TUTORIALS = sorted((WORKSPACE / "docs/tutorials").glob("*.md"))
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Return the commands of a page, as words behind ``./omni``."""
+    """Return the commands of a page as words after ``./omni``."""
     blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     lines = [line for block in blocks for line in block.splitlines() if line]
     assert all(line.startswith("./omni ") for line in lines), page.name
@@ -28,7 +28,7 @@ def commands(page: Path) -> list[list[str]]:
 
 
 def picture_of_a_floor() -> Image.Image:
-    """Speckles of 1 to 2 mm with uneven light, as a camera sees a floor."""
+    """Picture of a floor: speckles of 1 to 2 mm with uneven light."""
     rng = np.random.default_rng(3)
     speckles = Image.fromarray(rng.integers(40, 220, (200, 280), dtype=np.uint8))
     picture = np.asarray(speckles.resize((2800, 2000), Image.Resampling.BICUBIC), dtype=np.float64)
@@ -38,7 +38,7 @@ def picture_of_a_floor() -> Image.Image:
 
 
 def forces_of_a_tire(path: Path) -> None:
-    """Write what a rig measures of a small wheel of fading friction: 40 to 140 N, with noise."""
+    """Write forces of a small wheel at loads of 40 to 140 N, with noise."""
     rng = np.random.default_rng(7)
     slip, load = rng.uniform(-0.8, 0.8, 300), rng.choice([40.0, 90.0, 140.0], 300)
     force = 0.8 * load * np.sin(1.5 * np.arctan(12.0 * slip)) + rng.normal(0.0, 1.0, 300)

@@ -1,4 +1,4 @@
-"""Any source of a twist arrives as the assistant takes it, or not at all."""
+"""A twist from any source is converted to the assistant's message, or not published."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TWIST = np.array([1.2, -0.3, 0.5])
 
 
 class Vehicle(Bystander):
-    """An odometry of best effort, and the assistant's side."""
+    """An odometry that publishes with best effort, and a subscriber like the assistant."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("vehicle", domain)

@@ -27,7 +27,7 @@ SHARED = {"/clock", "/diagnostics", "/parameter_events", "/rosout"}
 
 
 class Onlooker(Bystander):
-    """Hears the time, and where the vehicles say that they are."""
+    """Receives the time and the poses of the vehicles."""
 
     def __init__(self, domain: int) -> None:
         super().__init__("onlooker", domain)
@@ -50,7 +50,7 @@ class Onlooker(Bystander):
 
 @pytest.fixture
 def onlooker(tmp_path: Path) -> Iterator[Onlooker]:
-    """Two simulators of the same vehicle, one after the other, and who looks on."""
+    """Two simulators of the same vehicle, started one after the other, and an observer."""
     overrides = ["feedback=velocity_sensor", "simulation.render_lines=false"]
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line", "assisted", overrides

@@ -1,4 +1,4 @@
-"""What viewers are set up to show is what a run records."""
+"""The viewer configurations show topics that a run records."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TOPIC_KEYS = {"imageTopic", "topicToRender"}
 
 
 def topic_paths(document: Any) -> Iterator[str]:
-    """Return what the panels of a Foxglove layout read, such as ``/topic.field[0].part``."""
+    """Return the paths that a layout's panels read, such as ``/topic.field[0].part``."""
     if isinstance(document, dict):
         for key, value in document.items():
             if key in _TOPIC_KEYS or (key == "value" and isinstance(value, str)):

@@ -31,8 +31,8 @@ def _profile(
     """Return noise-free gray levels of lines whose first pixel starts at `positions` [px].
 
     The ground is white noise smoothed by a Gaussian of standard deviation `grain` [px]. The
-    running sum, interpolated linearly, is its exact integral, so that a pixel's value is exact
-    wherever it lies.
+    running sum, interpolated linearly, is its exact integral, so that the value of a pixel is exact
+    at any position.
     """
     starts = np.asarray(positions, dtype=np.float64)
     if starts.min() < FIRST or starts.max() + pixels > FIRST + LENGTH:
@@ -51,7 +51,7 @@ def _expose(
     noise_seed: int = 2,
     dtype: Any = np.uint8,
 ) -> Any:
-    """Return the same as a camera would, with noise [gray levels of 8 bit] and quantization."""
+    """Return lines of the ground with noise [gray levels of 8 bit] and quantization."""
     levels = _profile(positions, pixels, grain=grain, seed=seed)
     levels = levels + noise * np.random.default_rng(noise_seed).standard_normal(levels.shape)
     full = np.iinfo(dtype).max

@@ -1,4 +1,4 @@
-"""Batches of the same time form a group; a camera that stops sending delays others only briefly."""
+"""Batches of equal time form a group; a missing camera delays the others only briefly."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def arrivals(draw: st.DrawFn) -> list[tuple[str, int]]:
 
 @given(arrivals(), st.integers(-4_000_000, 0))
 def test_whatever_the_order_the_groups_are_whole(order: list[tuple[str, int]], skew: int) -> None:
-    """Other line rates put the newest line of a batch elsewhere; they still belong together."""
+    """With other line rates, batches end at other times but belong to the same group."""
     subject = collector()
     groups = []
     for name, index in order:

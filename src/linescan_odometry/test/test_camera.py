@@ -1,4 +1,4 @@
-"""Frames of cameras to lines: what is taken, when it was taken, and what was lost."""
+"""Conversion of camera frames to lines: selected rows, stamps and lost frames."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_a_frame_of_another_shape_is_named() -> None:
 
 
 def times(count: int, rate: float, jitter: float, lost: tuple[int, ...] = ()) -> Iterator[int]:
-    """Yield when frames arrive: late by up to a share of the period, some of them never."""
+    """Yield arrival times of frames, late by up to a share of the period; some frames are lost."""
     late = np.random.default_rng(1).uniform(0.0, jitter, count)
     for k in range(count):
         if k not in lost:
@@ -168,7 +168,7 @@ def test_an_array_plays_its_pictures(tmp_path: Path) -> None:
 
 
 class Unplugged:
-    """What OpenCV makes of a device that delivers three gray frames and is then pulled out."""
+    """Stand-in for OpenCV with a device that delivers three gray frames and is then unplugged."""
 
     CAP_V4L2, CAP_ANY = 200, 0
     CAP_PROP_FOURCC, CAP_PROP_CONVERT_RGB, CAP_PROP_FPS = 6, 16, 5
@@ -245,7 +245,7 @@ def test_a_video_gives_its_frames(tmp_path: Path) -> None:
 
 
 def test_a_camera_of_genicam_is_read_by_a_producer() -> None:
-    """Viky, the simulated cameras that come with the GenICam wheel: a true GenTL producer."""
+    """The simulated cameras Viky of the GenICam wheel have a real GenTL producer."""
     pytest.importorskip("harvesters", reason="needs requirements/genicam.lock")
     genicam = pytest.importorskip("genicam")
     producer = Path(genicam.__file__).with_name("viky.cti")

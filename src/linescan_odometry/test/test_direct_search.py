@@ -1,4 +1,4 @@
-"""Every metric finds what scipy finds at every shift; windows and priors follow the motion."""
+"""Every metric finds the minima that scipy finds; window and prior follow the motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow sensors: two velocities of a place, alone and beside line cameras."""
+"""Flow sensors measure two velocities at their position, alone or together with line cameras."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_two_flow_sensors_measure_the_twist_without_any_camera() -> None:
 
 @pytest.mark.parametrize("calibrated", [False, True])
 def test_the_covariance_is_that_of_the_errors(calibrated: bool) -> None:
-    """Correlated noise, and one error of scale, axis and place for both velocities of a sensor."""
+    """Each sensor has correlated noise, and one scale, axis and position error."""
     errors = {"scale_error": 0.02, "heading_error_deg": 1.0, "lever_error": 0.01}
     flows = only(*CORNERS, **(errors if calibrated else {}))
     solver, matrix = TwistSolver(flows, 0.02), sensor_matrix(flows)
@@ -116,7 +116,7 @@ def test_four_isolate_the_faulty_one(faulty: str, error: tuple[float, float]) ->
 
 
 def test_two_that_contradict_each_other_enlarge_the_covariance() -> None:
-    """They do where they come closer to each other, which no body does."""
+    """The two sensors measure velocities at which they would approach each other."""
     flows = only("front", "left")
     cos, sin = np.cos(np.radians(10.0)), np.sin(np.radians(10.0))
     wrong = np.array(((cos, sin), (-sin, cos))) @ (0.9, -0.4)  # away from each other
@@ -129,7 +129,7 @@ def test_two_that_contradict_each_other_enlarge_the_covariance() -> None:
 
 @pytest.mark.parametrize("seed", range(40))
 def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int) -> None:
-    """Some errors of two components look like those of another sensor: then none is excluded."""
+    """Some errors of two components equal those of another sensor; none is then excluded."""
     random = np.random.default_rng(seed)
     flows = only("front", "left", "right")
     faulty = str(random.choice(list(flows)))
@@ -220,7 +220,7 @@ def test_lines_under_the_name_of_a_flow_sensor_are_refused() -> None:
 def groups_of(
     rate: float, phase_ns: int, *, flow_first: bool, until: int = 10
 ) -> list[tuple[int, int | None]]:
-    """Return the stamps of camera and flow sensor in each group of a second of both."""
+    """Return the stamps of camera and flow sensor in each group of one second."""
     subject = BatchCollector(("camera",), 0.005, {"flow": rate})
     flow_ns = round(1e9 / rate)
     events = [(i * PERIOD_NS, 1 - flow_first, "camera") for i in range(until)]
@@ -249,7 +249,7 @@ def groups_of(
 @pytest.mark.parametrize("rate", [20.0, 50.0, 100.0, 200.0])
 @pytest.mark.parametrize("phase_ns", [0, 3_000_000, -3_000_000])
 def test_a_flow_sensor_follows_the_cameras_at_its_own_rate(rate: float, phase_ns: int) -> None:
-    """Every group has the measurement of its time, if there is one, in any order of arrival."""
+    """Every group contains the measurement of its time, in any order of arrival."""
     first = groups_of(rate, phase_ns, flow_first=True)
     second = groups_of(rate, phase_ns, flow_first=False)
     both = min(len(first), len(second))

@@ -1,4 +1,4 @@
-"""The examples of the README run as they stand, without ROS, and measure the motion they say."""
+"""The examples of the README run without changes and without ROS, and measure the given motion."""
 
 from __future__ import annotations
 

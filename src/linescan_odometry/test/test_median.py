@@ -1,4 +1,4 @@
-"""Point errors are left out and the rest is averaged without bias (section 4.6)."""
+"""Single wrong displacements are excluded, and the others averaged (section 4.6)."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ Ground = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
 def random_rows(count: int) -> Ground:
-    """An ordinary ground: what the camera sees at each row, the mean over its width."""
+    """Rows of an ordinary ground: mean gray levels over the camera's width at each position."""
     generator = np.random.default_rng(4)
     rows = gaussian_filter1d(generator.normal(0.0, 1.0, (count, PIXELS)), 2.0, axis=1)
     seen = uniform_filter1d(rows, ROWS, axis=0, mode="wrap")
@@ -33,14 +33,14 @@ def random_rows(count: int) -> Ground:
 
 
 def stripes(row: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Stripes across the way, as seen along them: every row is the same."""
+    """Rows of a ground with stripes along the motion: all rows are equal."""
     line = gaussian_filter1d(np.random.default_rng(5).normal(0.0, 60.0, PIXELS), 2.0)
     ground: NDArray[np.float64] = np.tile(128.0 + line, (len(row), 1))
     return ground
 
 
 def readings_over(ground: Ground, way: NDArray[np.float64]) -> Iterator[SensorReading]:
-    """Yield the reading of each batch of a path across the axis [m], a value for each line."""
+    """Yield the reading of each batch along a path across the axis [m], one position per line."""
     keyframe, oblique = Keyframe(PIXELS), ObliqueTextures({"eye": CAMERA})
     noise = np.random.default_rng(6)
     seen = ground(np.rint(way / LINE_PITCH).astype(np.int64))

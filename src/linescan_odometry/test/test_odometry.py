@@ -1,4 +1,4 @@
-"""Batches of lines in, twist out: chain, filter, faults."""
+"""Odometry from line batches to twist: chain of lines, filter, faults."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PERIOD_NS = 1e9 / RATE
 
 
 def placement(pixels: int = 256) -> dict[str, LineSensor]:
-    """Three sensors on a circle, tangential, with a pixel pitch of 1/20 mm."""
+    """Three tangential sensors on a circle, with a pixel pitch of 1/20 mm."""
     return {
         name: LineSensor(
             x=0.6 * math.cos(angle),
@@ -247,7 +247,7 @@ def test_creeping_survives_a_wrong_line_at_the_end(expose: Expose) -> None:
 
 @pytest.mark.parametrize(("method", "least"), [("pairs", 0.3), ("joint", 0.0)])
 def test_sideways_motion_has_a_consistent_variance(method: str, least: float) -> None:
-    """Texture enters and leaves across the axis: 20 % of the width with every line."""
+    """In motion across the axis, 20 % of the width is new ground in every line."""
     generator = np.random.default_rng(13)
     score = []
     for trial in range(40):

@@ -1,4 +1,4 @@
-"""What the platform cannot have done since the last measurement is no displacement."""
+"""Displacements that the platform cannot have made since the last measurement are rejected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twists add up to the pose that geometry says, and to the spread that samples have."""
+"""Integrated twists give the pose in closed form, and a covariance that agrees with samples."""
 
 from __future__ import annotations
 

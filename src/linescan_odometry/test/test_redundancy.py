@@ -1,4 +1,4 @@
-"""More sensors than unknowns: a faulty one is isolated, or the covariance grows."""
+"""With more sensors than unknowns, a faulty one is isolated or the covariance grows."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PITCH, RATE = 5e-5, 2500.0
 
 
 def ring(count: int) -> dict[str, LineSensor]:
-    """Sensors on a circle, alternately turned from tangential."""
+    """Sensors on a circle whose axes deviate alternately from the tangent."""
     angles = [2.0 * math.pi * i / count for i in range(count)]
     return {
         f"s{i}": LineSensor(
@@ -40,7 +40,7 @@ def ring(count: int) -> dict[str, LineSensor]:
 def drive(
     expose: Expose, count: int, wrong: dict[str, float], **changes: Any
 ) -> tuple[TwistEstimate, np.ndarray[Any, Any]]:
-    """Drive at constant twist; some sensors see a velocity [m/s] that is not that of the ground."""
+    """Drive at constant twist; some sensors measure a velocity [m/s] other than the ground's."""
     sensors = ring(count)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors, **changes))
     batches = {}

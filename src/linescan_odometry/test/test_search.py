@@ -1,4 +1,4 @@
-"""The full search finds what a direct evaluation of the definition finds."""
+"""The full search finds the same shift as a direct evaluation of the definition."""
 
 from __future__ import annotations
 

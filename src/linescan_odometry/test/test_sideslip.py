@@ -1,4 +1,4 @@
-"""Sideslip of a wheel: the angle, its deviation, and where there is none."""
+"""Sideslip of a wheel: angle, standard deviation, and cases without a measurement."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_deviation_is_the_scatter_of_the_angle(twist: Any) -> None:
 
 
 def test_with_a_twist_the_errors_of_the_camera_count_once() -> None:
-    """Three sensors determine the twist: the camera's error is in the yaw rate and v_y too."""
+    """With three sensors, the camera's error also affects the yaw rate and v_y."""
     sensors = SENSORS | {"side": sensor(0.75, 0.55, 140.0)}
     wheel = dataclasses.replace(WHEEL, steering_deg=25.0)  # relative to the camera
     solver = TwistSolver(sensors, 0.02)
@@ -120,7 +120,7 @@ def test_with_a_twist_the_errors_of_the_camera_count_once() -> None:
 
 @pytest.mark.parametrize("wrong", ["side", "rear", "left", "right"])
 def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None:
-    """Four sensors see that one is wrong, not which one: it may be the wheel's own."""
+    """Four sensors detect that one is faulty, but not which one it is."""
     sensors = {
         "side": sensor(0.7, 0.5, 90.0),
         "rear": sensor(-0.5, 0.5, 90.0),
@@ -233,7 +233,7 @@ def test_cameras_that_do_not_see_the_slide_are_refused(
 def test_a_camera_may_be_misaligned_with_the_axis_by_30_deg(
     skew_deg: float, steering_deg: float
 ) -> None:
-    """The heading is exact, what sine and arcsine make of it is not."""
+    """The heading is exact; sine and arcsine round it."""
     wheel = dataclasses.replace(WHEEL, steering_deg=steering_deg)
     WheelSideslip(wheel, sensor(0.6, 0.5, 90.0 + steering_deg + skew_deg))
 

@@ -1,4 +1,4 @@
-"""Sub-pixel displacement against the Cramer-Rao bound, which no unbiased estimator beats."""
+"""Errors of sub-pixel displacements compared with the Cramer-Rao bound."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ def cramer_rao_bound(
 ) -> float:
     """Return the smallest variance of the displacement between two noisy lines [px^2].
 
-    Both lines are noisy and the texture is unknown, so that the bound is twice that of a known
-    texture. The gradient is that of the noise-free line over the overlap; quantization adds 1/12
+    Both lines are noisy and the texture is unknown, so the bound is twice that of a known texture. The gradient is that of the noise-free line over the overlap; quantization adds 1/12
     to the noise.
     """
     step = 0.01

@@ -1,4 +1,4 @@
-"""Sensor velocities to body twist: exact, with a consistent covariance, from enough sensors."""
+"""Body twist from sensor velocities: exact, with a consistent covariance, from enough sensors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TWIST = np.array([9.0, -2.0, 0.7])
 def ring(
     count: int, turn_deg: float = 90.0, radius: float = 0.6, x: float = 0.0
 ) -> dict[str, LineSensor]:
-    """Sensors on a circle, turned from radial; 90 deg is tangential."""
+    """Sensors on a circle, with axes rotated from the radial direction; 90 deg is tangential."""
     angles = [2.0 * math.pi * i / count for i in range(count)]
     return {
         f"s{i}": LineSensor(
@@ -31,7 +31,7 @@ def ring(
 
 
 def velocities(sensors: dict[str, LineSensor]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """What rigid-body motion gives along each axis, from the position of each sensor."""
+    """Velocities along the sensor axes in rigid-body motion."""
     result = []
     for sensor in sensors.values():
         v_x = TWIST[0] - TWIST[2] * sensor.y

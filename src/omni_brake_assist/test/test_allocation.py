@@ -1,4 +1,4 @@
-"""Sharing the braking between the wheels: the solver, the model of a wheel, the law's decisions."""
+"""Law `allocation`: solver, wheel model and decisions."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""The monitor of the brakes against wheels of which one rolls though its brake should act."""
+"""The brake monitor with wheels of which one rolls although its brake should act."""
 
 import dataclasses
 
@@ -81,7 +81,7 @@ def test_a_brake_whose_wheel_keeps_rolling_has_failed(
 def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     configuration: BrakeAssistConfiguration,
 ) -> None:
-    """A law of shares asks ever more of it and lets go of the others for the heading."""
+    """A law of proportional brakes demands more and more from it and releases the others."""
     slips, told = np.array([0.01, 0.3, 0.0, 0.0]), np.array([1.0, 0.2, 0.0, 0.0])
     wheel, time = found(constants_of(configuration), slips, told)
     assert wheel == 0
@@ -109,7 +109,7 @@ def test_a_brake_that_may_well_act_is_not_reported_as_failed(
 
 
 class LeftWheels:
-    """A law from outside that brakes on the left."""
+    """A user's law that brakes on the left."""
 
     def __init__(self, *_parts: object) -> None:
         pass

@@ -1,7 +1,7 @@
-"""The assistant brakes a minimal vehicle: a planar rigid body on Coulomb friction.
+"""The assistant brakes a minimal vehicle: a planar rigid body with Coulomb friction.
 
-A braked wheel locks at once and rubs with ``mu N`` along its active direction, a released one is
-free at once: harder to control than a real wheel, whose inertia smooths the switching.
+A braked wheel locks at once and slides with ``mu N`` along its active direction, and a released one
+rolls freely at once. Real wheels are easier to control, because their inertia smooths the switching.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Vehicle:
 
 @dataclasses.dataclass(frozen=True)
 class Stop:
-    """How a vehicle came to rest."""
+    """Result of a stop."""
 
     orientation_change: float  # [deg]
     lateral_deviation: float  # [m]
@@ -104,7 +104,7 @@ def brake(
     measure: Callable[[FloatArray, int], TwistSample | None] | None = None,
     **settings: Any,
 ) -> Stop:
-    """Brake until the vehicle stands, at the latest for 10 s."""
+    """Brake until the vehicle is at rest, for at most 10 s."""
     vehicle = Vehicle(wheels, load, radius_of_gyration, np.array(velocity))
     # The vehicle has neither wheel speeds nor an IMU: the law and the gate alone are tried.
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, fault_detection=False, **settings))
@@ -152,7 +152,7 @@ OFF: dict[str, Any] = {"enabled": False}
 
 @pytest.fixture(scope="module")
 def straight(mecanum: Wheels) -> Callable[..., Stop]:
-    """Straight braking from 10 m/s with the load front left; the plain variants run once."""
+    """Straight braking from 10 m/s with the load at the front left."""
     return functools.partial(brake, mecanum, (10.0, 0.0), load=FRONT_LEFT)
 
 
@@ -188,7 +188,7 @@ def test_smaller_k_trades_orientation_for_distance(straight: Callable[..., Stop]
 
 
 def test_turning_is_learned_from_a_noisy_biased_sensor(straight: Callable[..., Stop]) -> None:
-    """Eqs. (60), (61) with the offsets of Figure 39 and a share of noise of 15 %."""
+    """The sensor has the offsets of Figure 39 and noise of 15 %, Eqs. (60), (61)."""
     rng = np.random.default_rng(4)
 
     def noisy(twist: FloatArray, stamp_ns: int) -> TwistSample:

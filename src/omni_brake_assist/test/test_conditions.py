@@ -1,4 +1,4 @@
-"""The table of conditions against its readers."""
+"""The table of conditions agrees with the kernels and pages that use it."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The monitor of the effect against stops whose loss of speed is known."""
+"""The effect monitor with stops of known loss of speed."""
 
 import numpy as np
 import pytest
@@ -48,16 +48,16 @@ def trip_time(
     released: bool = True,
     rolls: int = WHEELS,
 ) -> float:
-    """Return when the monitor puts all brakes on in a stop of two phases, never: inf.
+    """Return when the monitor puts all brakes on in a stop of two phases; inf for never.
 
     Args:
-        constants: of the vehicle.
+        constants: constants of the vehicle.
         first: loss of speed during the first half second [m/s^2].
         later: loss of speed from then on [m/s^2].
-        pedal: in either phase [1].
-        imu: whether there is one.
+        pedal: position of the pedal in both phases [1].
+        imu: whether the vehicle has an IMU.
         released: whether a brake is released.
-        rolls: number of wheels that roll, the others stand.
+        rolls: number of wheels that roll; the others are locked.
     """
     ledger, speed = effect_memory(), START
     roll = np.where(np.arange(WHEELS) < rolls, 1.0, 0.0) / constants.roll

@@ -1,4 +1,4 @@
-"""Every way to lose trust: all brakes on, a state, a reason with value and limit, recovery."""
+"""Every cause of a fail-safe state: all brakes on, state, reason with value and limit, recovery."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def test_without_a_valid_twist_at_the_pedal_the_first_valid_one_sets_the_line(
 
 
 def test_heading_is_carried_across_a_short_fault(mecanum: Wheels) -> None:
-    """0.1 s of silence at 1 rad/s must not turn the line with the body."""
+    """During 0.1 s without messages at 1 rad/s, the line must not rotate with the body."""
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     drift = []
     for step in range(40):

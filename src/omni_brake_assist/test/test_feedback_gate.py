@@ -1,4 +1,4 @@
-"""The gate of the feedback: which twists are accepted, and when after a rejected one."""
+"""Gate of the feedback: accepted twists, and recovery after a rejected one."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_confidence_looks_at_the_worst_direction(mecanum: Wheels) -> None:
 
 
 def test_fast_turning_is_no_acceleration(mecanum: Wheels) -> None:
-    """Constant velocity in the world with 8 rad/s turns by 80 m/s^2 in the body frame."""
+    """A constant velocity in the world at 8 rad/s changes by 80 m/s^2 in the body frame."""
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, speed_noise=0.0))
     for step in range(50):
         heading = 8.0 * step * 0.01
@@ -147,7 +147,7 @@ def test_constant_twist_is_accepted_where_nothing_must_change(
 
 
 def test_time_without_change_counts_from_the_pedal(mecanum: Wheels) -> None:
-    """A vehicle that rolled steadily for a second has not been frozen when braking starts."""
+    """A vehicle that rolled steadily for a second is not treated as frozen when braking starts."""
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, frozen_time=0.2))
     for step in range(100):
         assist.update(demand(step, pedal=0.0, speed=10.0))
@@ -162,7 +162,7 @@ def test_outlier_is_not_what_the_next_feedback_is_compared_with(mecanum: Wheels)
 
 
 def test_lasting_step_is_accepted_in_the_end(mecanum: Wheels) -> None:
-    """If the last good feedback was the wrong one, good data must not be locked out for ever."""
+    """If the last accepted twist was wrong, correct twists must be accepted after some time."""
     assist = assisting(mecanum)
     states = [assist.update(demand(step, speed=2.0 - 0.01 * step)).state for step in range(5, 45)]
     assert states[0] is AssistState.IMPLAUSIBLE_FEEDBACK

@@ -1,4 +1,4 @@
-"""The filter bank on motions that are known in closed form."""
+"""The filter bank with motions in closed form."""
 
 import math
 from collections.abc import Callable
@@ -34,8 +34,8 @@ PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 class Drive:
     """A vehicle that brakes along the x axis of the world while it begins to turn.
 
-    All sensors are right unless `fault` changes a reading from a step on; the first wheel rolls
-    free while braking.
+    All sensors are fault-free unless `fault` changes a reading from a step on. The first wheel
+    rolls freely while braking.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Drive:
         self.chosen: list[int] = []
 
     def truth(self, step: float) -> tuple[FloatArray, float, float]:
-        """Return the body twist, the yaw and the deceleration."""
+        """Return the body twist, the yaw and the deceleration at a step."""
         time = max(step - PEDAL, 0.0) * PERIOD_NS / 1e9
         speed, yaw = START - BRAKE * time, 0.5 * TURN * time**2
         rate = TURN * time
@@ -65,7 +65,7 @@ class Drive:
         return twist, yaw, BRAKE if step > PEDAL else 0.0
 
     def inertial(self, step: int) -> FloatArray:
-        """Return the yaw rate and the mean specific force of the period at the mounting."""
+        """Return the yaw rate and the mean specific force of the period at the IMU."""
         velocity = []
         for k in (max(step - 1, 0), step):
             twist, yaw, _ = self.truth(k)
@@ -89,7 +89,7 @@ class Drive:
         until: int = 1000,
         hold: int = 1,
     ) -> None:
-        """Run; `late` is the age of the twist in steps, and it is read every `hold` of them."""
+        """Run all steps; the twist is `late` steps old, and each is used for `hold` steps."""
         count = len(self.memory.rim)
         for step in range(steps):
             braking, faulty = step >= PEDAL, onset <= step < until
@@ -133,7 +133,7 @@ class Drive:
 
     @property
     def error(self) -> FloatArray:
-        """What the last answer is wrong by."""
+        """Error of the last estimate."""
         return self.answers[-1] - self.truth(len(self.answers) - 1)[0]
 
 
@@ -232,7 +232,7 @@ def test_a_twist_that_braking_does_not_change_is_isolated(
 def test_a_source_that_recovers_has_left_nothing_behind(
     drive: Drive, fault: str, size: float
 ) -> None:
-    """Filters that used a faulty source for a while start from those that did not."""
+    """Filters that used a faulty source are initialized from filters that did not use it."""
     drive.run(190, fault, onset=70, size=size, until=110)
     assert drive.chosen[-1] == ALL
     errors = [a - drive.truth(i)[0] for i, a in enumerate(drive.answers) if i >= 130]
@@ -258,7 +258,7 @@ def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None
 def test_a_configured_delay_leaves_the_estimate_of_now(
     mecanum: dict[str, WheelMount], delay: float
 ) -> None:
-    """Half a step or many; until the first twist of a known moment wheels measure the motion."""
+    """The delay is half a step or more; until the first twist, the wheels measure the motion."""
     drive = Drive(mecanum, (0.5, -0.3), delay)
     drive.run(180)
     assert set(drive.chosen) == {ALL}
@@ -275,13 +275,13 @@ def test_a_faulty_gyro_is_isolated_beside_a_late_twist(
 
 
 def test_a_small_fault_of_the_accelerometer_does_not_bias_the_estimate(drive: Drive) -> None:
-    """It is too small for isolation; the twist is used without the accelerometer."""
+    """The fault is too small for isolation; the twist is used without the accelerometer."""
     drive.run(180, "force", size=0.8)
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
 def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
-    """The only wheel that rolls is faulty: twist and IMU stay in use."""
+    """The only rolling wheel has a faulty encoder; twist and IMU remain in use."""
     drive.run(180, "wheel", size=3.0)
     assert NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
@@ -322,13 +322,13 @@ def isolated_encoder(
     *,
     seconds: float = 1.0,
 ) -> bool:
-    """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated in the end.
+    """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
 
     Args:
-        mounts: of four wheels.
-        speed: of the first wheel [rad/s], by time [s] and its speed if it rolled [rad/s].
-        released: whether its brake is released.
-        seconds: for which the pedal is down.
+        mounts: mounts of four wheels.
+        speed: speed of the first wheel [rad/s] as a function of time [s] and rolling speed [rad/s].
+        released: whether the brake of this wheel is released.
+        seconds: time for which the pedal is down [s].
     """
     drive = Drive(mounts)
     constants, memory, answer = drive.constants, drive.memory, np.empty(3)
@@ -406,7 +406,7 @@ def test_a_possible_wheel_speed_is_used(
 def test_wheels_contradict_a_fault_that_twist_and_imu_share(
     mecanum: dict[str, WheelMount], within: float
 ) -> None:
-    """The vehicle moves on at 8 m/s; twist and accelerometer say that it stops with 1 g."""
+    """The vehicle moves at 8 m/s while twist and accelerometer report that it stops with 1 g."""
     drive = Drive(mecanum)
     constants, memory, answer = drive.constants, drive.memory, np.empty(3)
     errors = []

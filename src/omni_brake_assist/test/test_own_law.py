@@ -1,4 +1,4 @@
-"""A law from outside stands behind the same fail-safe as the built-in ones."""
+"""A user's law has the same fail-safe as the built-in laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The error functions against hand calculations, physics and symmetry."""
+"""The error functions compared with hand calculations, physics and symmetry."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def unit(angle: float) -> FloatArray:
 
 
 def rotated(wheels: Wheels, degrees: float) -> Wheels:
-    """The same platform, described in axes turned clockwise by an angle."""
+    """Return the same platform in axes rotated clockwise by an angle."""
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return {
         name: dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Which twist answers which demand, in any order of arrival."""
+"""Pairing of twists and demands in any order of arrival."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def twist(stamp_ms: int) -> TwistSample:
 
 @pytest.mark.parametrize("order", [("pedal", "twist"), ("twist", "pedal")])
 def test_a_sample_belongs_to_all_steps_until_the_next(order: tuple[str, ...]) -> None:
-    """A sensor of 40 ms says the same at four steps of 10 ms, and stamps it with its sample."""
+    """A sensor with 40 ms repeats its value and stamp in four steps of 10 ms."""
     pairing = StepPairing(twist_period_ns=40 * MS)
     paired = []
     for step in range(9):

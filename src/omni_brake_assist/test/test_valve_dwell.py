@@ -24,7 +24,7 @@ LEFT_ENABLE, RIGHT_ENABLE = np.array([0.0, 0.0, 1.0, 1.0]), np.array([1.0, 1.0, 
 
 
 class Drive:
-    """Feeds an assistant whose trust is earned, pedal up, step by step."""
+    """Passes steps to an assistant that has received valid twists with the pedal up."""
 
     def __init__(self, wheels: Wheels, dwell: float) -> None:
         self.assist = BrakeAssist(

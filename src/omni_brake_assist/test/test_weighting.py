@@ -1,4 +1,4 @@
-"""The weightings against Figure 28."""
+"""The weightings compared with Figure 28."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a killed recorder leaves is saved to the last chunk; the command says what it did."""
+"""The complete chunks of a killed recorder's file are recovered, and the command reports this."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def clock(k: int) -> bytes:
 
 
 def killed(folder: Path, steps: int, **options: Any) -> Records:
-    """Leave a recording as a killed recorder does and return what was written."""
+    """Leave a recording as a killed recorder does, and return the messages written."""
     writer = Rosbag2Writer(folder, TOPICS, chunk_size=1000, **options)
     messages = [(CLOCK, k * 10**9, clock(k)) for k in range(steps)]
     for topic, stamp_ns, data in messages:

@@ -1,4 +1,4 @@
-"""A command without a result says so in words, by its exit code, and as JSON where asked."""
+"""A command without a result reports this as text, by its exit code, and as JSON if requested."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What bash offers behind ./omni, asked from bash itself."""
+"""Completions of ./omni in bash."""
 
 from __future__ import annotations
 

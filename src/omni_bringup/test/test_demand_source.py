@@ -1,4 +1,4 @@
-"""Whoever stops speaking, for whatever reason, stops the vehicle."""
+"""The vehicle brakes if the source of demands stops sending, for any reason."""
 
 from __future__ import annotations
 

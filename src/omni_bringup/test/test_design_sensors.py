@@ -1,4 +1,4 @@
-"""``./omni design-sensors``: what it writes and prints, and what it refuses."""
+"""``./omni design-sensors``: written files, output and rejected options."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_designed_sensors_measure_in_an_experiment(
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The error of one camera is given, and nothing is drawn."""
+    """The error of one camera is given, and no figure is drawn."""
     speed = np.array([3.0, 0.0])
     rms = np.array([0.002, 0.01])
     given = SensorTrial(SensorError(2e-6, 6e-4), speed, speed[::-1], rms, rms)

@@ -1,4 +1,4 @@
-"""``./omni fit-brakes``: what it writes for a recorded stop, and what it refuses."""
+"""``./omni fit-brakes``: files written for a recorded stop, and rejected recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``./omni fit-tire``: what it writes and prints, what it refuses, and what help costs."""
+"""``./omni fit-tire``: written files, output, rejected data, and imports needed for help."""
 
 from __future__ import annotations
 

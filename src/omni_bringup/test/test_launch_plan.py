@@ -1,4 +1,4 @@
-"""The launch files start what the command line starts; they need no ROS launch to be looked at."""
+"""The launch files start the same nodes as the command line; the test needs no `launch`."""
 
 from __future__ import annotations
 

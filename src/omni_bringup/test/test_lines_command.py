@@ -1,4 +1,4 @@
-"""Files of cameras become recordings that are replayed and looked at, and calibrate the cameras."""
+"""Files of cameras are imported, replayed and drawn, and they calibrate the cameras."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def omni(*arguments: object) -> int:
 
 @pytest.fixture
 def files(tmp_path: Path) -> dict[str, Path]:
-    """Lines of three cameras in motion, as arrays in files."""
+    """Lines of three moving cameras, as arrays in files."""
     sensors = ExperimentLibrary(WORKSPACE / "config").sensors("three_generic")
     cameras = Rig(sensors, ground("cork"), 1.0, 1).array
     poses = poses_at(np.arange(LINES) / 2500.0, np.array([0.1, 0.1, 0.3]), TWIST)

@@ -1,4 +1,4 @@
-"""Processes start through the ament index, and none of them outlives its group."""
+"""Processes are found through the ament index, and none of them outlives its group."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from omni_bringup.graph.process_group import (
 
 @pytest.fixture
 def prefix(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An ament prefix with one package, `toys`, that has Python programs for executables."""
+    """An ament prefix with one package, `toys`, whose executables are Python programs."""
     marker = tmp_path / "share/ament_index/resource_index/packages/toys"
     marker.parent.mkdir(parents=True)
     marker.touch()
@@ -51,7 +51,7 @@ def alive(pid: int) -> bool:
 
 
 def running(pid: int) -> bool:
-    """Whether a process runs, and is not a zombie."""
+    """Return whether a process runs and is not a zombie."""
     try:
         return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""A replay gives what was recorded, and says where it does not."""
+"""A replay reproduces the recorded outputs, and reports differences."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def is_published(message: RecordedMessage) -> bool:
 
 
 def copy(folder: Path, change: Change, *, configured: bool = True) -> Path:
-    """Copy the sample message by message; a change to None leaves a message out."""
+    """Copy the sample message by message; a change to None omits a message."""
     bag = open_bag(SAMPLE)
     messages = [m for m in bag_messages(bag) if is_published(m)]
     channels = {m.channel.topic: m.channel for m in messages}

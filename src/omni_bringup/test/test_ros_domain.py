@@ -1,4 +1,4 @@
-"""Runs at the same time get different domains; the user's choice stands."""
+"""Simultaneous runs get different domains; a domain chosen by the user is kept."""
 
 from __future__ import annotations
 

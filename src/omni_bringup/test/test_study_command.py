@@ -1,4 +1,4 @@
-"""What a study prints, and when it fails."""
+"""Output of a study, and conditions under which it fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table says what the metrics say, on any terminal."""
+"""The table contains the metrics, at any width of the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures show every variant at one scale, with units, and nothing hides anything else."""
+"""Figures show every variant at one scale, with units, and no element covers another."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NAMES = ("unassisted", "assisted", "zero", "cosine", "enhanced_k7")
 
 
 def star(wheels: int) -> dict[str, WheelMount]:
-    """Return wheels around a circle, rolling along it."""
+    """Return wheels on a circle that roll along it."""
     angles = {f"wheel_{index}": math.tau * index / wheels for index in range(wheels)}
     return {
         name: WheelMount(
@@ -202,7 +202,7 @@ def test_both_figures_count_time_from_the_pedal(make_history: MakeHistory) -> No
 
 
 def drawn_chassis(axes: Axes) -> list[FloatArray]:
-    """Return the corners of the snapshots' chassis [m], as drawn, from the first to the last."""
+    """Return the corners of the drawn chassis [m], from the first snapshot to the last."""
     sides = [1.2, 1.6, 1.2, 1.6]
     corners = [
         np.asarray(patch.get_xy())[:4]

@@ -1,4 +1,4 @@
-"""A run survives its bag to the bit, and a bag that is no run is refused in words."""
+"""A recorded run is read back bit for bit, and other recordings are rejected with a sentence."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def odometry(run: RunHistory, k: int) -> Any:
 
 
 def estimate(run: RunHistory, k: int) -> Any:
-    """Return the odometry's message, stamped with its newest line, blind where NaN."""
+    """Return the odometry's message with the stamp of its newest line, unmeasured where NaN."""
     known = bool(run.measured[k])
     return message(
         "geometry_msgs/msg/TwistWithCovarianceStamped",
@@ -146,7 +146,7 @@ def write_bag(
 
 @pytest.fixture
 def run(make_history: MakeHistory) -> RunHistory:
-    """Return a short run in which every array has values of its own."""
+    """Return a short run in which every array has different values."""
     plain = make_history(speed=1.0, brakes_at=0.1, deceleration=5.0, rest=0.1, turn=4.0)
     rng = np.random.default_rng(3)
     shape = plain.enable.shape

@@ -1,4 +1,4 @@
-"""Configuration files with comments hold the values that they were made of."""
+"""Configuration files with comments contain the given values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A driver's demands from a table or a recording, and what the loop makes of them."""
+"""A driver's demands from a table or a recording, and their effect in the loop."""
 
 from __future__ import annotations
 

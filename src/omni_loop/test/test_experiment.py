@@ -138,7 +138,7 @@ def test_a_place_far_away_is_refused_before_the_start(library: ExperimentLibrary
 def test_the_assistant_knows_how_old_the_mean_over_a_batch_is(
     library: ExperimentLibrary, overrides: tuple[str, ...], age: float
 ) -> None:
-    """By half of it, unless an experiment changes it; a velocity sensor measures the present."""
+    """It is half the duration of the batch by default; a velocity sensor has no age."""
     loaded = library.load("small_stop", "assisted", overrides)
     assert loaded.brake_assist.feedback_delay == pytest.approx(age)
 

@@ -1,4 +1,4 @@
-"""Stops with a brake that fails, beside the same stops without the assistant."""
+"""Stops with a failing brake compared with the same stops without the assistant."""
 
 import dataclasses
 from pathlib import Path
@@ -20,7 +20,7 @@ MECANUM = ("rear_left", "front_left", "front_right", "rear_right")
 
 
 def stops(changes: tuple[str, ...], wheel: str, **fails: float) -> tuple[FastRun, FastRun]:
-    """Return a stop on which a brake fails, unassisted and assisted."""
+    """Return the unassisted and the assisted stop with a failing brake."""
     base = LIBRARY.load("straight_line", "assisted", [*BLIND, *changes])
     vehicle = dataclasses.replace(base.vehicle, conditions={wheel: WheelCondition(**fails)})
     unassisted, assisted = (

@@ -1,4 +1,4 @@
-"""The fast loop against the loop of the real cores, bit for bit."""
+"""The fast loop and the loop of the cores give bit-identical results."""
 
 from __future__ import annotations
 

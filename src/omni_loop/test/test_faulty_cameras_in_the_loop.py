@@ -1,4 +1,4 @@
-"""Stops on cameras that see what stands still keep their heading, or brake with every wheel."""
+"""With fixed patterns in the view, stops keep their heading or brake with every wheel."""
 
 from __future__ import annotations
 

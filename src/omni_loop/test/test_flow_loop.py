@@ -1,4 +1,4 @@
-"""The loop closed on flow sensors: they guide a stop alone, beside cameras, and past a failure."""
+"""The loop with flow sensors: alone, together with cameras, and after a failure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 
 
 def turn_of(variant: str, *overrides: str) -> tuple[float, RunHistory]:
-    """Return by how much the vehicle has turned [deg], and the run."""
+    """Return the rotation of the vehicle [deg], and the run."""
     run = run_closed_loop(LIBRARY.load("flow_sensors", variant, overrides))
     return abs(float(np.degrees(run.pose[-1, 2] - run.pose[0, 2]))), run
 

@@ -1,4 +1,4 @@
-"""A ground by a word: a name, a picture with its scale, or a reason why not."""
+"""A ground is given by a name or a picture with its scale; otherwise the reason is reported."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CACHE = TextureCache(Path("/nowhere"))  # pictures are not cached
 
 @pytest.fixture
 def scan(tmp_path: Path) -> Path:
-    """A scan whose name would confuse a reader of YAML."""
+    """A scan whose name contains characters with a meaning in YAML."""
     path = tmp_path / "our: yard, #1.png"
     gray = np.random.default_rng(1).integers(0, 256, (600, 800), np.uint8)
     Image.fromarray(gray).save(path)

@@ -1,4 +1,4 @@
-"""Long campaigns keep their memory: kernels free every array, and a run leaves no cycles."""
+"""Long campaigns do not use more memory: kernels free every array, and runs leave no cycles."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SENSOR = ("feedback=velocity_sensor", "simulation.render_lines=false")
 
 
 def _kept(work: Callable[[], object], times: int) -> int:
-    """Return how many arrays of kernels are still there after repeated work."""
+    """Return the number of arrays of kernels that remain after repeated work."""
     work()  # what is made once is no leak
     _nrt_python.memsys_enable_stats()
     try:

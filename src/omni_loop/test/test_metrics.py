@@ -1,4 +1,4 @@
-"""Metrics against closed forms."""
+"""Metrics compared with closed forms."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_orientation_counts_full_turns_without_sign(make_history: MakeHistory, s
 
 
 def quarter_circle(make_history: MakeHistory, radius: float, direction: int) -> RunHistory:
-    """Return a vehicle that brakes along a quarter of a circle, heading along its path."""
+    """Return a vehicle that brakes along a quarter of a circle and faces along its path."""
     straight = make_history(brakes_at=0.0)
     traveled = straight.pose[:, 0]
     angle = direction * math.pi / 2.0 * traveled / traveled[-1]

@@ -1,4 +1,4 @@
-"""The line-scan odometry on rendered lines against the simulator's truth."""
+"""The line-scan odometry on rendered lines compared with the true motion."""
 
 from __future__ import annotations
 

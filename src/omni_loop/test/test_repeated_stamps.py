@@ -1,4 +1,4 @@
-"""Messages that repeat a stamp, or come at different rates, cost a stop nothing."""
+"""Messages with repeated stamps or different rates do not change a stop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[3] / "config")
 
 
 class Repeating(BrakeAssist):
-    """Is given a share of its demands again, with the same stamp."""
+    """Receives some of its demands twice, with the same stamp."""
 
     share = 0.0
     random = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""A history holds what it is given, and two histories differ only where their bits do."""
+"""A history contains the given values, and two histories differ only in different bits."""
 
 from __future__ import annotations
 

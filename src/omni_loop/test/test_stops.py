@@ -1,4 +1,4 @@
-"""A drive falls into its stops, and its odometry drifts by what it errs."""
+"""A drive is divided into its stops, and the drift of the odometry is the integral of its error."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PERIOD = 0.01  # [s]
 
 
 def drive(*parts: tuple[float, float, float, float], scale: float = 1.0) -> RunHistory:
-    """Return a drive straight on; a part is (duration, speed before, speed after, pedal)."""
+    """Return a straight drive; a part is (duration, speed before, speed after, pedal)."""
     speed = np.concatenate([np.linspace(a, b, round(t / PERIOD)) for t, a, b, _ in parts])
     pedal = np.concatenate([np.full(round(t / PERIOD), p) for t, _, _, p in parts])
     stamps = len(speed)

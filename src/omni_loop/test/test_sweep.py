@@ -1,4 +1,4 @@
-"""A sweep is the runs that it stands for, in a table, a picture and a document."""
+"""A sweep gives the results of its single runs, in a table, a picture and a document."""
 
 from __future__ import annotations
 

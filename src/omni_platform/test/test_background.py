@@ -1,4 +1,4 @@
-"""Work that a second thread does meanwhile."""
+"""Work in a background thread."""
 
 import threading
 from collections.abc import Callable, Iterator

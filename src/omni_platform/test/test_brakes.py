@@ -1,4 +1,4 @@
-"""Typical brakes replace kind and timing of the brakes before them; a power limits the torque."""
+"""Typical brakes replace kind and timing of the brakes; a power limits the torque."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a command line gives is what its options declare, or refused by the option's name."""
+"""Options of a command line are read as declared, or rejected by their name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from omni_platform.configuration import ConfigurationError, parameter
 
 
 class Options(CommandOptions):
-    """Of each kind one."""
+    """One option of each kind."""
 
     bag: Path = option(positional=True, metavar="BAG", description="recording")
     pairs: int = parameter(20, description="pairs of 100 %", minimum=1, maximum=64)

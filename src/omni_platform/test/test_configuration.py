@@ -1,4 +1,4 @@
-"""Configurations refuse by name whatever does not fit, and survive a round trip."""
+"""Configurations reject invalid values by name, and are equal after a round trip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The description of a vehicle says where its wheels and cameras are, and is a tree."""
+"""The URDF of a vehicle contains the positions of wheels and cameras, and is a tree."""
 
 from __future__ import annotations
 

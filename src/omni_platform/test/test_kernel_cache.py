@@ -1,4 +1,4 @@
-"""A kernel is compiled again exactly when something that it is compiled from has changed."""
+"""A kernel is compiled again only if its code or a value used in it has changed."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ for compiled in (kernel.outer, kernel.unrelated, kernel.of_tuple):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with modules, and their kernels compiled."""
+    """Return a folder with modules whose kernels have been compiled."""
     folder = tmp_path_factory.mktemp("modules")
     for name, text in (("kernel", KERNEL), ("shared", SHARED), ("moved", MOVED)):
         (folder / f"{name}.py").write_text(text)
@@ -87,7 +87,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def folder(first: Path) -> Iterator[Path]:
-    """Return the folder with modules and cache as they were at first."""
+    """Return a copy of the folder with modules and cache in their first state."""
     contents = {path: path.read_bytes() for path in first.rglob("*.*")}
     yield first
     for path in set(first.rglob("*.*")) - set(contents):

@@ -1,4 +1,4 @@
-"""What declaring kernels costs a process."""
+"""Imports and time that the declaration of kernels needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinematics against the printed matrices (34), (35), rigid-body motion and each other."""
+"""Kinematics compared with the printed matrices (34), (35) and rigid-body motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ KIWI_RADIUS = 0.5
 
 
 def kiwi_wheel(position_deg: float) -> WheelMount:
-    """A wheel whose axis points outward at the given angle and that rolls clockwise, Eq. (34)."""
+    """A wheel whose axis points outward at an angle and that rolls clockwise, Eq. (34)."""
     angle = math.radians(position_deg)
     return WheelMount(
         x=KIWI_RADIUS * math.cos(angle),

@@ -1,4 +1,4 @@
-"""Classes from outside are found by name, and what is none is refused by name and remedy."""
+"""User classes are found by name; other names are rejected with a remedy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BUILT_IN = ("first", "second")
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A module in the working directory, which is not on the path by itself."""
+    """A module in the working directory, which is not on Python's path."""
     (tmp_path / "parts_in_a_folder.py").write_text(
         "class Part:\n    def act(self): return 1\n\nclass Other: ...\n"
     )

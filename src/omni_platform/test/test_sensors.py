@@ -1,4 +1,4 @@
-"""The sensor matrix gives what a point on a moving rigid body does along an axis."""
+"""The sensor matrix gives the velocity of a point of a rigid body along an axis."""
 
 from __future__ import annotations
 

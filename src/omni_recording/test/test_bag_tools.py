@@ -1,4 +1,4 @@
-"""Recordings are checked, summarised and exported; what is wrong in small is reported."""
+"""Recordings are checked, summarized and exported, and small defects are reported."""
 
 from __future__ import annotations
 

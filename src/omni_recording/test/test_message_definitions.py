@@ -1,4 +1,4 @@
-"""Definitions must be those that other implementations of ROS 2 know."""
+"""Message definitions agree with those of other implementations of ROS 2."""
 
 from __future__ import annotations
 

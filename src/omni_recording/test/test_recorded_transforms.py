@@ -1,4 +1,4 @@
-"""Transforms in a recording place the platform where its odometry says, for any reader."""
+"""Transforms in a recording give the poses of the odometry, for any reader."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def odometry(stamp_ns: int, place: tuple[float, float, float], yaw: float) -> by
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """A recording of two poses, one of them late, and of bytes that are no odometry."""
+    """A recording of two poses, of which one is late, and of a message that is no odometry."""
     transforms = RecordedTransforms(TRUTH, ["front", "left"], [0.65, 0.0, 0.5, 0.0, 0.5, -1.0])
     topics = [RecordedTopic(TRUTH, find_message_definition(ODOMETRY), RecordedQos(10))]
     writer = Rosbag2Writer(tmp_path / "bag", [*topics, *transforms.topics])

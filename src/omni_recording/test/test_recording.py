@@ -1,4 +1,4 @@
-"""Stamps must come from the messages, whatever their byte order."""
+"""Log times are the stamps of the messages, in either byte order."""
 
 from __future__ import annotations
 

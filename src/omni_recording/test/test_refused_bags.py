@@ -1,4 +1,4 @@
-"""Recordings that are damaged, foreign or hostile are refused in one line and little memory."""
+"""Damaged, foreign or malicious recordings are rejected with one line and little memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ END = record(Footer(0, 0, 0)) + MAGIC
 
 
 def refusal(path: Path) -> str:
-    """Return the words with which the tools refuse a recording, a line each."""
+    """Return the messages with which the tools reject a recording, one per tool."""
     words = []
     for tool in (check_bag, lambda p: export_bag(p, p.parent / "out")):
         with pytest.raises(BagError) as raised:

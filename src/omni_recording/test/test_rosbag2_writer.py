@@ -1,4 +1,4 @@
-"""The recording must be a rosbag2 folder for strict readers, and survive whatever happens."""
+"""The recording is a valid rosbag2 folder, and stays readable after any failure."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ Records = list[tuple[str, int, bytes]]
 
 
 def some_messages(count: int, size: int = 500) -> Records:
-    """Return (topic, stamp, payload) of noise; a writer must not care what the bytes mean."""
+    """Return (topic, stamp, payload) with random bytes, which the writer does not interpret."""
     rng = np.random.default_rng(7)
     names = [topic.name for topic in TOPICS]
     return [
@@ -72,7 +72,7 @@ def read_strictly(folder: Path) -> Records:
 
 
 def read_stream(data: bytes) -> tuple[Records, bool]:
-    """Read a recording after a hard stop; return also whether the file is complete."""
+    """Read a recording after a hard stop; also return whether the file is complete."""
     topics: dict[int, str] = {}
     messages: Records = []
     try:
@@ -105,7 +105,7 @@ def information(folder: Path) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def files_limited_to(size: int) -> Iterator[None]:
-    """Let every write beyond a file size [B] fail, as on a full disk."""
+    """Make every write beyond a file size [B] fail, as on a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -116,7 +116,7 @@ def files_limited_to(size: int) -> Iterator[None]:
 
 @contextlib.contextmanager
 def without_privileges() -> Iterator[None]:
-    """Become the user ``nobody`` if the tests run as root, who may write anywhere."""
+    """Change to an unprivileged user if the tests run as root, who may write anywhere."""
     user = os.geteuid()
     if user == 0:
         os.seteuid(65534)

@@ -1,4 +1,4 @@
-"""Flat parameters carry a configuration without loss."""
+"""Flat parameters represent a configuration without loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What goes into a message comes out of it, to the bit and after the wire."""
+"""Values converted to a message and serialized are read back bit for bit."""
 
 from __future__ import annotations
 

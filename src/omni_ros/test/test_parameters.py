@@ -1,4 +1,4 @@
-"""A configuration declared on a real node: values, ranges and refusals by name."""
+"""A configuration declared on a node: values, ranges, and rejection of invalid values by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A node as a process: what it cannot start with is one sentence and exit code 2."""
+"""A node as a process: an invalid configuration gives one sentence and exit code 2."""
 
 from __future__ import annotations
 

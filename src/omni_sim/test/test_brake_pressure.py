@@ -1,4 +1,4 @@
-"""The pressure in the brakes against its closed form, and what it costs a vehicle."""
+"""Brake pressure compared with its closed form, and its effect on a vehicle."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ASKED = 1500.0 * SHARES
 
 
 def brake_torques(pressure: BrakePressure, demand: float, steps: int) -> NDArray[np.float64]:
-    """Return what each brake can exert in each step under a constant demand [N m]."""
+    """Return the available torque of each brake in each step under a constant demand [N m]."""
     set_demand(pressure, demand, SHARES)
     rows = []
     for _ in range(steps):
@@ -74,7 +74,7 @@ def test_a_spring_applied_brake_releases_later_than_it_is_applied(dead_time: flo
 
 @pytest.mark.parametrize("step", [STEP, 0.001])
 def test_impulse_of_a_pulse_is_that_of_the_closed_form(step: float) -> None:
-    """The integral of ``p`` after 0.1 s of demand and 0.1 s without."""
+    """Integral of ``p`` over 0.1 s with a demand and 0.1 s without."""
     pressure = build_brake_pressure(LAG, DEAD, 3, step)
     on, off = 0.1, 0.1
     rows = [brake_torques(pressure, demanded, round(0.1 / step)) for demanded in (1500.0, 0.0)]
@@ -104,7 +104,7 @@ def distance(vehicle: Vehicle, seconds: float = 6.0) -> float:
 def test_late_brakes_lengthen_the_stop_by_the_closed_form(
     forklift: VehicleConfiguration, lag: float, dead: float
 ) -> None:
-    """From ``v`` at a constant deceleration ``a`` of the full torque: ``v (T + t_d) - a T^2/2``."""
+    """From ``v`` with the full deceleration ``a``: ``v (T + t_d) - a T^2/2``."""
     v = 6.0
     at_once = distance(Vehicle(light_brakes(forklift), twist=(v, 0.0, 0.0)))
     a = v**2 / (2.0 * at_once)

@@ -1,4 +1,4 @@
-"""Motion blur, magnification, shading, dirt and noise are what optics and statistics demand."""
+"""Motion blur, magnification, shading, dirt and noise agree with optics and statistics."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def road_plane(
     heading: float = 0.0,
     distance: float = 0.05,
 ) -> RoadPlane:
-    """Return the road plane of any ground; the kernels' `road_plane_at` knows analytic ones."""
+    """Return the road plane of any ground; `road_plane_at` supports analytic grounds only."""
     cos, sin = math.cos(heading), math.sin(heading)
     d_x, d_y = distance * cos, distance * sin
     z, forward, left, up = plane_of_points(
@@ -108,13 +108,13 @@ def test_wheel_that_lies_on_its_side_or_is_buried_is_refused() -> None:
 def static_contact_offset(camber: float, width: float, deflection: float) -> float:
     """Return the sideways offset ``y_Q`` of the static contact point [m], Eq. (7).
 
-    Along ``e_y`` from the geometric contact point: a cambered tire presses most where it is
-    pressed in most.
+    The offset is along ``e_y`` from the geometric contact point. The pressure of a cambered tire
+    is largest where its deflection is largest.
 
     Args:
         camber: ``beta`` [rad].
-        width: ``b`` of the tire [m].
-        deflection: of the tire in the middle of its width, ``Delta z`` [m].
+        width: width ``b`` of the tire [m].
+        deflection: deflection of the tire in the middle of its width, ``Delta z`` [m].
 
     Raises:
         ValueError: the tire does not touch the ground over its whole width, as (7) supposes.

@@ -1,4 +1,4 @@
-"""Flow sensors of the simulator count the way of their places, no more and no less."""
+"""The counts of simulated flow sensors give the path of their positions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_a_steady_turn_is_measured_exactly_by_each_at_its_rate() -> None:
 
 
 def test_no_count_is_lost_and_the_covariance_is_that_of_the_errors() -> None:
-    """The counts add up to the way; each is off by what noise and rounding state."""
+    """The counts add up to the path; the errors agree with noise and rounding."""
     subject, truth = array(resolution=0.002, noise=0.001), (sensor_matrix(SENSORS) @ TWIST)[:2]
     velocities, stated = [], 0.0
     for i in range(1, 801):

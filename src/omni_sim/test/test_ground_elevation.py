@@ -1,4 +1,4 @@
-"""Height of the ground: its parts, their sum, and what is too steep."""
+"""Height of the ground: its parts, their sum, and rejection of steep grounds."""
 
 from __future__ import annotations
 

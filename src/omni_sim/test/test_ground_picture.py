@@ -1,4 +1,4 @@
-"""A user's scan becomes a seamless ground of the right size, or is refused with the reason."""
+"""A user's scan becomes a seamless ground of the right size, or is rejected with the reason."""
 
 from __future__ import annotations
 

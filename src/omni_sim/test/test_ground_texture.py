@@ -1,4 +1,4 @@
-"""Grounds are seamless, repeatable, of physical size, and survive their cache."""
+"""Grounds are seamless, reproducible, of physical size, and unchanged by the cache."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The IMU's message follows REP 145: gravity at rest, and no axis that reads as exact."""
+"""The IMU message follows REP 145: gravity at rest, and a variance for every axis."""
 
 from __future__ import annotations
 

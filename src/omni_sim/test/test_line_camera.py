@@ -1,4 +1,4 @@
-"""Cameras see the ground where they are, with noise that depends on nothing but the line."""
+"""Cameras render the ground below them; the noise depends only on the line number."""
 
 from __future__ import annotations
 

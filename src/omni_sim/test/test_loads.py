@@ -107,7 +107,7 @@ def test_any_vehicle_is_carried_in_balance_by_wheels_that_only_push(
 
 
 def require_carried(position: FloatArray, distance: float, direction: float) -> None:
-    """Require balance on wheels that push, for a zero-moment point at a distance and angle."""
+    """Require balance with positive loads, for a zero-moment point at a distance and an angle."""
     n = len(position)
     z = distance * np.array([math.cos(direction), math.sin(direction)])
     loads, tipping = loads_of(position, z[0], z[1])

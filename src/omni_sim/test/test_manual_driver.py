@@ -1,4 +1,4 @@
-"""Who is silent brakes, and who jerks the stick does not jerk the vehicle."""
+"""Without demands the vehicle brakes; the velocity follows no steps of the stick."""
 
 from __future__ import annotations
 

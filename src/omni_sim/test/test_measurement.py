@@ -41,7 +41,7 @@ def read(
 
 
 def circle(speed: float, rate: float, count: int = 50) -> list[FloatArray]:
-    """A vehicle that drives forward on a circle, base_link at rest in its own axes."""
+    """A vehicle that drives forward on a circle; `base_link` is at rest in the body frame."""
     return [np.array([0.0, 0.0, rate * PERIOD * k, speed, 0.0, rate]) for k in range(count)]
 
 
@@ -98,7 +98,7 @@ def test_perfect_encoders_read_the_speed() -> None:
 def faulty_readings(
     kind: str, channel: str = "encoder", steps: int = 20, **entries: Any
 ) -> FloatArray:
-    """Return what ``(1, 2, 3) + step / 10`` becomes by a fault from 0.1 s on."""
+    """Return the faulty values of ``(1, 2, 3) + step / 10``, with a fault from 0.1 s on."""
     fault = FaultConfiguration(channel=channel, kind=kind, time=0.1, **entries)
     faults, size = build_faults({"fault": fault}, 3), 3
     rows, random = [], np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""Messages of the simulator about itself, read back as a viewer would."""
+"""Messages of the simulator, read back like a viewer does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Overload of the tire model: reported with wheel, load and time, and only where it happens."""
+"""Overload of the tire model is reported with wheel, load and time, and only if it occurs."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ ON, OFF, NO_COMMAND = np.ones(4), np.zeros(4), np.zeros(3)
 
 
 def losing(vehicle: VehicleConfiguration, losses: PassiveLossConfiguration) -> VehicleConfiguration:
-    """Return a vehicle with losses and its load in the middle."""
+    """Return a vehicle with passive losses and its load in the middle."""
     middle = dataclasses.replace(vehicle.load, x=0.0, y=0.0)
     return dataclasses.replace(vehicle, load=middle, passive_losses=losses)
 

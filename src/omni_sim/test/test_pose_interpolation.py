@@ -1,4 +1,4 @@
-"""Interpolated poses meet the path between the physics steps."""
+"""Interpolated poses agree with the path between the physics steps."""
 
 from __future__ import annotations
 

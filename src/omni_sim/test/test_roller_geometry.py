@@ -1,4 +1,4 @@
-"""Geometry of rollers against bodies turned in space, and Eq. (16) against the velocities in it."""
+"""Roller geometry compared with rotated bodies, and Eq. (16) with their velocities."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def wheel(roller_angle_deg: float, heading_deg: float = 0.0, rollers: int = 8) -
 
 
 def turned_roller(geometry: RollerGeometry, gamma: float) -> tuple[FloatArray, FloatArray]:
-    """Return middle and direction of a roller's axis, turned about the wheel axis from lowest."""
+    """Return middle and direction of a roller's axis after rotation about the wheel axis."""
     a = geometry.wheel_axis
     up = np.array([0.0, 0.0, 1.0])
 

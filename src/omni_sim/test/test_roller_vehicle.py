@@ -29,7 +29,7 @@ KINDS: dict[str, dict[str, Any]] = {
 
 @pytest.fixture(params=KINDS)
 def moving_contact(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """What turns a vehicle's configuration into one whose contacts move."""
+    """Overrides with which the contacts of a vehicle move."""
     return KINDS[request.param]
 
 
@@ -37,7 +37,7 @@ def moving_contact(request: pytest.FixtureRequest) -> dict[str, Any]:
 def platform(
     request: pytest.FixtureRequest, forklift: VehicleConfiguration, robot: VehicleConfiguration
 ) -> VehicleConfiguration:
-    """Either platform."""
+    """Each of the two platforms."""
     return forklift if request.param == "mecanum" else robot
 
 

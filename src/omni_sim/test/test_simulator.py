@@ -1,4 +1,4 @@
-"""The machine as a whole: time, lines, sensors and the end of a run."""
+"""The simulator as a whole: time, lines, sensors and the end of a run."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_observing_changes_nothing(textures: TextureCache) -> None:
 
 
 def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCache) -> None:
-    """A pitch a line: driving straight, each line is the one before shifted by one pixel."""
+    """At a speed of one pitch per line, each line is the previous one shifted by a pixel."""
     sensor = dataclasses.replace(SENSORS["left"], line_rate=2500.0)
     speed = sensor.pixel_pitch * sensor.line_rate
     cameras = configuration().camera
@@ -189,7 +189,7 @@ def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
 
 
 def test_tipping_is_reported_and_timed() -> None:
-    """Center of gravity 5 m up, braking at about 6 m/s^2: the moment exceeds that of the weight."""
+    """With the center of gravity 5 m up and 6 m/s^2, the moment exceeds that of the weight."""
     upright = configuration().vehicle
     high = dataclasses.replace(
         upright, load=dataclasses.replace(upright.load, mass=2000.0, height=5.0)

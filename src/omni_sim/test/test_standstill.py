@@ -1,4 +1,4 @@
-"""At rest and through zero: nothing creeps, nothing chatters, and friction is not glue."""
+"""At rest and at the change of sign of the speed: no creep, no chatter, no sticking."""
 
 from __future__ import annotations
 

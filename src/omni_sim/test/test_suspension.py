@@ -1,4 +1,4 @@
-"""A chassis on springs: closed forms of bounce, warp and rough ride, and agreement without them."""
+"""A sprung chassis: closed forms of heave, warp and rough ride; agreement with a rigid one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OFF, ON, STILL = np.zeros(4), np.ones(4), np.zeros(3)
 def sprung(
     vehicle: VehicleConfiguration, stiffness: float = STIFFNESS, damping_ratio: float = 0.3
 ) -> VehicleConfiguration:
-    """Return a vehicle on springs, its center of gravity in the middle of its wheels."""
+    """Return a sprung vehicle with its center of gravity in the middle of its wheels."""
     parts = {
         name: dataclasses.replace(getattr(vehicle, name), x=0.0, y=0.0) for name in ("body", "load")
     }
@@ -69,7 +69,7 @@ def test_it_bounces_with_its_natural_frequency(
 def test_a_wheel_mounted_higher_hands_its_load_to_its_neighbors(
     forklift: VehicleConfiguration,
 ) -> None:
-    """Of four wheels' heights only their warp is opposed: a quarter of c times the height each."""
+    """Only the warp of four mounting heights changes the loads: by a quarter of c times it."""
     height = 0.002
     vehicle = sprung(forklift)
     high = dataclasses.replace(vehicle, conditions={"rear_left": WheelCondition(mounted=height)})
@@ -93,7 +93,7 @@ def test_a_wheel_far_too_high_carries_nothing(forklift: VehicleConfiguration) ->
 def test_braking_moves_the_loads_to_where_they_are_without_springs(
     forklift: VehicleConfiguration,
 ) -> None:
-    """After the nose has dived, loads are those of the zero-moment point, whatever the springs."""
+    """After pitching, the loads are those of the zero-moment point, for any springs."""
     ends = []
     for vehicle in (sprung(forklift), sprung(forklift, 0.0)):
         moving = Vehicle(vehicle, twist=(6.0, 0.0, 0.0))
@@ -114,7 +114,7 @@ def test_a_bump_under_a_wheel_is_a_wheel_mounted_lower(forklift: VehicleConfigur
 
 
 def test_gaps_between_rollers_give_a_rough_ride(forklift: VehicleConfiguration) -> None:
-    """Wheels in step sink together; stiff springs make the chassis follow the way down and up."""
+    """All wheels sink at the same time; with stiff springs the chassis follows them."""
     gap, speed = 0.03, 0.3
     rollers = dataclasses.replace(forklift.rollers, gap=gap)
     vehicle = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Heave, pitch and roll of the chassis reach what looks at the ground, as geometry has it."""
+"""Heave, pitch and roll of the chassis move the fields of view as geometry requires."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> TextureCache:
 
 
 def test_a_view_follows_the_foot_of_the_line_of_sight() -> None:
-    """Rotate camera and axis about the center of gravity, and meet the ground."""
+    """Camera and axis are rotated about the center of gravity and intersected with the ground."""
     height, tilt, yaw = 0.4, np.array((0.02, -0.03)), 0.8
     normal = np.array((-tilt[0], -tilt[1], 1.0)) / math.sqrt(1.0 + float(tilt @ tilt))
     # The shortest turn that takes the vertical to the normal.
@@ -92,7 +92,7 @@ def test_between_stamps_the_rates_are_those_of_the_shifts() -> None:
 def test_a_nose_dive_is_seen_as_a_motion_of_the_ground(
     forklift: VehicleConfiguration, cache: TextureCache
 ) -> None:
-    """What the flow sensor adds up beside the way of the vehicle is the height times the pitch."""
+    """The flow sensor measures the path of the vehicle plus height times pitch angle."""
     parts = {n: dataclasses.replace(getattr(forklift, n), x=0.0, y=0.0) for n in ("body", "load")}
     subject = simulator(dataclasses.replace(forklift, **parts), cache, stiffness=1e5)
     start, seen, dives = subject.observe().pose[0], 0.0, []
@@ -108,7 +108,7 @@ def test_a_nose_dive_is_seen_as_a_motion_of_the_ground(
 def test_a_stiff_vehicle_sees_what_it_saw(
     forklift: VehicleConfiguration, cache: TextureCache
 ) -> None:
-    """On flat ground, whatever the lens, nothing of this changes a gray level."""
+    """On flat ground, with any lens, sway does not change the gray levels."""
     lenses = [CameraConfiguration(lens=lens) for lens in ("telecentric", "ordinary")]
     subjects = [simulator(forklift, cache, camera=camera) for camera in lenses]
     for _ in range(5):
@@ -121,7 +121,7 @@ def test_a_stiff_vehicle_sees_what_it_saw(
 def test_over_a_hollow_an_ordinary_lens_sees_more(
     forklift: VehicleConfiguration, cache: TextureCache
 ) -> None:
-    """A camera between the wheels, whose ground is 2 cm lower than the wheels stand."""
+    """A camera between the wheels, over ground that is 2 cm lower than under the wheels."""
     hollow = ElevationConfiguration(
         bumps={"hollow": BumpConfiguration(x=0.5, y=0.2, radius=0.25, height=-0.02)}
     )

@@ -1,4 +1,4 @@
-"""Every tire model: closed forms, the shape that the interface promises, the contact equation."""
+"""All tire models: closed forms, the required shape of the curve, and the contact equation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole vehicles on each tire of config/tires: convergence, rest, zero crossing, passivity."""
+"""Vehicles on each tire of config/tires: convergence, rest, zero crossing, passivity."""
 
 from __future__ import annotations
 

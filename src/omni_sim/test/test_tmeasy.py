@@ -1,4 +1,4 @@
-"""The TMeasy parameters: Table 1, the load interpolation (3), and what is refused."""
+"""TMeasy parameters: Table 1, the load interpolation (3), and rejected values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TIRE = Tire(TireConfiguration(tmeasy=TABLE_1))
 
 
 def printed_equation_3(f_1: float, f_2: float, load_1: float, load_2: float, load: float) -> float:
-    """Equation (3) term by term as it is printed."""
+    """Equation (3) as printed, term by term."""
     bracket = (f_2 * load_1 / load_2 - f_1 * load_2 / load_1) * (
         (load_1 - load) / (load_1 - load_2)
     ) + f_1 * load / load_1

@@ -143,7 +143,7 @@ def test_ground_of_no_height_is_flat(forklift: VehicleConfiguration) -> None:
 def over_the_hill(
     forklift: VehicleConfiguration, step: float, distance: float
 ) -> tuple[float, float, float]:
-    """Cross a hill off its middle, turning; return energies: start, gain, most on the way."""
+    """Cross a hill off its middle while turning; return energies: start, gain, largest."""
     hill = BumpConfiguration(x=6.0, y=0.7, height=0.35, radius=4.0)
     ground = ElevationConfiguration(bumps={"hill": hill}, sampling_distance=distance)
     vehicle = Vehicle(

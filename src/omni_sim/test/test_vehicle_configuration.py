@@ -1,4 +1,4 @@
-"""The vehicles in config/, and vehicles that are refused."""
+"""The vehicles in config/, and rejected vehicles."""
 
 from __future__ import annotations
 

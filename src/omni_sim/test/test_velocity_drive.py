@@ -63,7 +63,7 @@ def test_a_released_wheel_gets_no_torque(forklift: VehicleConfiguration) -> None
 
 
 def test_a_drive_below_its_limits_only_brakes(forklift: VehicleConfiguration) -> None:
-    """With limits on torque and power the drive cannot follow: it takes what it may."""
+    """A drive whose torque and power are limited brakes with as much as the limits allow."""
     power = 2000.0
     weak = ramped(forklift, ramp=10.0, max_power=power)
     vehicle = Vehicle(weak, None, STEP, twist=(SPEED, 0.0, 0.0))

@@ -72,7 +72,7 @@ def test_it_fails_for_a_while(failure: str, reading: np.ndarray) -> None:
 
 @pytest.mark.parametrize("failure", ["none", "frozen", "zero", "invalid"])
 def test_a_reading_is_stamped_with_the_time_of_its_sample(failure: str) -> None:
-    """Also one that fails: its stamps do not show it."""
+    """A faulty sensor also stamps its readings, so the stamps do not show the fault."""
     device = sensor(sample_time=0.02, failure=failure, failure_time=0.02, failure_duration=0.03)
     stamps = [device.measure(step * 10 * MILLISECOND, TWIST).stamp_ns for step in range(8)]
     assert stamps == [ms * MILLISECOND for ms in (0, 0, 20, 20, 40, 40, 60, 60)]

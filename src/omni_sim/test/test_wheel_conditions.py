@@ -1,4 +1,4 @@
-"""Wheels that are not as the others, and brakes whose power ends."""
+"""Wheels that differ from the others, and brakes of limited power."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_oily_tires_all_around_are_an_oily_ground(
 
 
 def test_an_oily_tire_is_a_wheel_on_ice(forklift: VehicleConfiguration) -> None:
-    """As a lane of ice under the left wheels, which the vehicle does not leave for a while."""
+    """The result equals that of a lane of ice under the left wheels."""
     lane = FrictionPatch(x=0.0, y=5.0, length=100.0, width=10.0, friction=0.3)
     left = (name for name, mount in forklift.wheels.items() if mount.y > 0.0)
     oily = braked(in_condition(forklift, *left, friction=0.3), steps=300)
@@ -73,7 +73,7 @@ def test_a_valve_that_cannot_release_brakes_with_the_pedal(
 
 
 def test_a_stuck_brake_acts_with_the_pedal_up(forklift: VehicleConfiguration) -> None:
-    """On rolling wheels of a vehicle whose drive does not pull: it loses what that brake takes."""
+    """On rolling wheels without a drive, the vehicle loses the momentum that this brake removes."""
     idle = dataclasses.replace(forklift, drive=dataclasses.replace(forklift.drive, max_torque=0.0))
     share, steps = 0.05, 400
     stuck = in_condition(idle, *idle.wheels, stuck_brake=share)
@@ -95,7 +95,7 @@ def energy(vehicle: Vehicle, configuration: VehicleConfiguration) -> float:
 
 
 def test_brakes_of_limited_power_take_just_that(forklift: VehicleConfiguration) -> None:
-    """Rolling wheels: what motion loses is what the brakes take, the tires slip little."""
+    """While the wheels roll, the loss of kinetic energy equals the work of the brakes."""
     power = 10_000.0
     weak = dataclasses.replace(forklift, brake=dataclasses.replace(forklift.brake, max_power=power))
     before = energy(Vehicle(weak, twist=(SPEED, 0.0, 0.0)), weak)

@@ -1,4 +1,4 @@
-"""Claims depend on what they are about."""
+"""The results of claims depend on the metrics that they name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CLAIMS = yaml.safe_load((files(omni_studies) / "claims.yaml").read_text(encoding
 
 
 def metric_names(expression: str) -> set[str]:
-    """Return metrics from which an expression can be evaluated."""
+    """Return metrics with which an expression can be evaluated."""
     names = set(re.findall(r"\b[a-z]\w*\.\w+", expression))
     patterns = re.findall(r'of\((\w+), "([^"]+)"\)', expression)
     names |= {f"{name}.{case.replace('*', own)}" for name, case in patterns for own in "ab"}

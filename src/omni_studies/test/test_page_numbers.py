@@ -1,4 +1,4 @@
-"""Pages show the numbers that their studies measured, and say so where they do not."""
+"""Pages contain the measured numbers of their studies; differences are reported."""
 
 from __future__ import annotations
 

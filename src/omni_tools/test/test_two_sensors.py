@@ -1,4 +1,4 @@
-"""Two two-dimensional sensors, Eqs. (73)-(78): conventions, redundancy, and the straight line."""
+"""Two two-dimensional sensors, Eqs. (73)-(78): conventions, redundancy, straight line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DT = 0.01
 
 
 def paths(twist: tuple[float, float, float]) -> tuple[SensorDisplacement, SensorDisplacement]:
-    """What sensors at (0, d_1) and (0, -d_2) measure along their own axes: v_i dt, Eq. (23)."""
+    """Displacements of sensors at (0, d_1) and (0, -d_2) along their own axes: v_i dt, Eq. (23)."""
     v_x, v_y, yaw_rate = twist
     return (
         SensorDisplacement((v_x - yaw_rate * D_1) * DT, v_y * DT),
@@ -32,7 +32,7 @@ def paths(twist: tuple[float, float, float]) -> tuple[SensorDisplacement, Sensor
 
 
 def pose_after(twist: tuple[float, float, float], duration: float) -> tuple[float, float, float]:
-    """Exact motion at constant body twist, by the exponential of the group of motions."""
+    """Exact motion at constant body twist, by the exponential map."""
     v_x, v_y, yaw_rate = twist
     generator = np.array([[0.0, -yaw_rate, v_x], [yaw_rate, 0.0, v_y], [0.0, 0.0, 0.0]])
     pose = expm(generator * duration)
@@ -92,7 +92,7 @@ def test_the_arc_is_the_motion(twist: tuple[float, float, float]) -> None:
 
 
 def test_in_a_steady_turn_the_error_is_no_noise() -> None:
-    """Half a circle in batches: the straight line leads beside its end, the arc to it."""
+    """In half a circle, chords have an error at the end, arcs do not."""
     twist = (5.0, 0.0, 2.0 * math.pi)
     ends = []
     for arc in (False, True):

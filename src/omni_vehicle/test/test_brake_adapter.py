@@ -1,4 +1,4 @@
-"""A brake adapter brakes fully where anything is missing, and no drive is ever made to drive."""
+"""The brake adapter brakes fully if any input is missing, and a drive never accelerates."""
 
 from __future__ import annotations
 

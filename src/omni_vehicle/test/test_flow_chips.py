@@ -1,4 +1,4 @@
-"""Flow chips by their makers' libraries, against models of the registers behind the bus."""
+"""Flow chips read through their makers' libraries from models of their registers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class SpiFlowChip:
     """Registers of a PMW3901 or PAA5100 on SPI: identity, orientation, motion burst.
 
     Attributes:
-        velocity: of the ground under the chip, in its own axes [m/s].
+        velocity: velocity of the ground under the chip, in the chip's axes [m/s].
     """
 
     board: SpiFlowChip
@@ -114,7 +114,7 @@ class I2cOtos:
 
 @pytest.fixture
 def spi(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Put the model in the place of the kernel's SPI bus."""
+    """Replace the SPI bus of the kernel by the model."""
 
     class Direction(enum.Enum):
         OUTPUT = 1
@@ -137,7 +137,7 @@ def spi(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Bench:
-    """A chip that is read at a rate over a ground that moves."""
+    """A chip that is read at a rate over a moving ground."""
 
     def __init__(self, **changes: Any) -> None:
         given: dict[str, Any] = {"chip": "pmw3901", "counts_per_meter": COUNTS_PER_METER} | changes

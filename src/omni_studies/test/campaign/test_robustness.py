@@ -1,4 +1,4 @@
-"""Random braking maneuvers, their limits, and campaigns that lose no run."""
+"""Random braking maneuvers and their limits; a campaign loses no run."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from omni_studies.campaign.sensor_faults import (
 
 
 def bound(limit: float | None) -> float:
-    """Return a limit that there is."""
+    """Return a limit that is not None."""
     assert limit is not None
     return limit
 
@@ -222,7 +222,7 @@ def test_a_stop_without_an_imu_and_without_a_fault_is_not_ended(changes: tuple[s
 def test_a_jump_across_a_gap_without_messages_is_still_detected(
     stops: FaultyStops, case: str, onset: float
 ) -> None:
-    """The gate refuses a twist that leaps, until too long has passed to say anything."""
+    """The gate rejects a twist that jumps, unless the last valid twist is too old."""
     stop = stops.run(
         Setting("sliding_mode", True, case), Fault("twist", "swap", -1, onset, 0.0, 0.3)
     )

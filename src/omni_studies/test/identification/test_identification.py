@@ -1,4 +1,4 @@
-"""The identified vehicle against Table 2, and the search that found it."""
+"""The identified vehicle compared with Table 2, and the search that found it."""
 
 from __future__ import annotations
 

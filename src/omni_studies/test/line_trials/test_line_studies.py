@@ -1,4 +1,4 @@
-"""Trials of one line camera against closed forms, and the studies that are made of them."""
+"""Trials of one line camera compared with closed forms, and the studies that use them."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def test_the_twist_is_as_accurate_as_it_says(
 
 
 def test_a_ground_is_evaluated_with_factors_of_the_others() -> None:
-    """One whose errors are twice as large as all say gets no part in the factor it is judged by."""
+    """A ground with errors twice as large as all others does not affect the factor for itself."""
 
     def case(kind: str, deviation: float) -> covariance.Case:
         ratio = deviation * np.random.default_rng(1).standard_normal(400)

@@ -1,4 +1,4 @@
-"""Sideways motion is measured where the ground has texture, and flagged where it has none."""
+"""Sideways motion is measured on ground with texture, and flagged on ground without."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What section 3.6 says of its experiments, with the identified vehicle."""
+"""Claims of section 3.6 about its experiments, with the identified vehicle."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def ice() -> ExperimentRuns:
 def test_assisted_straight_braking_keeps_errors_an_order_of_magnitude_smaller(
     straight: ExperimentRuns,
 ) -> None:
-    """Section 3.6.1; also that sideways and angular velocity are negligible."""
+    """Section 3.6.1; sideways and angular velocity are also negligible."""
     assisted, unassisted = straight.histories["assisted"], straight.histories["unassisted"]
     assert largest_error(assisted) < 0.1 * largest_error(unassisted)
     assert np.max(np.abs(assisted.twist[:, 1])) < 0.03 * assisted.twist[0, 0]

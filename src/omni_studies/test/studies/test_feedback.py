@@ -1,4 +1,4 @@
-"""Sources of the twist are what their tables say, and bad ones cost more than good ones."""
+"""Sources of the twist have the errors of their tables, and poor sources give longer stops."""
 
 from __future__ import annotations
 

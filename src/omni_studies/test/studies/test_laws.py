@@ -1,4 +1,4 @@
-"""The law `allocation` on the simulated vehicles: short, straight, and never below the bound."""
+"""The law `allocation` on simulated vehicles: short, straight stops that obey the bound."""
 
 from __future__ import annotations
 

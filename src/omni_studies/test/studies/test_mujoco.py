@@ -1,4 +1,4 @@
-"""Another engine agrees with ours on how a vehicle brakes, and is optional."""
+"""MuJoCo and the simulator agree on stops; MuJoCo is optional."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Either feedback side by side: the study on a short stop, the lag on shifted histories."""
+"""Comparison of both kinds of feedback on a short stop, and the lag of shifted histories."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the project reads an equation otherwise than it is printed: what either reading does."""
+"""Effects of both readings of the equations that the project reads differently from the print."""
 
 from __future__ import annotations
 

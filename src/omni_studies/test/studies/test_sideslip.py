@@ -1,4 +1,4 @@
-"""The sideslip study on little data: it measures what there is and says where it cannot."""
+"""The sideslip study with little data: measured angles, and reports where it cannot measure."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_the_angle_is_measured_up_to_the_overlap_and_not_beyond(
 
 
 class Wheel:
-    """Stands in for the rendered one; the share of the batches is what the ground says."""
+    """Replaces the rendered wheel; the ground determines the share of measured batches."""
 
     def __init__(self, _: LineSensor, shares: dict[float, float], *_others: Any) -> None:
         self._shares = shares

@@ -1,4 +1,4 @@
-"""Locked wheels turn a vehicle that is loaded unevenly, and no other."""
+"""Locked wheels rotate a vehicle with an uneven load, and no other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The study of tires: what it writes, what it measures, and trials that can fail."""
+"""The study of tires: written files, metrics, and trials that can fail."""
 
 from __future__ import annotations
 

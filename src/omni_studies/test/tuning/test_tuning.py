@@ -1,4 +1,4 @@
-"""The tuning study: fronts and recommendations against brute force, trials against the loop."""
+"""The tuning study: fronts and recommendations by brute force, trials by the loop."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def trial(rotation: float, distance: float, switchings: float = 10.0, k: int = 7
 
 @pytest.fixture
 def cloud() -> list[Trial]:
-    """Trials at random, one of which never stops."""
+    """Random trials, of which one does not stop."""
     random = np.random.default_rng(2)
     points = random.uniform((5.0, 8.0, 10.0), (90.0, 14.0, 300.0), (60, 3))
     return [trial(*point) for point in points.tolist()] + [trial(math.inf, math.inf)]

@@ -1,4 +1,4 @@
-"""Spin while translate, section 2.5.3: the commands of (34), (35) and the motion they make."""
+"""Spin while translating, section 2.5.3: the commands of (34), (35) and the resulting motion."""
 
 from __future__ import annotations
 

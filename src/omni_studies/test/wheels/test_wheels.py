@@ -1,4 +1,4 @@
-"""Trials of the wheels against closed forms, and the study that compares them."""
+"""Trials of the wheels compared with closed forms, and the study that uses them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Brakes found from stops of a vehicle whose brakes are known to the test alone."""
+"""Brakes estimated from stops of a vehicle whose brakes only the test knows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CONFIG = Path(__file__).parents[4] / "config"
 def stop(
     torque: float, dead_time: float, time_constant: float, variant: str, *more: str
 ) -> tuple[BrakeData, VehicleConfiguration]:
-    """Return a recording of a stop, and the vehicle with brakes that are not its own."""
+    """Return a recording of a stop, and the vehicle with nominal instead of true brakes."""
     brake = {"max_torque": torque, "dead_time": dead_time, "time_constant": time_constant}
     overrides = [f"vehicle.brake.{key}={value}" for key, value in brake.items()]
     overrides += ["feedback=velocity_sensor", *more]
@@ -46,7 +46,7 @@ def unmeasured() -> SimpleNamespace:
 
 
 def noisy(data: BrakeData, seed: int, size: float = 0.01) -> BrakeData:
-    """Return the stop with a measured twist [m/s, m/s, half of it in rad/s]."""
+    """Return the stop with noise of the twist [m/s, m/s, half of it in rad/s]."""
     noise = np.random.default_rng(seed).normal(0.0, size, data.twist.shape)
     return data._replace(twist=data.twist + noise * [1.0, 1.0, 0.5])
 
@@ -140,7 +140,7 @@ def test_wheels_that_lock_at_once_say_so_little_that_the_fit_is_refused() -> Non
 
 
 def on_blocks(torque: float, dead_time: float, tau: float, start: float) -> BrakeData:
-    """Return wheels in the air that turn at 20 rad/s until their brakes are applied."""
+    """Return raised wheels that turn at 20 rad/s until their brakes are applied."""
     vehicle = ExperimentLibrary(CONFIG).vehicle("mecanum_forklift")
     fine, wheels = np.arange(0.0, 1.0, 1e-4), len(vehicle.wheels)
     since = np.maximum(fine - start - dead_time, 0.0)

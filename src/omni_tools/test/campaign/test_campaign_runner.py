@@ -1,4 +1,4 @@
-"""A campaign loses no run and changes none, whoever runs it and in however many pieces."""
+"""A campaign gives the same runs for any number of workers and parts, and loses none."""
 
 from __future__ import annotations
 

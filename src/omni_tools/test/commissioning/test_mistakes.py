@@ -1,4 +1,4 @@
-"""A mistake in the description of a simulated vehicle is found, and none where there is none."""
+"""Errors in the description of simulated vehicles are found, and none in correct ones."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def delayed_by_60_ms(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]
 
 
 def mistakes() -> Iterator[tuple[str, Change]]:
-    """Yield 47 mistakes: what must be in the name of what is found, and how it is made."""
+    """Yield 47 errors: a word in the expected name of the result, and the change that makes it."""
     for one, other in itertools.combinations(range(4), 2):
         words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("wheel_speed", exchanged(one, other))

@@ -1,4 +1,4 @@
-"""The best stop that is known lies between the bound and the laws."""
+"""The best known stop is between the bound and the stops of the laws."""
 
 import dataclasses
 import importlib.util

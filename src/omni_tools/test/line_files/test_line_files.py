@@ -1,4 +1,4 @@
-"""Lines come out of files as they went in; drives show where the cameras that took them sit."""
+"""Lines are read as they were written; drives determine the mounting of their cameras."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DRIVES = ((1.5, 0.0, 0.0), (0.0, 1.2, 0.0), (0.3, 0.2, 1.5), (-1.0, -0.5, -1.0))
 
 
 def written(folder: Path, kind: str, lines: Any) -> Path:
-    """Write lines as a kind of file or folder and return it."""
+    """Write lines as a file or folder of a kind, and return its path."""
     path = folder / f"lines{kind}"
     if kind == ".npy":
         np.save(path, lines)
@@ -101,7 +101,7 @@ def test_pictures_of_different_widths_are_no_stack(tmp_path: Path) -> None:
 
 
 def driven(true: LineSensor, nominal: LineSensor, drives: Any, noise: float = 0.003) -> Calibration:
-    """Calibrate a wrongly configured camera by drives whose motion is known within noise [m/s]."""
+    """Calibrate a wrongly configured camera with drives of known motion and noise [m/s]."""
     generator = np.random.default_rng(8)
     cameras = Rig({"eye": true}, ground("asphalt"), 1.0, 3).array
     observed = []

@@ -1,4 +1,4 @@
-"""A camera that stops seeing the ground is reported within 20 ms, and is never measured from."""
+"""A camera without a view of the ground is reported within 20 ms and not used."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ Fault = Callable[[Lines], Lines]
 
 
 def cover(lines: Lines) -> Lines:
-    """A lid: dark but for the noise of the camera."""
+    """A lid: dark lines with the noise of the camera."""
     return np.clip(GENERATOR.normal(12.0, 1.0, lines.shape), 0, 255).astype(np.uint8)
 
 
 def mud(lines: Lines) -> Lines:
-    """Something on the lens that has a texture of its own."""
+    """A covered lens with a visible texture."""
     pattern = np.random.default_rng(8).normal(80.0, 20.0, lines.shape[1])
     return np.clip(pattern + GENERATOR.normal(0.0, 1.0, lines.shape), 0, 255).astype(np.uint8)
 
@@ -54,7 +54,7 @@ def frozen(lines: Lines) -> Lines:
 
 
 def measure(odometry: LineScanOdometry, lines: Mapping[str, Lines]) -> list[TwistEstimate]:
-    """Return the estimates after each batch, but for the first line."""
+    """Return the estimates after each batch, without the first line."""
     estimates = []
     for end in range(1, len(next(iter(lines.values()))) + 1, BATCH):
         stamp_ns = round(1e9 * (end - 1) / RATE)
@@ -73,7 +73,7 @@ def drive(
     kind: str = "cork",
     heading: float = 0.4,
 ) -> tuple[list[TwistEstimate], NDArray[np.float64]]:
-    """Return the estimates after each batch; the first camera fails from line `onset` on."""
+    """Return the estimates after each batch; the first camera fails at line `onset`."""
     sensors = tangential(0.6, PROTOTYPE, cameras)
     array = Rig(sensors, ground(kind), 1.0, seed=2).array
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))

@@ -1,4 +1,4 @@
-"""Uniform motion, and the batches of lines that cameras see in it."""
+"""Uniform motion, and the batches of lines of cameras in this motion."""
 
 from __future__ import annotations
 

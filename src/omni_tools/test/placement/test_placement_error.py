@@ -1,4 +1,4 @@
-"""The mean twist error: closed forms, symmetries, and what the odometry's solver really does."""
+"""The mean twist error: closed forms, symmetries, and agreement with the odometry's solver."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_the_condition_number_is_that_of_the_sensor_matrix() -> None:
 
 
 def test_error_grows_with_the_lost_overlap() -> None:
-    """A strip counts once for entering the view in a batch, and once for leaving it."""
+    """A strip of ground counts once when it enters the view and once when it leaves it."""
     pairs = 25  # of a batch of 10 ms
     for lines in (2, 10, 25, 100):  # until the camera has crossed its own width
         enters = np.arange(-lines, pairs)

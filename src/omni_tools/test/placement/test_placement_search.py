@@ -1,4 +1,4 @@
-"""The search reaches known optima, keeps to the chassis and repeats itself."""
+"""The search reaches known optima, stays on the chassis, and is reproducible."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def chassis(vehicle: str) -> tuple[MountingArea, MeanError]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Disc(MountingArea):
-    """A round chassis of 0.6 m without wheels, on which the centers of cameras stay."""
+    """A round chassis of 0.6 m without wheels, within which the centers of cameras must be."""
 
     def on_chassis(self, poses: FloatArray) -> BoolArray:
         inside: BoolArray = np.hypot(poses[..., 0], poses[..., 1]) <= 0.6 + 1e-9
@@ -58,7 +58,7 @@ class Disc(MountingArea):
 
 @pytest.mark.parametrize("count", [3, 4])
 def test_on_a_free_disc_equal_sensors_reach_the_bound(count: int) -> None:
-    """Levers are at most R and axes share one unit of velocity each: s^2 (4/N + g^2/(N R^2))."""
+    """Levers are at most R and axes are unit vectors: s^2 (4/N + g^2/(N R^2))."""
     wheels = LIBRARY.vehicle("mecanum_forklift").wheels
     area = Disc(Scene(1.2, 1.2, wheels), VIEW, 0.02, 0.0)
     criterion = MeanError(VIEW, SensorError(1e-6, 0.0), MotionMix.of(1e-6, 0.0, (1, 0, 0, 0)), 0.4)

@@ -1,4 +1,4 @@
-"""What is predicted of a placement holds on rendered lines."""
+"""Predicted errors of a placement agree with those on rendered lines."""
 
 from __future__ import annotations
 

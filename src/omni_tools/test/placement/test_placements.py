@@ -1,4 +1,4 @@
-"""Sensor placements of chapter 4 that ship, on rendered lines along exact arcs."""
+"""The supplied sensor placements of chapter 4 on rendered lines along exact arcs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def load(sensors: str, *overrides: str) -> ExperimentConfiguration:
 def drive(
     configuration: ExperimentConfiguration, ground: GroundTexture, twist: Twist
 ) -> list[TwistEstimate]:
-    """Move along an arc and return what the odometry makes of every batch."""
+    """Move along an arc and return the estimate of the odometry for every batch."""
     eyes = LineCameraArray(
         configuration.sensors, ground, configuration.camera, np.random.SeedSequence(3)
     )

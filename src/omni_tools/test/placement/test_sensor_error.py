@@ -1,4 +1,4 @@
-"""A camera that does not measure is refused with the cause, and with advice that fits it."""
+"""A camera that cannot measure is rejected with the cause and suitable advice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings are compared with the values in which their configurations differ."""
+"""Recordings are compared together with the differing values of their configurations."""
 
 from __future__ import annotations
 

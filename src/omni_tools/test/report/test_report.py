@@ -1,4 +1,4 @@
-"""What a report computes and says beyond what a recording holds."""
+"""Values and notes of a report that are not in the recording."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_names_are_as_short_as_they_can_be() -> None:
 
 
 def aliases(levels: int) -> str:
-    """Return a few lines of YAML that stand for 8 ** levels values."""
+    """Return a few lines of YAML that expand to 8 ** levels values."""
     lines = ["k0: &k0 {a: 1, b: 2, c: 3, d: 4, e: 5, f: 6, g: 7, h: 8}"]
     for level in range(1, levels):
         inner = ", ".join(f"{letter}: *k{level - 1}" for letter in "abcdefgh")

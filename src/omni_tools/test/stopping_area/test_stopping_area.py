@@ -1,4 +1,4 @@
-"""Stopping areas: their geometry, what they promise, and that Nav2's rule finds them."""
+"""Stopping areas: geometry, coverage, and selection by Nav2's rule."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _experiment(*changes: str) -> ExperimentConfiguration:
 
 
 def _is_inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return by the crossing rule, as Nav2 does, which points (P, 2) a polygon (C, 2) holds."""
+    """Return which points (P, 2) are in a polygon (C, 2), by the crossing rule of Nav2."""
     odd = np.zeros(len(points), bool)
     x, y = points.T
     for (x_1, y_1), (x_2, y_2) in zip(polygon, np.roll(polygon, 1, axis=0), strict=True):
@@ -51,7 +51,7 @@ def _is_inside(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDA
 
 
 def _swept(configuration: ExperimentConfiguration, start: float) -> NDArray[np.float64]:
-    """Return the footprint at every stamp in the frame of the alarm, one stamp after the other."""
+    """Return the footprint at every stamp in the frame at the alarm."""
     run = run_fast_loop(configuration)
     chassis = footprint(configuration.vehicle)
     pose = run.pose[round(start * 100) :]

@@ -1,4 +1,4 @@
-"""Fitting tires: parameters and standard errors come back, poor data are refused with reason."""
+"""Tire fits recover parameters and standard errors; poor data are rejected with the reason."""
 
 from __future__ import annotations
 

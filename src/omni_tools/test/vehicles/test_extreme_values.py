@@ -1,4 +1,4 @@
-"""Every number of an experiment is used, or refused in a sentence, however large or small it is."""
+"""Every number of an experiment is used or rejected with a sentence, at any magnitude."""
 
 import contextlib
 import math

@@ -1,4 +1,4 @@
-"""A vehicle from a tape stands, locks its wheels, and what does not fit together is said."""
+"""A new vehicle stands and locks its wheels; inconsistent values are reported."""
 
 from __future__ import annotations
 

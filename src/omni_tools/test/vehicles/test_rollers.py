@@ -1,4 +1,4 @@
-"""A wrong sign of a roller angle is found by the symmetry of the wheels, and nothing else is."""
+"""A wrong sign of a roller angle is found by symmetry, without false reports."""
 
 from __future__ import annotations
 
