@@ -1,7 +1,7 @@
 """The exact integral that the line camera approximates: each texel is clipped to each pixel.
 
-It is a thousand times slower than the integral of the simulator. Tests and the benchmark of the line
-cameras use it as the reference.
+It is a thousand times slower than the integral of the simulator. Tests and the benchmark of the
+line cameras use it as the reference.
 """
 
 import math

@@ -25,8 +25,9 @@ def cramer_rao_bound(
 ) -> float:
     """Return the smallest variance of the displacement between two noisy lines [px^2].
 
-    Both lines are noisy and the texture is unknown, so the bound is twice that of a known texture. The gradient is that of the noise-free line over the overlap; quantization adds 1/12
-    to the noise.
+    Both lines are noisy and the texture is unknown, so the bound is twice that of a known texture.
+    The gradient is that of the noise-free line over the overlap; quantization adds 1/12 to the
+    noise.
     """
     step = 0.01
     behind, ahead = profile([start - step, start + step], pixels, grain=grain)

@@ -1,7 +1,8 @@
 """The assistant brakes a minimal vehicle: a planar rigid body with Coulomb friction.
 
-A braked wheel locks at once and slides with ``mu N`` along its active direction, and a released one
-rolls freely at once. Real wheels are easier to control, because their inertia smooths the switching.
+A braked wheel locks at once and slides with ``mu N`` along its active direction; a released one
+rolls freely at once. Real wheels are easier to control, because their inertia smooths
+the switching.
 """
 
 from __future__ import annotations
