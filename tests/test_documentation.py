@@ -98,6 +98,20 @@ def prose(text: str) -> str:
     return re.sub(filled, "", tested, flags=re.DOTALL)
 
 
+def test_lines_of_pages_are_at_most_120_characters() -> None:
+    """Tables, blocks of code and templates are exempt, because they cannot be wrapped."""
+    exempt = re.compile(r"<!-- .*?-->|^ *```.*?^ *```|^[|!].*?$", re.DOTALL | re.MULTILINE)
+    long = [
+        (page.name, line)
+        for pattern in ("*.md", "docs/**/*.md", "src/*/README.md", "b*/README.md")
+        for page in WORKSPACE.glob(pattern)
+        if page.name not in GENERATED
+        for line in exempt.sub("", page.read_text("utf-8")).splitlines()
+        if len(line) > 120
+    ]
+    assert not long
+
+
 def test_every_metric_that_the_code_names_is_explained() -> None:
     explained = set(re.findall(r"`(\w+)`", (WORKSPACE / "docs/metrics.md").read_text("utf-8")))
     named = re.compile(r'f?"([a-z]\w*)\.[^"\n]*"\]? ?[:=]\s*(?:Metric|results_entry)\(')
