@@ -114,10 +114,10 @@ def test_releasing_the_pedal_forgets_the_line(mecanum: Wheels) -> None:
 
 
 def test_line_stays_fixed_in_the_world_while_the_platform_turns(mecanum: Wheels) -> None:
-    """A velocity constant in the world is never perpendicular, however the body turns.
+    """A velocity that is constant in the world has no component across the line.
 
-    The heading is known in closed form, a full swing of 120 deg; the integrated one may differ by
-    the error of the trapezoidal rule, A w^2 dt^2 / 12 over a quarter period = 2e-5 rad.
+    The heading oscillates over 120 deg in closed form. The integrated heading may differ by the
+    error of the trapezoidal rule, A w^2 dt^2 / 12 over a quarter period = 2e-5 rad.
     """
     amplitude, frequency = 2.0 * math.pi / 3.0, 2.0
     speed, direction = 4.0, 0.3

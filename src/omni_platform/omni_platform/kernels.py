@@ -22,7 +22,7 @@ from omni_platform.compilation.calls import linked
 __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 
 njit = numba.njit
-"""numba's decorator; modules import it from here, so that their caches depend on the content."""
+"""numba's decorator; importing it from this module installs the cache of `compilation.cache`."""
 
 
 def _enable_caching(dispatcher: Any) -> None:

@@ -24,7 +24,7 @@ class _FieldType(enum.IntEnum):
 
     NESTED = 1
     NESTED_SEQUENCE = 145
-    """Unbounded"""
+    """Sequence of messages of any length"""
 
 
 _TIME = "builtin_interfaces/msg/Time"

@@ -18,7 +18,7 @@ from numba.core.dispatcher import Dispatcher
 _Kernel = tuple[str, str, Any]  # module, name, types of the arguments
 
 linked_kernels: set[Dispatcher] = set()
-"""Kernels of which callers contain only a call."""
+"""Linked kernels: a caller contains a call of the kernel instead of its code."""
 
 _EMPTY_MODULE = llvmlite.binding.parse_assembly("").as_bitcode()
 

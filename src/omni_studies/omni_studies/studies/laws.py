@@ -90,8 +90,8 @@ class Options(CampaignOptions):
     law: tuple[str, ...] = parameter(())
     """your own law as module:Class, which is compared with the built-in laws in every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
-    """number of random stops to run instead of the experiments; every --law is compared with the
-    first one (default: allocation alone)"""
+    """number of random stops to run instead of the experiments; each --law is compared with the
+    first one (default: only allocation)"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)
