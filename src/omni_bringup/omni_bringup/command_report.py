@@ -74,7 +74,7 @@ def estimate(value: float, unit: str, error: float, *, bounded: bool = False) ->
 
 
 def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return a table of estimates with standard errors and, if known, the described values."""
+    """Return a table of estimates with standard errors and, if known, the configured values."""
     from rich.table import Table
 
     described = any("described" in entry for entry in metrics.values())

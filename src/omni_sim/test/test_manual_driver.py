@@ -1,4 +1,4 @@
-"""Without demands the vehicle brakes; the velocity follows no steps of the stick."""
+"""Without demands the vehicle brakes; steps of the stick change the velocity gradually."""
 
 from __future__ import annotations
 

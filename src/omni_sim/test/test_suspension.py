@@ -69,7 +69,7 @@ def test_it_bounces_with_its_natural_frequency(
 def test_a_wheel_mounted_higher_hands_its_load_to_its_neighbors(
     forklift: VehicleConfiguration,
 ) -> None:
-    """Only the warp of four mounting heights changes the loads: by a quarter of c times it."""
+    """One wheel that is higher by h changes each load by a quarter of c h."""
     height = 0.002
     vehicle = sprung(forklift)
     high = dataclasses.replace(vehicle, conditions={"rear_left": WheelCondition(mounted=height)})

@@ -47,7 +47,7 @@ class Options(Configuration):
     """do not add the patch of ice that a ground without patches otherwise gets"""
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", above=0.0, maximum=50.0)
-    """speed at full stick"""
+    """speed at full deflection of the stick"""
     host: str = option("127.0.0.1", metavar="ADDRESS")
     """address of this machine at which the page is served, for example to a phone; anyone who
     knows the page's address with its token can drive"""

@@ -68,9 +68,9 @@ class DriverConfiguration(Configuration):
     assist: bool = parameter(True)
     """Whether the brake assistant is switched on at the start"""
     max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)
-    """Speed at full stick"""
+    """Speed at full deflection of the stick"""
     max_yaw_rate: float = parameter(1.5, unit="rad/s", above=0.0, maximum=12.0)
-    """Yaw rate at full stick"""
+    """Yaw rate at full deflection of the stick"""
     page_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=5.0)
     """Time without a message from the open page after which the vehicle brakes fully"""
     demand_period: float = parameter(0.02, unit="s", above=0.0, maximum=0.1)

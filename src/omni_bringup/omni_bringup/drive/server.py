@@ -118,7 +118,7 @@ class DriveServer:
 
         Args:
             source: selector of the demand source.
-            largest: body twist at full stick [m/s, m/s, rad/s].
+            largest: body twist at full deflection of the stick [m/s, m/s, rad/s].
             greeting: first message sent to a page when it opens.
             receive: called with those messages of a page that change more than pedal and stick.
             token: token in the address; empty for a random token.
