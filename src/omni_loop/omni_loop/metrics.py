@@ -41,7 +41,7 @@ from omni_platform.quantities import FloatArray
 
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
-_NO_DIRECTION = "braking starts at a standstill, there is no direction of motion"
+_NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
 _NO_ODOMETRY = "the odometry measured nothing"
 _NO_ENABLES = "there are no brake enables"
 _FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
