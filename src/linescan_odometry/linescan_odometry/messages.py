@@ -66,7 +66,7 @@ def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
 def estimate_messages(
     estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]
 ) -> dict[str, Any]:
-    """Return angles and twist by the name of the topic, the twist last, as nodes wait for it."""
+    """Return sideslip angles and twist by topic; the twist is last, because nodes wait for it."""
     stamp_ns, messages = estimate.stamp_ns, {}
     if sideslip:
         angle = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))

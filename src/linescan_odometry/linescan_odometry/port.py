@@ -1,4 +1,4 @@
-"""The odometry with the grouping of its inputs: what the node runs, without topics."""
+"""Odometry with the grouping of its inputs, as in the node, but without topics."""
 
 from collections.abc import Iterator
 

@@ -66,7 +66,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def settling_time(self) -> float:
-        """Time after which the pressure has made 86 % (two time constants) of a change [s]."""
+        """Time to 86 % of a pressure change: dead time and two time constants [s]."""
         return self.dead_time + 2.0 * self.time_constant
 
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
