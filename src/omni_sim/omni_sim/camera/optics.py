@@ -47,9 +47,10 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
 def transmission(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
 ) -> NDArray[np.float32] | None:
-    """Return the share of the light that reaches each pixel, shape (pixels,); None if all does.
+    """Return the share of light that reaches each pixel, shape (pixels,); None without any loss.
 
-    Shading darkens a pixel by the squared distance from the middle. Specks of dirt are out of focus
+    The loss by shading is proportional to the squared distance from the middle. Specks of dirt are
+    out of focus
     and cast shadows with the profile ``(1 - r^2)^2`` and 0.5 to 1.5 times the mean diameter.
 
     Args:
