@@ -5,6 +5,10 @@ sinusoidal velocity along y and a constant yaw rate are converted to wheel speed
 (35). The commands depend on the reference alone, without feedback of position or heading. The
 tracking error is therefore the accumulated slip of the tires. The vehicle starts in motion without
 slip, with its configured load.
+
+The motion is also measured by two ideal area sensors, Eqs. (73)-(75), or by the first of them and
+the forward displacement of the second, Eqs. (76)-(78). In the turn, the straight-line approximation
+of section 4.3.1 has an error that accumulates; `along_arc` removes it.
 """
 
 import dataclasses
@@ -21,11 +25,17 @@ from omni_figures.top_view import top_view
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
+from omni_tools.two_sensors import (
+    SensorDisplacement,
+    first_sensor_displacement,
+    two_sensor_displacement,
+)
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {
@@ -205,7 +215,30 @@ def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
         f"heading_max.{name}": Metric(float(np.max(np.abs(heading))), "deg"),
         f"wheel_speed_rms.{name}": Metric(_rms(speed), "rad/s"),
         f"path_length.{name}": Metric(float(np.sum(np.hypot(*steps.T))), "m"),
+        **{
+            f"two_sensor_error.{name}_{path}": Metric(error, "m")
+            for path, error in two_sensor_errors(tracking).items()
+        },
     }
+
+
+def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float]:
+    """Return the errors of the end of the path by dead reckoning with two area sensors [m].
+
+    Args:
+        tracking: the motion; each sensor measures its path along its own axes in every period.
+        apart: distance of each sensor from the platform center, to the left and to the right [m].
+    """
+    ends = dict.fromkeys(("straight", "arc", "first_sensor"), tracking.pose[0])
+    for twist in 0.5 * _PERIOD * (tracking.twist[1:] + tracking.twist[:-1]):
+        x, y, turn = twist.tolist()
+        left, right = (SensorDisplacement(x + side * turn, y) for side in (-apart, apart))
+        step = two_sensor_displacement(left, right, apart, apart)
+        first = first_sensor_displacement(left, right.x, 2.0 * apart).along_arc().at(0.0, -apart)
+        for path, moved in zip(ends, (step, step.along_arc(), first), strict=True):
+            yaw = ends[path][2]
+            ends[path] = ends[path] + np.append(turned(np.array(moved[:2]), yaw), moved.angle)
+    return {path: math.dist(end[:2], tracking.pose[-1, :2]) for path, end in ends.items()}
 
 
 def _rms(values: FloatArray) -> float:
