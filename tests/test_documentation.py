@@ -128,6 +128,19 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     assert set(study_names()) <= explained
 
 
+def test_the_readme_of_a_package_names_its_modules() -> None:
+    for readme in WORKSPACE.glob("src/*/README.md"):
+        package = readme.parent / readme.parent.name
+        modules = {path.stem.removesuffix("_node") for path in package.glob("*.py")} | {
+            path.parent.name for path in package.glob("*/__init__.py")
+        }
+        text = readme.read_text("utf-8")
+        named = {
+            name for words in re.findall(r"`([^`\n]+)`", text) for name in re.split(r"\W", words)
+        }
+        assert modules - named - {"__init__"} == set(), package.name
+
+
 def test_claims_are_about_explained_metrics() -> None:
     explained = set(re.findall(r"`(\w+)`", (WORKSPACE / "docs/metrics.md").read_text("utf-8")))
     claims = yaml.safe_load((files(omni_studies) / "claims.yaml").read_text(encoding="utf-8"))
