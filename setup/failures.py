@@ -22,7 +22,7 @@ def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
         bits: Pointer size of this Python [bit].
 
     Raises:
-        SetupError: The message says why the machine is not supported.
+        SetupError: The machine is not supported; the message states why.
     """
     remedy = "install and source ROS 2 Jazzy itself, or use a Debian or Ubuntu x86-64 machine"
     if system != "Linux":

@@ -51,7 +51,7 @@ class Steps:
         with open(self.workspace.log, "a", errors="replace") as log:
             log.write("$ {}\n".format(" ".join(words)))
             log.flush()
-            # The child inherits the lock. If this process is killed, the child is asked to end, and
+            # The child inherits the lock. If this process is killed, the child gets SIGTERM, and
             # the next start waits for its end before it changes the same folders.
             with subprocess.Popen(
                 words,
