@@ -23,17 +23,18 @@ NODES = {
     "linescan_odometry": "linescan_odometry/linescan_odometry/odometry_node.py",
     "brake_assist": "omni_brake_assist/omni_brake_assist/brake_assist_node.py",
 }
-PUBLISHED = re.compile(
-    r'(?:advertise\(self|create\(|create_publisher\()[, ]*(\w+), f?"([^"/][^"]*)"'
-)
-SUBSCRIBED = re.compile(r'subscribe\(self, (\w+), f?"([^"/][^"]*)"')
+NAMED = r'(?:f?"([^"/][^"]*)"|topics\.(\w+)\.name)'
+PUBLISHED = re.compile(rf"(?:advertise\(self|create\(|create_publisher\()[, ]*(\w+), {NAMED}")
+SUBSCRIBED = re.compile(rf"subscribe\(self, (\w+), {NAMED}")
 
 
 @pytest.mark.parametrize("node", NODES)
 def test_a_node_uses_the_topics_of_the_list(node: str) -> None:
     text = (SOURCES / NODES[node]).read_text(encoding="utf-8")
-    published = {name: kind for kind, name in PUBLISHED.findall(text)}
-    subscribed = {name: kind for kind, name in SUBSCRIBED.findall(text)}
+    published, subscribed = (
+        {name or getattr(topics, constant).name: kind for kind, name, constant in calls}
+        for calls in (PUBLISHED.findall(text), SUBSCRIBED.findall(text))
+    )
     assert len(published.keys() & KNOWN.keys()) >= 3
     for name, kind in (published | subscribed).items():
         if name in KNOWN:

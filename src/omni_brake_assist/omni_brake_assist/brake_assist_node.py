@@ -113,8 +113,10 @@ class BrakeAssistNode(Node):
             twist_period_ns=round(timing.twist_period * 1e9),
         )
         self._pedal_received = self._twist_received = time.monotonic()
-        names = (topics.ENABLE.name, topics.SLIDING.name)
-        self._decisions = {name: advertise(self, JointState, name) for name in names}
+        self._decisions = {
+            topics.ENABLE.name: advertise(self, JointState, topics.ENABLE.name),
+            topics.SLIDING.name: advertise(self, JointState, topics.SLIDING.name),
+        }
         self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
         self._status = StatusReporter(
             self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
