@@ -53,7 +53,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     configuration = recorded_configuration(open_vehicle(recording))
     with _node(options.start) as (domain, alive), closing(Partner(domain)) as partner:
         if options.node == "simulator":
-            values, breaches = _check_simulator(partner, configuration, options.duration)
+            values, breaches = _check_simulator(partner, configuration, options.duration, alive)
         else:
             values, breaches = _check_answers(
                 partner, recording, configuration, options.node, alive
@@ -118,14 +118,14 @@ def _check_answers(
 
 
 def _check_simulator(
-    partner: Any, configuration: ExperimentConfiguration, duration: float
+    partner: Any, configuration: ExperimentConfiguration, duration: float, alive: Any
 ) -> tuple[dict[str, tuple[float, str]], list[str]]:
     from omni_bringup.node_check import contract
     from omni_bringup.node_check.enables_node import Enables
     from omni_platform import topics
 
     wheels = list(configuration.vehicle.wheels)
-    partner.await_node(topics.PEDAL.path, lambda: True)
+    partner.await_node(topics.PEDAL.path, alive)
     enables = Enables(partner.node, wheels)
     seen = enables.watch(partner, duration)
     breaches = [*contract.simulator_breaches(seen, wheels), *enables.breaches(seen)]

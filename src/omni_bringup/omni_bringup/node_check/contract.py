@@ -45,8 +45,9 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
     begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
-    ages = [one.age for one in first if one.stamp_ns >= begun]
-    age = float(np.percentile(ages, 99)) if ages else 0.0
+    # A node may publish its last answer again while no input arrives.
+    ages = {one.stamp_ns: one.age for one in reversed(first) if one.stamp_ns >= begun}
+    age = float(np.percentile(list(ages.values()), 99)) if ages else 0.0
     return {
         "answered.recorded": (100.0 * answered, "%"),
         **({"age_p99.recorded": (1e3 * age, "ms")} if ages else {}),
@@ -181,9 +182,9 @@ def _twist_problem(message: Any) -> str:
         return f"frame_id {message.header.frame_id!r} must be base_link"
     if not np.all(np.isfinite(twist)) or not np.all(np.isfinite(covariance)):
         return "twist and covariance must be finite; a variance of 1e6 stands for not measured"
+    if np.linalg.eigvalsh(covariance)[0] <= 0.0:
+        return "the covariance is not positive definite; use 1e6 where nothing is measured"
     scale = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     if not np.all(np.abs(covariance - covariance.T) <= 1e-6 * scale):
         return "the covariance is not symmetric"
-    if np.linalg.eigvalsh(covariance)[0] <= 0.0:
-        return "the covariance is not positive definite; use 1e6 where nothing is measured"
     return ""

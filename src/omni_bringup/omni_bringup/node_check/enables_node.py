@@ -53,14 +53,14 @@ class Enables:
         torques: dict[int, list[float]] = {}
         for _, message in seen["wheel_states"]:
             since = messages.to_nanoseconds(message.header.stamp) - self._braking_ns
-            if since >= 0 and since % _PHASE_NS >= _SETTLING_NS and message.effort:
-                first = message.effort[list(message.name).index(self._wheels[0])]
+            first = dict(zip(message.name, message.effort, strict=False)).get(self._wheels[0])
+            if since >= 0 and since % _PHASE_NS >= _SETTLING_NS and first is not None:
                 torques.setdefault(since // _PHASE_NS, []).append(abs(first))
         if 0 not in torques:
             yield "wheel_states: effort must contain the torque of each brake [N m]"
             return
         braked = np.median(torques[0])
-        if braked <= 0.0:
+        if not braked > 0.0:
             yield "a wheel with enable 1 is not braked while the pedal is down"
         elif np.median(torques.get(1, [0.0])) > 0.1 * braked:
             yield "a wheel with enable 0 is still braked"
@@ -74,5 +74,5 @@ class Enables:
         values = np.ones(len(self._wheels))
         if self._braking_ns is not None:
             phase = (stamp - self._braking_ns) // _PHASE_NS
-            values[0] = _FIRST_WHEEL[phase] if phase < len(_FIRST_WHEEL) else 1.0
+            values[0] = _FIRST_WHEEL[phase] if 0 <= phase < len(_FIRST_WHEEL) else 1.0
         self._publisher.publish(messages.joint_state(stamp, self._wheels, effort=values))
