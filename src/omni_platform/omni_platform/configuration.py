@@ -330,7 +330,7 @@ def _convert(value: Any, kind: Any, key: str) -> Any:
         if not isinstance(value, Mapping):
             raise ConfigurationError(key, f"{_described(value)}, not a mapping of names to entries")
         return {
-            str(name): from_mapping(element, entry, join_key(key, str(name)))
+            name: from_mapping(element, entry, join_key(key, str(name)))
             for name, entry in value.items()
         }
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
@@ -376,7 +376,7 @@ def _check_names(name: str, value: Any) -> None:
     if not isinstance(value, Mapping):
         raise ConfigurationError(name, f"{_described(value)}, not a mapping of names to entries")
     for entry in value:
-        if not _NAME.fullmatch(entry):
+        if not (isinstance(entry, str) and _NAME.fullmatch(entry)):
             raise ConfigurationError(
                 name, f"the name {entry!r} must be a letter followed by letters, digits or _"
             )

@@ -103,6 +103,7 @@ def test_round_trip_keeps_every_value() -> None:
         ({"main": {"stiffness": 1.0}, "spares": None}, "spares", "is nothing, not a mapping"),
         ({"main": {"stiffness": 1.0}, "spares": [1]}, "spares", "not a mapping"),
         ({"main": {"stiffness": 1.0}, "spares": {"a.b": {"stiffness": 1.0}}}, "spares", "'a.b'"),
+        ({"main": {"stiffness": 1.0}, "spares": {None: {"stiffness": 1.0}}}, "spares", "None"),
         (
             {"main": {"stiffness": 1.0}, "spares": {"a": {"stiffness": -1.0}}},
             "spares.a.stiffness",

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import rclpy
 from rclpy.duration import Duration
-from rclpy.exceptions import ParameterException
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -129,8 +129,9 @@ def _initialize_ros() -> None:
 def _make(make_node: Callable[[], Node]) -> Node:
     try:
         node = make_node()
-    except ParameterException as error:  # invalid parameter of rclpy
-        raise ConfigurationError("", str(error)) from None
+    except (NameValidationException, ParameterException) as error:
+        # A sign below an invalid name points at its first wrong letter.
+        raise ConfigurationError("", " ".join(str(error).rstrip(" ^").split())) from None
     try:
         parameters.refuse_unknown_parameters(node)
     except ConfigurationError:

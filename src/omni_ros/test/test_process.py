@@ -18,9 +18,11 @@ sys.exit(run_process(lambda: Node("idle"), lambda node, spinner: print("ran")))
 TIMEOUT = 60.0  # [s] only ends a process that hangs
 
 
-def start(arguments: list[str], domain: str = "") -> subprocess.CompletedProcess[str]:
+def start(
+    arguments: list[str], domain: str = "", program: str = PROGRAM
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, *arguments],
+        [sys.executable, "-c", program, *arguments],
         env={**os.environ, "ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},
         capture_output=True,
         text=True,
@@ -71,3 +73,12 @@ def test_a_bad_start_is_one_sentence(
     assert words in finished.stderr
     assert len(finished.stderr.strip().splitlines()) == 1
     assert not finished.stdout
+
+
+def test_an_invalid_name_is_one_sentence() -> None:
+    publisher = "Node('idle').create_publisher(Empty, 'a b', 1)"
+    program = PROGRAM.replace('Node("idle")', publisher)
+    finished = start([], program=f"from std_msgs.msg import Empty\n{program}")
+    assert finished.returncode == 2
+    assert "'a b'" in finished.stderr
+    assert len(finished.stderr.strip().splitlines()) == 1
