@@ -7,6 +7,7 @@ key can address any value. If a variant or an override names another part, this 
 and the other values of the part are merged into it.
 """
 
+import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -335,7 +336,7 @@ def short_name(path: str | Path) -> str:
     """
     file = Path(path)
     if file.name in _IN_FOLDER.values():
-        return file.resolve().parent.name
+        return Path(os.path.abspath(file)).parent.name
     return file.name.removesuffix(".yaml")
 
 

@@ -7,6 +7,7 @@ not given.
 
 import contextlib
 import dataclasses
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -85,7 +86,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             ),
             *(f"note: {note}" for note in notes),
             "estimates are marked in vehicle.yaml; replace what you can measure",
-            f"run a stop: ./omni run {folder / 'experiment.yaml'}",
+            f"run a stop: ./omni run {shlex.quote(str(folder / 'experiment.yaml'))}",
         ),
     )
 
