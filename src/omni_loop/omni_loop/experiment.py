@@ -7,9 +7,9 @@ key can address any value. If a variant or an override names another part, this 
 and the other values of the part are merged into it.
 """
 
-import os
 import re
 from collections.abc import Iterable, Mapping
+from os.path import abspath, exists, isfile
 from pathlib import Path
 from typing import Any
 
@@ -267,7 +267,7 @@ class ExperimentLibrary:
             path = declared.join_key(prefix, str(key))
             if path == _DEMANDS and isinstance(value, str):
                 file = (near or Path()) / value
-                resolved[key] = Part(read_demands(file if file.exists() else Path(value), path))
+                resolved[key] = Part(read_demands(file if exists(file) else Path(value), path))
                 continue
             kind = _PARTS.get(path)
             if kind is not None and isinstance(value, str):
@@ -291,8 +291,9 @@ class ExperimentLibrary:
             name: name or path.
         """
         file = Path(name) / _IN_FOLDER.get(kind, "")
-        known = name.endswith(".yaml") or (self.folder / kind / f"{name}.yaml").is_file()
-        return name if known or kind not in _IN_FOLDER or not file.is_file() else str(file)
+        known = name.endswith(".yaml") or name in self.parts(kind)
+        # Unlike a path's is_file(), isfile() accepts names that are too long.
+        return name if known or kind not in _IN_FOLDER or not isfile(file) else str(file)
 
     def _read(self, kind: str, name: str, key: str) -> dict[str, Any]:
         name = self.located(kind, name)
@@ -336,13 +337,13 @@ def short_name(path: str | Path) -> str:
     """
     file = Path(path)
     if file.name in _IN_FOLDER.values():
-        return Path(os.path.abspath(file)).parent.name
+        return Path(abspath(file)).parent.name
     return file.name.removesuffix(".yaml")
 
 
 def _nearest(name: str, near: Path | None) -> str:
     """Resolve a path relative to the file that contains it; return other names unchanged."""
-    if near is not None and name.endswith(".yaml") and (near / name).is_file():
+    if near is not None and name.endswith(".yaml") and isfile(near / name):
         return str(near / name)
     return name
 

@@ -230,6 +230,25 @@ def test_a_file_that_is_not_there_is_named(library: ExperimentLibrary, tmp_path:
         library.load(str(tmp_path / "nothing.yaml"), "assisted")
 
 
+@pytest.mark.parametrize("part", ["vehicle", "ground", "sensors"])
+@pytest.mark.parametrize("name", [300 * "x", 300 * "x" + ".yaml"])
+def test_a_name_that_is_too_long_is_refused(
+    library: ExperimentLibrary, part: str, name: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=part):
+        library.load("straight_line", "assisted", [f"{part}={name}"])
+
+
+def test_a_link_to_itself_is_refused(
+    library: ExperimentLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("vehicle.yaml").symlink_to("vehicle.yaml")
+    assert short_name("vehicle.yaml") == tmp_path.name
+    with pytest.raises(ConfigurationError, match=r"cannot read vehicle\.yaml"):
+        library.vehicle("vehicle.yaml")
+
+
 def test_an_experiment_elsewhere_uses_the_parts_of_the_library(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
