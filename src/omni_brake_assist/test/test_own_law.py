@@ -135,6 +135,12 @@ def test_a_law_does_not_receive_old_wheel_speeds(
     assert np.all(enables[160_000_000] == 1.0)
 
 
+@pytest.mark.safety(
+    "brakes released when they should act",
+    "a law that releases every brake, raises an exception, or returns an invalid value",
+    "all brakes are on",
+    within="the same step",
+)
 @pytest.mark.parametrize(
     ("law", "state", "reason"),
     [
