@@ -33,7 +33,7 @@ class Options(Configuration):
     """Options of ``omni drive``."""
 
     vehicle: str | None = option(None)
-    """a file of config/vehicles/ (default: the experiment's)"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle (default: the experiment's)"""
     experiment: str = option("small_stop")
     """experiment whose last variant determines ground, sensors and nodes"""
     ground: str | None = option(None)

@@ -141,7 +141,7 @@ class _StraightLine(LoopOptions):
     """Options of ``straight_line``: vehicle and overrides of the experiment."""
 
     vehicle: str = parameter(VEHICLE)
-    """a file of config/vehicles/"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
 
 
 OPTIONS = {"straight_line": _StraightLine}

@@ -51,7 +51,7 @@ class Options(Configuration):
     """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
     speed: float = parameter(10.0, unit="m/s", above=0.5, maximum=20.0)
     """speed before braking"""
 

@@ -40,7 +40,7 @@ class Options(Configuration):
     """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
     speed: float = parameter(5.0, unit="m/s", minimum=1.0, maximum=50.0)
     """speed straight ahead"""
     k: int = parameter(3, minimum=1, maximum=99)

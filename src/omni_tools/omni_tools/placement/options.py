@@ -7,7 +7,7 @@ class PlacementOptions(configuration.Configuration):
     """Chassis, cameras, motions and ground for which line cameras are placed."""
 
     vehicle: str = configuration.parameter("mecanum_forklift")
-    """a file of config/vehicles/, or a path that ends in .yaml"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
     sensors: int | None = configuration.parameter(None, minimum=3, maximum=8)
     """number of cameras, at least three for the components of the twist (default: 3, or that of
     --check)"""
