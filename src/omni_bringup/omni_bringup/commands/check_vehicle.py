@@ -30,7 +30,7 @@ class Options(CommandOptions):
     """rosbag2 folder with wheel_states and brake/pedal; odometry/twist, imu and brake/enable are
     checked if they are recorded. 'live' for a drive that follows, in the domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
-    """a file of config/vehicles/, a path that ends in .yaml, or a vehicle's folder"""
+    """a file of config/vehicles/, a path, or the folder of a vehicle"""
     distance: float = option(1.0, unit="m", above=0.0, maximum=1000.0)
     """measured distance of the motions forward and to the left"""
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
@@ -65,13 +65,11 @@ def run(options: Options, workspace: Workspace) -> Report:
     motions = motions_of(signals)
     drive = vehicle.wheels, signals, motions
     angle = math.radians(options.angle)
-    mistakes = known.find_mistakes(
-        *drive, distance=options.distance, angle=angle, brake=vehicle.brake
-    )
+    mistakes = known.find_mistakes(*drive, distance=options.distance, angle=angle, vehicle=vehicle)
     missing = unchecked(signals)
     undistinguished = []
     if not mistakes and topics.TWIST.name not in missing:
-        undistinguished = known.undistinguished_brakes(*drive, brake=vehicle.brake)
+        undistinguished = known.undistinguished_brakes(*drive, vehicle=vehicle)
     values = workspace.experiment_library().vehicle_values(options.vehicle)
     changed = known.corrected(values, mistakes)
     files = []

@@ -16,10 +16,12 @@ import numpy as np
 from scipy.signal import lfilter
 
 from omni_platform import configuration, kinematics
-from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
+from omni_platform.brakes import ON_OFF, BrakeConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning.signals import Motions, Signals
+from omni_tools.vehicles.plausibility import wheel_facts
 
 
 class Tolerances(NamedTuple):
@@ -32,11 +34,13 @@ class Tolerances(NamedTuple):
         offset: largest error of a twist sensor's position [m].
         force: smallest specific force with which the axes of an IMU are tested [m/s^2].
         latest: longest delay of a brake's response after its described dead time [s].
-        response: smallest ratio of the mean slip of a braked wheel to the largest mean slip [1].
+        response: smallest ratio of the mean torque of a braked wheel to the largest one [1].
         braked: smallest integral of the demand while a wheel moves, for a test of its brake [s].
         share: smallest mean demand that is also sufficient for this test [1].
         gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
         delay: largest difference between measured and described dead time [s].
+        slowest: smallest speed of a wheel with a defined slip, as a share of the top speed [1].
+        peak_slip: slip at which a tire reaches the friction limit [1]; Table 1 has 0.15.
     """
 
     misfit: float = 0.06
@@ -45,11 +49,13 @@ class Tolerances(NamedTuple):
     offset: float = 0.03
     force: float = 0.05
     latest: float = 0.3
-    response: float = 0.04
+    response: float = 0.02
     braked: float = 0.5
     share: float = 0.75
     gain: float = 0.5
     delay: float = 0.03
+    slowest: float = 0.2
+    peak_slip: float = 0.15
 
 
 _ALLOWED = Tolerances()
@@ -78,7 +84,7 @@ def find_mistakes(
     *,
     distance: float,
     angle: float,
-    brake: BrakeConfiguration,
+    vehicle: VehicleConfiguration,
 ) -> list[Mistake]:
     """Return the errors found in a drive.
 
@@ -88,7 +94,7 @@ def find_mistakes(
         motions: motions of the drive.
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
-        brake: brakes as described in the vehicle's file.
+        vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     known = np.diag([distance, distance, angle])
     wheel = _wheel_mistake(wheels, motions.angle, known)
@@ -98,7 +104,7 @@ def find_mistakes(
     slips = not found and bool(np.any(np.isfinite(signals.twist[motions.stop])))
     found += _imu_mistakes(motions, angle)
     if slips:
-        found += _brake_mistakes(wheels, signals, motions, brake)
+        found += _brake_mistakes(wheels, signals, motions, vehicle)
     return found
 
 
@@ -233,12 +239,8 @@ def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) ->
 def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
     turned = float(motions.gyro[2])
     if np.isfinite(turned) and abs(turned) > 0.0:
-        gyro = (
-            "gyro: yaw rate",
-            "negate it, or mount it upright",
-            "check its unit (rad/s) and scale",
-        )
-        yield from _scale_mistakes(*gyro, turned / angle)
+        remedies = "negate it, or mount it upright", "check its unit (rad/s) and scale"
+        yield from _scale_mistakes("gyro: yaw rate", *remedies, turned / angle)
     force = motions.force[:2]
     if not np.all(np.isfinite(force)) or np.max(np.abs(force), axis=1).min() < _ALLOWED.force:
         return
@@ -255,18 +257,15 @@ class _Response(NamedTuple):
     """Response of the wheels to their brakes during the stops, T rows and N wheels.
 
     Attributes:
-        slip: longitudinal slip [1], 0 for a wheel at rest, shape (T, N).
-        effect: quantity that follows the demand of a brake, shape (T, N): the slip [1], or the
-            deceleration [rad/s] per row of a velocity drive.
+        torque: torque of each brake [N m], from slip and deceleration of its wheel, shape (T, N).
         demand: predicted demand of each brake after its described delays [1], shape (T, N).
         rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
-        moving: whether each wheel turns fast enough for its slip to be defined, shape (T, N).
+        moving: whether each wheel would roll fast enough for its slip to be defined, shape (T, N).
         braking: whether the driver brakes, shape (T, 1).
         near: whether a row is close to the beginning of a stop, shape (T,).
     """
 
-    slip: FloatArray
-    effect: FloatArray
+    torque: FloatArray
     demand: FloatArray
     rolling: FloatArray
     moving: BoolArray
@@ -278,29 +277,31 @@ def _response(
     wheels: Mapping[str, WheelMount],
     signals: Signals,
     motions: Motions,
-    brake: BrakeConfiguration,
-    slowest: float = 0.2,
+    vehicle: VehicleConfiguration,
 ) -> _Response:
-    """Return the response of the wheels; `slowest` is the smallest share of the top speed [1]."""
+    """Return the response of the wheels, on tires that are linear up to the friction limit."""
     predicted = _predicted(wheels, motions.twist)
     # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
     # cancels in the slip.
     scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
     rolling = scale * _predicted(wheels, signals.twist[motions.stop])
     pedal = np.nan_to_num(signals.pedal[motions.stop])
-    moving = np.abs(rolling) > slowest * np.nanmax(np.abs(rolling))
+    moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
     speed = signals.wheel_speed[motions.stop]
-    slip = np.where(moving, 1.0 - speed / np.where(moving, rolling, 1.0), 0.0)
-    slower = -np.diff(np.abs(speed), axis=0, prepend=np.abs(speed[:1]))
+    slip = 1.0 - speed / np.where(moving, rolling, 1.0)
+    slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
+    facts = wheel_facts(vehicle)
+    limit = np.array([facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()])
+    force = np.clip(slip / _ALLOWED.peak_slip, -1.0, 1.0)
+    torque = np.where(moving, limit * force + vehicle.wheel_inertia * slower, 0.0)
     # A brake without an enable is on.
     demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
     rows = np.arange(len(pedal))
     begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int)) > 0) + 1
     apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
     return _Response(
-        slip,
-        slower if brake.kind == VELOCITY else slip,
-        _acting(demand, signals.period, brake),
+        torque,
+        _acting(demand, signals.period, vehicle.brake),
         rolling,
         moving,
         pedal[:, np.newaxis] > 0.0,
@@ -325,11 +326,8 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 def _action(response: _Response, demand: FloatArray, brake: BrakeConfiguration) -> FloatArray:
     """Return the torque of each brake [N m] for demands [1], shape (T, N).
 
-    The speed of a rolling wheel limits the torque, because the measured speed depends on the slip.
-    The demand of a velocity drive is returned unchanged: its power limits the torque, not the ramp.
+    The rolling speed limits the torque, because the measured speed depends on the slip.
     """
-    if brake.kind == VELOCITY:
-        return demand
     return brake.limited(demand * brake.max_torque, response.rolling)
 
 
@@ -338,13 +336,13 @@ def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
 
     The mean of all wheels neither depends on the order of the brakes nor on a single brake.
     """
-    effect, action = (
+    torque, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
-        for values in (response.effect, _action(response, response.demand, brake))
+        for values in (response.torque, _action(response, response.demand, brake))
     )
     near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
     rows = range(-round(brake.dead_time / period), round(_ALLOWED.latest / period))
-    return max(rows, key=lambda row: _correlation(effect[near], _earlier(action, near, row)))
+    return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
 
 
 def _gains(
@@ -352,19 +350,19 @@ def _gains(
 ) -> dict[tuple[int, int], float]:
     """Return by how much the exchange of two brakes increases the sum of correlations, by indices.
 
-    Effect and torque of each brake are correlated relative to the mean of all wheels: the pedal
-    acts on all brakes at once, so wheels differ only in their deviation from the mean.
+    Measured and predicted torque are correlated relative to the mean of all wheels: the pedal acts
+    on all brakes at once, so wheels differ only in their deviation from the mean.
     """
-    effect = _without_mean(response.effect, response.moving)
+    torque = _without_mean(response.torque, response.moving)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
 
     def score(order: list[int]) -> float:
         """Return the sum of correlations if each wheel has the brake with this index."""
         action = _action(response, response.demand[:, order], brake)
         action = _earlier(_without_mean(action, response.moving), braking, late)
-        return float(np.trace(_correlation(effect[braking], action)))
+        return float(np.trace(_correlation(torque[braking], action)))
 
-    order = list(range(effect.shape[1]))
+    order = list(range(torque.shape[1]))
     described, gains = score(order), {}
     for i, j in itertools.combinations(order, 2):
         exchanged = [{i: j, j: i}.get(row, row) for row in order]
@@ -377,7 +375,7 @@ def undistinguished_brakes(
     signals: Signals,
     motions: Motions,
     *,
-    brake: BrakeConfiguration,
+    vehicle: VehicleConfiguration,
 ) -> list[tuple[str, str]]:
     """Return the pairs of brakes whose exchange could not be detected from the stops of a drive.
 
@@ -385,10 +383,10 @@ def undistinguished_brakes(
         wheels: wheels as described in the vehicle's file.
         signals: signals of the drive.
         motions: motions of the drive.
-        brake: brakes as described in the vehicle's file.
+        vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
-    response = _response(wheels, signals, motions, brake)
-    gains = _gains(response, _late(response, signals.period, brake), brake)
+    response = _response(wheels, signals, motions, vehicle)
+    gains = _gains(response, _late(response, signals.period, vehicle.brake), vehicle.brake)
     names = list(wheels)
     return [
         (names[one], names[other]) for (one, other), gain in gains.items() if gain > -_ALLOWED.gain
@@ -399,16 +397,15 @@ def _brake_mistakes(
     wheels: Mapping[str, WheelMount],
     signals: Signals,
     motions: Motions,
-    brake: BrakeConfiguration,
+    vehicle: VehicleConfiguration,
 ) -> Iterator[Mistake]:
-    names, response = list(wheels), _response(wheels, signals, motions, brake)
+    brake, names = vehicle.brake, list(wheels)
+    response = _response(wheels, signals, motions, vehicle)
     demand = np.where(response.moving, response.demand, 0.0)
     braked, longest = np.sum(demand, axis=0), np.sum(response.moving & response.braking, axis=0)
     tested = braked >= np.minimum(_ALLOWED.braked / signals.period, _ALLOWED.share * longest)
-    # A wheel whose brake does not act rolls freely: while the vehicle slows down, its inertia even
-    # makes it faster than the ground.
-    slip = np.sum(demand * response.slip, axis=0) / np.maximum(braked, 1e-9)
-    dead = tested & (slip < _ALLOWED.response * np.max(slip))
+    torque = np.sum(demand * response.torque, axis=0) / np.maximum(braked, 1e-9)
+    dead = tested & (torque < _ALLOWED.response * np.max(torque))
     for row in np.flatnonzero(dead):
         remedy = "check its wiring, valve and power, and the order of the outputs"
         yield Mistake(f"brake {names[row]} does not act", remedy)

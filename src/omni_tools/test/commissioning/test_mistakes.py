@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
+from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
 from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of
 from omni_tools.vehicles.estimates import Measured, write_vehicle
@@ -77,43 +79,63 @@ def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
     return drive("mecanum_forklift")
 
 
+def described(
+    vehicle: str = "mecanum_forklift", brake: BrakeConfiguration = DIRECT
+) -> VehicleConfiguration:
+    return dataclasses.replace(ExperimentLibrary(CONFIG).vehicle(vehicle), brake=brake)
+
+
 def found(
     wheels: Wheels,
     signals: Signals,
     known: tuple[float, float],
-    brake: BrakeConfiguration = DIRECT,
+    vehicle: VehicleConfiguration | None = None,
 ) -> list[str]:
     mistakes = find_mistakes(
-        wheels, signals, motions_of(signals), distance=known[0], angle=known[1], brake=brake
+        wheels,
+        signals,
+        motions_of(signals),
+        distance=known[0],
+        angle=known[1],
+        vehicle=vehicle or described(),
     )
     return [mistake.name for mistake in mistakes]
 
 
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
 def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
-    assert found(*drive(vehicle)) == []
+    assert found(*drive(vehicle), described(vehicle)) == []
 
 
 def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
     brake = BrakeConfiguration(dead_time=0.06, release_time=0.1)
-    assert found(*drive("mecanum_forklift", *typical_changes(SPRING)), brake) == []
+    changes = typical_changes(SPRING)
+    assert found(*drive("mecanum_forklift", *changes), described(brake=brake)) == []
 
 
-@pytest.mark.parametrize("power", [60.0, 100.0])
-def test_torque_drives_of_limited_power_have_no_mistake(power: float, tmp_path: Path) -> None:
-    measured = Measured(
-        length=0.58,
-        width=0.38,
-        mass=30.0,
-        wheel_radius=0.05,
-        load=8.0,
-        brakes=TORQUE,
-        drive_power=power,
-    )
-    vehicle, *_ = write_vehicle("robot", measured, tmp_path / "robot")
-    brake = ExperimentLibrary(CONFIG).vehicle(str(vehicle)).brake
-    assert brake.max_power == power
-    assert found(*drive(str(vehicle), "brake_assist.law=allocation"), brake) == []
+ROBOT = {"length": 0.58, "width": 0.38, "mass": 30.0, "wheel_radius": 0.05, "load": 8.0}
+CART = {"length": 0.7, "width": 0.5, "mass": 20.0, "wheel_radius": 0.06, "load": 4.0}
+TRUCK = {"length": 2.0, "width": 2.0, "mass": 320.0, "wheel_radius": 0.17, "load": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("measured", "inertia"),
+    [
+        ({**ROBOT, "brakes": TORQUE, "drive_power": 20.0}, 1.0),
+        ({**ROBOT, "brakes": TORQUE, "drive_power": 100.0}, 1.0),
+        ({**CART, "brakes": PROPORTIONAL}, 5.0),
+        ({**TRUCK, "brakes": PROPORTIONAL, "kind": "omni"}, 1.0),
+    ],
+)
+def test_weak_drives_and_heavy_wheels_are_no_mistake(
+    measured: dict[str, Any], inertia: float, tmp_path: Path
+) -> None:
+    file, *_ = write_vehicle("robot", Measured(**measured), tmp_path / "robot")
+    vehicle = ExperimentLibrary(CONFIG).vehicle(str(file))
+    vehicle = dataclasses.replace(vehicle, wheel_inertia=inertia * vehicle.wheel_inertia)
+    changes = f"vehicle.wheel_inertia={vehicle.wheel_inertia}", "brake_assist.law=allocation"
+    assert vehicle.brake.max_power == measured.get("drive_power", 0.0)
+    assert found(*drive(str(file), *changes), vehicle) == []
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
@@ -223,7 +245,7 @@ def test_a_brake_that_does_not_act_is_named(vehicle: str, brakes: str, law: str)
     brake = BrakeConfiguration(**TYPICAL[brakes])
     for enabled in ("true", "false"):
         faulty = f"vehicle.conditions.{name}={{brake: 0.0}}", f"brake_assist.enabled={enabled}"
-        names = found(*drive(vehicle, *changes, *faulty), brake)
+        names = found(*drive(vehicle, *changes, *faulty), described(vehicle, brake))
         assert names == [f"brake {name} does not act"]
 
 
@@ -231,15 +253,13 @@ def test_a_brake_that_does_not_act_is_named(vehicle: str, brakes: str, law: str)
     ("brakes", "law"),
     [(SPRING, "sliding_mode"), (TORQUE, "allocation"), (VELOCITY, "allocation")],
 )
-@pytest.mark.parametrize("described", [0.0, 0.15])
-def test_a_wrong_dead_time_is_named(brakes: str, law: str, described: float) -> None:
+@pytest.mark.parametrize("wrong", [0.0, 0.15])
+def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None:
     typical, true = BrakeConfiguration(**TYPICAL[brakes]), 0.08
     later = [f"vehicle.brake.{key}={getattr(typical, key) + true:.3f}" for key in DELAYS]
     changes = [*typical_changes(brakes), *later, f"brake_assist.law={law}"]
-    brake = dataclasses.replace(
-        typical, **{key: getattr(typical, key) + described for key in DELAYS}
-    )
-    names = found(*drive("mecanum_forklift", *changes), brake)
+    brake = dataclasses.replace(typical, **{key: getattr(typical, key) + wrong for key in DELAYS})
+    names = found(*drive("mecanum_forklift", *changes), described(brake=brake))
     assert len(names) == 1
     milliseconds = int(names[0].removeprefix("brakes: dead time is about ").removesuffix(" ms"))
     assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
@@ -259,15 +279,17 @@ def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
     limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
     changes = *typical_changes(brakes), limit, f"brake_assist.law={law}"
     wheels, signals, known = drive(vehicle, *changes)
-    described = ExperimentLibrary(CONFIG).vehicle(vehicle).brake
-    brake = dataclasses.replace(described, **TYPICAL[brakes], max_power=power)
-    alike = undistinguished_brakes(wheels, signals, motions_of(signals), brake=brake)
+    brake = ExperimentLibrary(CONFIG).vehicle(vehicle).brake
+    known_vehicle = described(
+        vehicle, dataclasses.replace(brake, **TYPICAL[brakes], max_power=power)
+    )
+    alike = undistinguished_brakes(wheels, signals, motions_of(signals), vehicle=known_vehicle)
     pairs = itertools.combinations(enumerate(wheels), 2)
     shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
     assert len(shown) > 6
     for (one, first), (other, second) in shown:
         enable = exchanged(one, other)(signals.enable.copy())
-        names = found(wheels, signals._replace(enable=enable), known, brake)
+        names = found(wheels, signals._replace(enable=enable), known, known_vehicle)
         assert names == [f"brakes {first} and {second} are exchanged"]
 
 
@@ -315,10 +337,10 @@ def test_brakes_that_only_act_together_are_not_distinguished(
 ) -> None:
     wheels, signals, _ = forklift
     motions = motions_of(signals)
-    assert undistinguished_brakes(wheels, signals, motions, brake=DIRECT) == []
+    assert undistinguished_brakes(wheels, signals, motions, vehicle=described()) == []
     for enable in (np.ones_like(signals.enable), np.full_like(signals.enable, math.nan)):
         together = signals._replace(enable=enable)
-        alike = undistinguished_brakes(wheels, together, motions, brake=DIRECT)
+        alike = undistinguished_brakes(wheels, together, motions, vehicle=described())
         assert alike == list(itertools.combinations(wheels, 2))
 
 
@@ -326,18 +348,18 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
     forklift: tuple[Wheels, Signals, tuple[float, float]], tmp_path: Path
 ) -> None:
     wheels, signals, known = forklift
-    described, _ = of_wheel("front_left", radius=1.12)(wheels, signals)
+    other, _ = of_wheel("front_left", radius=1.12)(wheels, signals)
     _, late = delayed_by_60_ms(wheels, signals)
     library = ExperimentLibrary(CONFIG)
     values = library.vehicle_values("mecanum_forklift")
-    for wrong, drive_of in ((described, signals), (wheels, late)):
+    for wrong, drive_of in ((other, signals), (wheels, late)):
         mistakes = find_mistakes(
             wrong,
             drive_of,
             motions_of(drive_of),
             distance=known[0],
             angle=known[1],
-            brake=DIRECT,
+            vehicle=described(),
         )
         file = tmp_path / "vehicle.yaml"
         file.write_text(yaml.safe_dump(corrected(values, mistakes), sort_keys=False))
@@ -348,7 +370,7 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
             motions_of(drive_of),
             distance=known[0],
             angle=known[1],
-            brake=vehicle.brake,
+            vehicle=vehicle,
         )
         assert mistakes
         assert again == []
@@ -384,7 +406,7 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
             motions,
             distance=known[0],
             angle=known[1],
-            brake=DIRECT,
+            vehicle=described(),
         )
         assert found == []
 
