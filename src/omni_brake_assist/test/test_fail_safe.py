@@ -305,7 +305,9 @@ def test_some_brake_is_always_on(
     "all brakes are on",
     within="the same step",
 )
-def test_a_failing_program_puts_all_brakes_on(mecanum: Wheels, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_program_puts_all_brakes_on(
+    mecanum: Wheels, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assist = assisting(mecanum)
 
     def fail(*_: object) -> None:
