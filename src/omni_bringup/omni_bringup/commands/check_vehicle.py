@@ -66,7 +66,7 @@ def run(options: Options, workspace: Workspace) -> Report:
     drive = vehicle.wheels, signals, motions
     angle = math.radians(options.angle)
     mistakes = known.find_mistakes(*drive, distance=options.distance, angle=angle, vehicle=vehicle)
-    missing = unchecked(signals)
+    missing = unchecked(signals, motions)
     undistinguished = []
     if not mistakes and topics.TWIST.name not in missing:
         undistinguished = known.undistinguished_brakes(*drive, vehicle=vehicle)

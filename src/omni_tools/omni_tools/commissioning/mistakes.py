@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from omni_platform import configuration, kinematics
+from omni_platform import configuration, kinematics, topics
 from omni_platform.brakes import ON_OFF, BrakeConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_tools.commissioning.signals import Motions, Signals
+from omni_tools.commissioning.signals import Motions, Signals, unchecked
 from omni_tools.vehicles.plausibility import wheel_facts
 
 
@@ -101,7 +101,7 @@ def find_mistakes(
     found = [] if wheel is None else [wheel]
     found += _twist_mistakes(motions.twist, known)
     # The slip of a wheel requires correct wheel speeds and twists, so brakes are checked last.
-    slips = not found and bool(np.any(np.isfinite(signals.twist[motions.stop])))
+    slips = not found and topics.TWIST.name not in unchecked(signals, motions)
     found += _imu_mistakes(motions, angle)
     if slips:
         found += _brake_mistakes(wheels, signals, motions, vehicle)
@@ -198,7 +198,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
 
 
 def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
-    if not np.any(twist):
+    if not np.all(np.isfinite(twist)):
         return
     forward, left, turn = twist
     distance, angle = known[0, 0], known[2, 2]
@@ -238,7 +238,7 @@ def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) ->
 
 def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
     turned = float(motions.gyro[2])
-    if np.isfinite(turned) and abs(turned) > 0.0:
+    if np.isfinite(turned):
         remedies = "negate it, or mount it upright", "check its unit (rad/s) and scale"
         yield from _scale_mistakes("gyro: yaw rate", *remedies, turned / angle)
     force = motions.force[:2]
@@ -285,7 +285,7 @@ def _response(
     # cancels in the slip.
     scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
     rolling = scale * _predicted(wheels, signals.twist[motions.stop])
-    pedal = np.nan_to_num(signals.pedal[motions.stop])
+    pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # no value: full demand
     moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
     speed = signals.wheel_speed[motions.stop]
     slip = 1.0 - speed / np.where(moving, rolling, 1.0)
@@ -297,7 +297,7 @@ def _response(
     # A brake without an enable is on.
     demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
     rows = np.arange(len(pedal))
-    begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int)) > 0) + 1
+    begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int), prepend=0) > 0)
     apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
     return _Response(
         torque,
@@ -334,7 +334,8 @@ def _action(response: _Response, demand: FloatArray, brake: BrakeConfiguration) 
 def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
     """Return the delay of the wheels after the predicted torque when stops begin, in rows.
 
-    The mean of all wheels neither depends on the order of the brakes nor on a single brake.
+    The mean of all wheels neither depends on the order of the brakes nor on a single brake. If no
+    stop begins while a wheel moves, this is the delay of brakes as described.
     """
     torque, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
@@ -342,6 +343,8 @@ def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
     )
     near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
     rows = range(-round(brake.dead_time / period), round(_ALLOWED.latest / period))
+    if not len(near):
+        return 1
     return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
 
 
@@ -439,7 +442,9 @@ def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the correlations of all pairs of columns, 0 for a constant column."""
+    """Return the correlations of all pairs of columns, 0 for a constant column or without rows."""
+    if not len(rows):
+        return np.zeros((rows.shape[1], columns.shape[1]))
     a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
     scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     return np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)

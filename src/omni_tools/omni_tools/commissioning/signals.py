@@ -25,6 +25,9 @@ _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 _SHORTEST = 0.3
 """Shortest duration of a motion, and of a rest between two motions [s]."""
 
+_LARGEST = 1e6
+"""Magnitude from which on a reading counts as missing, in the unit of its topic."""
+
 
 class Signals(NamedTuple):
     """Signals of a drive at T equally spaced times with N wheels; missing values are NaN.
@@ -125,7 +128,8 @@ def signals_of(
             return np.full((len(time), columns), math.nan)
         newest = np.searchsorted(stamps, time, side="right") - 1
         values = np.array(rows, np.float64).reshape(len(stamps), columns)
-        return np.where(newest[:, np.newaxis] >= 0, values[np.maximum(newest, 0)], math.nan)
+        usable = (newest >= 0)[:, np.newaxis] & (np.abs(values[newest]) < _LARGEST)
+        return np.where(usable, values[newest], math.nan)
 
     def by_wheel(topic: str, field: str) -> list[Any]:
         found = [
@@ -135,6 +139,7 @@ def signals_of(
         return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
 
     speeds = np.array(by_wheel(_WHEELS, "velocity"), np.float64).reshape(-1, len(wheels))
+    speeds[~(np.abs(speeds) < _LARGEST)] = math.nan
     unmeasured = [
         wheel for wheel, one in zip(wheels, speeds.T, strict=True) if np.all(np.isnan(one))
     ]
@@ -157,10 +162,17 @@ def signals_of(
     )
 
 
-def unchecked(drive: Signals) -> dict[str, str]:
-    """Return, for each missing topic, what cannot be checked without it."""
-    needs = {_TWIST: (drive.twist, "twist sensor and brakes"), _IMU: (drive.imu, "IMU")}
-    return {topic: what for topic, (values, what) in needs.items() if np.all(np.isnan(values))}
+def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
+    """Return, for each topic that misses a motion or all stops, what cannot be checked."""
+    needs = {
+        _TWIST: (motions.twist, drive.twist[motions.stop], "twist sensor and brakes"),
+        _IMU: (motions.gyro, drive.imu[motions.stop], "IMU"),
+    }
+    return {
+        topic: what
+        for topic, (moved, stopped, what) in needs.items()
+        if np.any(np.isnan(moved)) or np.all(np.isnan(stopped))
+    }
 
 
 def motions_of(drive: Signals) -> Motions:
@@ -198,8 +210,8 @@ def motions_of(drive: Signals) -> Motions:
 def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray:
     """Return the integral of each column; a missing value is replaced by the column's mean."""
     known = np.isfinite(values)
-    sums = np.sum(np.where(known, values, 0.0), axis=0)
-    return np.asarray(sums * dt * len(values) / np.maximum(known.sum(axis=0), 1))
+    sums, counts = np.sum(np.where(known, values, 0.0), axis=0), np.sum(known, axis=0)
+    return np.where(counts, sums * dt * len(values) / np.maximum(counts, 1), math.nan)
 
 
 def _runs(

@@ -34,7 +34,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
-from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of
+from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of, unchecked
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 
 CONFIG = Path(__file__).parents[4] / "config"
@@ -205,6 +205,7 @@ def mistakes() -> Iterator[tuple[str, Change]]:
         of_signal("twist", lambda twist: twist + np.outer(twist[:, 2], (0.1, 0.3, 0.0))),
     )
     yield "gyro: yaw rate has the wrong sign", of_signal("imu", scaled(-1, 1, 1))
+    yield "gyro: yaw rate is 0.000 times", of_signal("imu", scaled(0, 1, 1))
     yield "gyro: yaw rate is 5", of_signal("imu", scaled(math.degrees(1.0), 1, 1))
     yield "accelerometer: x has", of_signal("imu", scaled(1, -1, 1))
     yield "accelerometer: y has", of_signal("imu", scaled(1, 1, -1))
@@ -303,6 +304,38 @@ def test_gaps_of_twist_and_enables_hide_no_exchange(
     gaps = signals._replace(twist=twist, enable=enable)
     expected = [f"brakes {FORKLIFT[0]} and {FORKLIFT[2]} are exchanged"]
     assert found(wheels, gaps, known) == expected
+
+
+def test_a_twist_that_is_always_zero_is_no_missing_twist(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    assert "twist sensor: speed is 0.000 times the true one" in found(
+        wheels, signals._replace(twist=np.zeros_like(signals.twist)), known
+    )
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rows", [slice(0, 400), slice(1050, None)])
+def test_a_twist_that_misses_a_motion_or_the_stops_is_unchecked(
+    rows: slice, forklift: tuple[Wheels, Signals, tuple[float, float]]
+) -> None:
+    wheels, signals, known = forklift
+    twist = signals.twist.copy()
+    twist[rows] = math.nan
+    signals = signals._replace(twist=twist)
+    assert found(wheels, signals, known) == []
+    assert "odometry/twist" in unchecked(signals, motions_of(signals))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_drive_whose_pedal_is_lost_while_it_brakes_has_no_mistake(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    wheels, signals, known = forklift
+    later = (signals.pedal > 0.0) & (np.cumsum(signals.pedal) > 1.0)
+    pedal = np.where(later, math.nan, signals.pedal)
+    assert found(wheels, signals._replace(pedal=pedal), known) == []
 
 
 def test_lost_wheel_speeds_change_no_result_or_are_refused(

@@ -43,12 +43,13 @@ def test_stamps_of_two_clocks_are_refused() -> None:
         signals_of(jump, WHEELS)
 
 
-@pytest.mark.parametrize("speeds", [(), (np.nan, 2.0)])
+@pytest.mark.parametrize("speeds", [(), (np.nan, 2.0), (np.inf, 2.0), (-1e9, 2.0)])
 def test_wheels_without_encoders_are_named(speeds: tuple[float, ...]) -> None:
     with pytest.raises(ConfigurationError, match="no speed of left"):
         signals_of(streams(400, speeds=speeds), WHEELS)
 
 
-def test_a_pedal_without_a_value_is_unknown() -> None:
-    assert np.all(np.isnan(signals_of(streams(400, position=()), WHEELS).pedal))
+@pytest.mark.parametrize("position", [(), (np.nan,), (-np.inf,), (1e308,)])
+def test_a_pedal_without_a_value_is_unknown(position: tuple[float, ...]) -> None:
+    assert np.all(np.isnan(signals_of(streams(400, position=position), WHEELS).pedal))
     assert np.all(signals_of(streams(400), WHEELS).pedal == 0.5)
