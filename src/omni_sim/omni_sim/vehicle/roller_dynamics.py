@@ -16,7 +16,7 @@ from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
 from omni_sim.vehicle.state import Plant, Record, Rollers, Step, Structured
 from omni_sim.wheel.drivetrain import Drive, Spin
-from omni_sim.wheel.roller import RollerHub, RollerPatch, load_share, roller_step
+from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share, roller_step
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
@@ -136,19 +136,25 @@ def _step_contact(
         spin,
         drive,
     )
-    roller.spin = after.spin
-    roller.e_a, roller.e_p = after.deflection
-    roller.f_a, roller.f_p = after.force
-    roller.q_a, roller.q_p = after.direction
-    roller.load, roller.limit, roller.slip = touch.load, after.limit, after.slip
-    roller.torque = -(lever[0] * after.force[0] + lever[1] * after.force[1])
-    roller.sliding = after.sliding
+    _store(roller, touch.load, lever, after)
     f_x = after.force[0] * n_x + after.force[1] * p_x
     f_y = after.force[0] * n_y + after.force[1] * p_y
     push[0] += f_x
     push[1] += f_y
     push[2] += r_x * f_y - r_y * f_x
     return after.speed, after.brake
+
+
+@lean
+def _store(roller: Record, load: float, lever: Pair, after: RollerStep) -> None:
+    """Store load [N] and state of a roller after a step; for `lever`, see `RollerHub`."""
+    roller.spin = after.spin
+    roller.e_a, roller.e_p = after.deflection
+    roller.f_a, roller.f_p = after.force
+    roller.q_a, roller.q_p = after.direction
+    roller.load, roller.limit, roller.slip = load, after.limit, after.slip
+    roller.torque = -(lever[0] * after.force[0] + lever[1] * after.force[1])
+    roller.sliding = after.sliding
 
 
 @lean

@@ -114,6 +114,23 @@ class RollerStep(NamedTuple):
 
 
 @lean
+def _deflected(tire: TireConstants, deflection: Pair, force: Pair, effective: float) -> Pair:
+    """Return the deflection of a tread after a step with a force [m].
+
+    Args:
+        tire: constants of the tread.
+        deflection: deflection at the start of the step [m].
+        force: force on the vehicle [N].
+        effective: damping of the tread with its stiffness over a step [N s/m].
+    """
+    share = tire.dt / effective
+    return (
+        deflection[0] + share * (force[0] - tire.stiffness * deflection[0]),
+        deflection[1] + share * (force[1] - tire.stiffness * deflection[1]),
+    )
+
+
+@lean
 def roller_step(
     tire: TireConstants,
     curves: tuple[Any, Any],
@@ -174,14 +191,9 @@ def roller_step(
         if change <= _TOLERANCE:
             break
     force = (after.force * used[0], after.force * used[1])
-    share = tire.dt / effective
-    deflected = (
-        deflection[0] + share * (force[0] - tire.stiffness * deflection[0]),
-        deflection[1] + share * (force[1] - tire.stiffness * deflection[1]),
-    )
     return RollerStep(
         force,
-        deflected,
+        _deflected(tire, deflection, force, effective),
         hub.spin - tire.dt * hub.spin_lever * force[1] / hub.inertia,
         after.speed,
         after.brake,
