@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -110,6 +111,11 @@ def misunderstood(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         said = capsys.readouterr().err
         return said if ended.code else ""
     return ""
+
+
+def test_a_program_of_a_page_is_in_the_environment() -> None:
+    programs = {line.split()[1] for _, line in commands() if line.startswith("exec ")}
+    assert {name for name in programs if shutil.which(name) is None} == set()
 
 
 def test_a_command_in_running_text_is_understood(capsys: pytest.CaptureFixture[str]) -> None:
