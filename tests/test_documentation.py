@@ -12,12 +12,12 @@ from safety_table import rows as hazards
 from safety_table import table
 
 import omni_studies
+from omni_bringup.commands import commands_of
 from omni_bringup.dissertation_page import STATUSES, chapters, page
 from omni_bringup.parameter_reference import reference
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import read_run
 from omni_studies import page_numbers
-from omni_studies.study import study_names
 
 GENERATED = {"dissertation.md", "options.md", "parameters.md"}
 # Decimals that are settings, definitions, limits of studies or values of data sheets, by page.
@@ -57,9 +57,10 @@ def test_the_page_of_the_dissertation_is_current_and_names_what_exists() -> None
         assert row.status in STATUSES, row
         assert (WORKSPACE / row.module).exists(), row
         kind, _, name = row.command.partition(" ")
-        assert {"study": name in study_names(), "test": (WORKSPACE / name).exists()}.get(
-            kind, not kind
-        ), row
+        assert {
+            "study": name in commands_of("omni_studies.studies"),
+            "test": (WORKSPACE / name).exists(),
+        }.get(kind, not kind), row
         if row.status in ("works", "differs"):
             assert row.command, row
 
@@ -125,7 +126,7 @@ def test_every_metric_that_the_code_names_is_explained() -> None:
     assert found <= explained
     run = read_run(WORKSPACE / "bags/small_stop/assisted")
     assert set(run_metrics(run)) <= explained | {f"brake_switchings.{w}" for w in run.wheel_names}
-    assert set(study_names()) <= explained
+    assert set(commands_of("omni_studies.studies")) <= explained
 
 
 def test_the_readme_of_a_package_names_its_modules() -> None:

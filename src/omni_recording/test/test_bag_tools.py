@@ -15,7 +15,7 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
 from omni_recording.actions.check import check_bag
-from omni_recording.actions.export import FORMATS, ExportError, export_bag
+from omni_recording.actions.export import ExportError, export_bag
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 
 # ---------------------------------------------------------------- what is sound
@@ -55,7 +55,7 @@ def test_every_compression_and_a_file_without_index_is_read(
     assert bag_summary(open_bag(bare)).counts == {"/wheel_states": 1}
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", ["csv", "parquet"])
 def test_an_exported_table_holds_every_bit(bag: Path, tmp_path: Path, form: str) -> None:
     if form == "parquet":
         pytest.importorskip("pyarrow")

@@ -170,12 +170,10 @@ def planar_pose_of(pose: geometry.Pose) -> FloatArray:
     return np.array([place.x, place.y, yaw])
 
 
-def fixed_transform(
-    frame: str, pose: FloatArray, parent: str = BASE_FRAME
-) -> geometry.TransformStamped:
-    """Return the transform of a fixed frame at x, y [m] and yaw [rad] in its parent."""
+def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
+    """Return the transform of a frame fixed at x, y [m] and yaw [rad] in `base_link`."""
     place = planar_pose(pose)
-    message = geometry.TransformStamped(header=header(0, parent), child_frame_id=frame)
+    message = geometry.TransformStamped(header=header(0, BASE_FRAME), child_frame_id=frame)
     message.transform.translation.x = place.position.x
     message.transform.translation.y = place.position.y
     message.transform.rotation = place.orientation

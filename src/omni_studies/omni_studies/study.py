@@ -135,16 +135,11 @@ class _Case:
         return result
 
 
-def study_names() -> list[str]:
-    """Return the names of all studies, sorted."""
-    return list(plugins.described_modules(_STUDIES))
-
-
 def load_study(name: str) -> Study:
     """Return a study.
 
     Args:
-        name: name of the study, one of `study_names`.
+        name: name of the study, as listed by `./omni list studies`.
     """
     module, _ = plugins.described_modules(_STUDIES)[name]
     loaded: Any = importlib.import_module(f"{_STUDIES}.{module}")
@@ -155,7 +150,7 @@ def run_study(name: str, options: Any, study: StudyRun) -> tuple[StudyResult, di
     """Run a study, apply its limits, evaluate its claims and write metrics and ``summary.json``.
 
     Args:
-        name: name of the study, one of `study_names`.
+        name: name of the study, as listed by `./omni list studies`.
         options: instance of the study's `Options`.
         study: context of the study.
 

@@ -15,7 +15,6 @@ from omni_recording.limits import LIMITS
 from omni_recording.mcap import RecordedChannel
 from omni_recording.table import TooWideError, Value, flatten
 
-FORMATS = ("csv", "parquet")
 LOG_TIME = "log_ns"
 
 _TOPIC = re.compile(r"(/[A-Za-z0-9_]+)+")
@@ -51,7 +50,7 @@ def export_bag(
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
         folder: folder for the files; must be empty if it exists.
-        form: one of `FORMATS`.
+        form: ``csv`` or ``parquet``.
         topics: topics to export; empty for all small topics.
 
     Raises:

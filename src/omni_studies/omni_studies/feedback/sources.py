@@ -27,7 +27,6 @@ class Source:
 
     Attributes:
         label: label for tables.
-        basis: origin of the numbers.
         kind: error model, wheel odometry, or wheel odometry that ends at the start of braking.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
@@ -41,7 +40,6 @@ class Source:
     """
 
     label: str
-    basis: str
     kind: str = MODEL
     linear: float = 0.0
     turning: float = 0.0
@@ -54,23 +52,22 @@ class Source:
     cameras: str = ""
 
 
-_LINES = "studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability"
-
-
-_PAA5100JE = "data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed"
-_PMW3901 = "data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed"
-_CHIPS = {"PAA5100JE": (0.01, 0.02, 1.14, _PAA5100JE), "PMW3901": (0.02, 0.03, 0.74, _PMW3901)}
+_CHIPS = {
+    # Data sheet: 15-35 mm, 1.14 m/s; noise 2 % of the speed.
+    "PAA5100JE": (0.01, 0.02, 1.14),
+    # Data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed.
+    "PMW3901": (0.02, 0.03, 0.74),
+}
 """By chip type: standard deviation [m/s], noise and scale error per speed [1], largest speed
-[m/s], and origin of these numbers."""
+[m/s]."""
 
 
 def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
     """Return a source made of several flow chips at a distance `lever` from the center [m]."""
-    linear, share, fastest, basis = _CHIPS[chip]
+    linear, share, fastest = _CHIPS[chip]
     shared = linear / math.sqrt(count)
     return Source(
         f"{count} x {chip}",
-        basis,
         linear=shared,
         turning=shared / lever,
         relative=share,
@@ -80,11 +77,11 @@ def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
 
 
 SOURCES = {
-    "ideal": Source("ideal, 100 Hz", "exact"),
+    "ideal": Source("ideal, 100 Hz"),
+    # Studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability.
     **{
         name: Source(
             f"3 line cameras, {pixels} px",
-            _LINES,
             linear=linear,
             turning=turning,
             lost=lost,
@@ -101,9 +98,9 @@ SOURCES = {
         for chip in _CHIPS
         for count in (2, 3)
     },
+    # Data sheet: 2.5 m/s, filtered with its IMU; the delay of the filter is assumed.
     "otos": Source(
         "SparkFun OTOS",
-        "data sheet: 2.5 m/s, filtered with its IMU; delay of the filter assumed",
         linear=0.01,
         turning=0.02,
         relative=0.01,
@@ -111,22 +108,22 @@ SOURCES = {
         latency=0.01,
         maximum_speed=2.5,
     ),
+    # Data sheets of such sensors: 0.1 % of the speed, 250 Hz, 6 ms.
     "correvit": Source(
         "optical 2-D sensor (Correvit type) and gyro",
-        "data sheets of such sensors: 0.1 % of the speed, 250 Hz, 6 ms",
         linear=0.01,
         turning=0.005,
         relative=0.001,
         scale=0.001,
         latency=0.006,
     ),
-    "encoders": Source("wheel encoders alone", "simulated encoders", WHEELS),
-    "encoders_imu": Source("encoders until braking, then IMU", "simulated sensors", INERTIAL),
-    "late_20ms": Source("ideal, 20 ms late", "exact", latency=0.02),
-    "late_50ms": Source("ideal, 50 ms late", "exact", latency=0.05),
-    "late_100ms": Source("ideal, 100 ms late", "exact", latency=0.1),
-    "rate_50hz": Source("ideal, 50 Hz", "exact", period=0.02),
-    "rate_25hz": Source("ideal, 25 Hz", "exact", period=0.04),
+    "encoders": Source("wheel encoders alone", WHEELS),
+    "encoders_imu": Source("encoders until braking, then IMU", INERTIAL),
+    "late_20ms": Source("ideal, 20 ms late", latency=0.02),
+    "late_50ms": Source("ideal, 50 ms late", latency=0.05),
+    "late_100ms": Source("ideal, 100 ms late", latency=0.1),
+    "rate_50hz": Source("ideal, 50 Hz", period=0.02),
+    "rate_25hz": Source("ideal, 25 Hz", period=0.04),
 }
 
 

@@ -154,11 +154,6 @@ class Tally:
         """Whether the error of each batch is undetected, shape (m,)."""
         return errors.undetected(self.ratio, self.error)
 
-    @property
-    def available(self) -> float:
-        """Share of the batches that have a valid measurement, 0 to 1."""
-        return float(np.mean(np.isfinite(self.ratio)))
-
 
 def drive_over(
     ground: Ground,
@@ -167,7 +162,6 @@ def drive_over(
     batches: int,
     seed: int,
     motions: Sequence[Motion] = MOTIONS,
-    sensors: Mapping[str, LineSensor] = SENSORS,
     **settings: Any,
 ) -> dict[str, Tally]:
     """Drive over a ground with each of the faults.
@@ -179,28 +173,26 @@ def drive_over(
         batches: number of batches of each camera in a drive.
         seed: seed of positions, headings and noise.
         motions: the motions.
-        sensors: the line cameras.
         **settings: parameters of the odometry.
     """
-    view = _Views(ground, tuple(sensors.items()), seed)
     texture = _texture(ground)
     # These cameras only convert exposures of the others, so a coarse ground is sufficient.
     gray = np.ascontiguousarray(texture.gray[::16, ::16])
     coarse = GroundTexture(gray, texture.size)
     key = np.random.SeedSequence(seed)
     faulty = {
-        name: LineCameraArray(sensors, coarse, fault.camera, key) for name, fault in faults.items()
+        name: LineCameraArray(SENSORS, coarse, fault.camera, key) for name, fault in faults.items()
     }
     found: dict[str, list[tuple[float, float, str]]] = {name: [] for name in faults}
     for number in drives:
         motion = motions[number % len(motions)]
         for name, fault in faults.items():
-            drive = _exposed(view, motion, number, batches, fault.repeats)
+            drive = _exposed(ground, seed, motion, number, batches, fault.repeats)
             lines = {
                 eye: camera.develop(drive.exposures[eye], number * len(drive.time))
                 for eye, camera in faulty[name].cameras.items()
             }
-            found[name] += _measure(fault, sensors, lines, drive, motion, settings)
+            found[name] += _measure(fault, lines, drive, motion, settings)
     return {
         name: Tally(
             np.array([ratio for ratio, _, _ in entries]),
@@ -209,14 +201,6 @@ def drive_over(
         )
         for name, entries in found.items()
     }
-
-
-class _Views(NamedTuple):
-    """Ground, cameras and seed, which identify the cameras that several drives share."""
-
-    ground: Ground
-    sensors: tuple[tuple[str, LineSensor], ...]
-    seed: int
 
 
 class _Exposed(NamedTuple):
@@ -234,17 +218,18 @@ class _Exposed(NamedTuple):
 
 
 @functools.lru_cache(2)
-def _exposed(view: _Views, motion: Motion, number: int, batches: int, repeats: bool) -> _Exposed:
+def _exposed(
+    ground: Ground, seed: int, motion: Motion, number: int, batches: int, repeats: bool
+) -> _Exposed:
     """Render a drive from a random start; faults one after the other share it."""
-    line_rate = view.sensors[0][1].line_rate
-    generator = np.random.default_rng((view.seed, 7, number))
+    line_rate = SENSORS["left"].line_rate
+    generator = np.random.default_rng((seed, 7, number))
     time = np.arange(rig.batch_lines(line_rate) * batches + 1) / line_rate
-    angle = view.ground.angle
-    yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(angle) else angle
-    start = np.array([*generator.uniform(0.0, _texture(view.ground).size, 2), yaw])
+    yaw = generator.uniform(0.0, 2.0 * math.pi) if math.isnan(ground.angle) else ground.angle
+    start = np.array([*generator.uniform(0.0, _texture(ground).size, 2), yaw])
     path = motion.traveled(time)
     poses = rig.poses_at(path, start, np.array(motion.twist))
-    cameras = _cameras(view, repeats).cameras
+    cameras = _cameras(ground, seed, repeats).cameras
     return _Exposed(time, path, {name: own.ground(poses) for name, own in cameras.items()})
 
 
@@ -254,14 +239,14 @@ def _texture(ground: Ground) -> GroundTexture:
 
 
 @functools.lru_cache(2)
-def _cameras(view: _Views, repeats: bool) -> LineCameraArray:
+def _cameras(ground: Ground, seed: int, repeats: bool) -> LineCameraArray:
     """Return fault-free cameras over the ground, or over a periodic repetition of its beginning."""
-    texture = _texture(view.ground)
+    texture = _texture(ground)
     return LineCameraArray(
-        dict(view.sensors),
+        SENSORS,
         _repeating(texture) if repeats else texture,
         CameraConfiguration(),
-        np.random.SeedSequence(view.seed),
+        np.random.SeedSequence(seed),
     )
 
 
@@ -273,7 +258,6 @@ def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:
 
 def _measure(
     fault: Fault,
-    sensors: Mapping[str, LineSensor],
     lines: Mapping[str, NDArray[np.uint8] | NDArray[np.uint16]],
     drive: _Exposed,
     motion: Motion,
@@ -281,15 +265,15 @@ def _measure(
 ) -> list[tuple[float, float, str]]:
     """Process a drive with a new odometry; return normalized errors, errors and reasons."""
     configured = {
-        n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in sensors.items()
+        n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in SENSORS.items()
     }
     odometry = LineScanOdometry(OdometryConfiguration(sensors=configured, **settings))
-    rows = sensor_matrix(sensors)
+    rows = sensor_matrix(SENSORS)
     time, path, _ = drive
     kept = np.arange(len(time))
     if fault.lost:
         kept = kept[(kept % fault.lost) != fault.lost // 2]
-    size = rig.batch_lines(next(iter(sensors.values())).line_rate)
+    size = rig.batch_lines(SENSORS["left"].line_rate)
     ends = np.arange(0, len(kept), size)
     order = list(range(len(ends)))
     for i in range(fault.swapped, len(order) - 1, fault.swapped) if fault.swapped else ():
