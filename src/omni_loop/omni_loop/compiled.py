@@ -29,7 +29,7 @@ from omni_sim.ground.friction import FrictionMap
 from omni_sim.measurement import Instruments, Readings, Truth, build_instruments, draws, measure
 from omni_sim.vehicle import dynamics
 from omni_sim.vehicle.dynamics import base_motion, energies, in_turned_frame
-from omni_sim.vehicle.state import Control, Log, State
+from omni_sim.vehicle.state import Control, State
 from omni_sim.vehicle.vehicle import Vehicle
 
 _CHUNK = 512  # number of stamps per call and per chunk of noise
@@ -288,7 +288,8 @@ class _Scratch(NamedTuple):
     wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
-    log: Log  # log of a control period
+    steps: int  # of a control period
+    trajectory: FloatArray  # not recorded, (0, 6)
 
 
 def _new_scratch(wheels: int, steps: int) -> _Scratch:
@@ -298,7 +299,8 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
         np.full(wheels, np.nan),
         np.empty(wheels),
         np.empty(wheels),
-        Log.of(steps, wheels, traced=False, logged=False),
+        steps,
+        np.empty((0, 6)),
     )
 
 
@@ -317,7 +319,7 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
         0.0,
         0.0,
     )
-    dynamics.advance(state, control, scratch.log)
+    dynamics.advance(state, control, scratch.steps, scratch.trajectory)
 
 
 class _Run(NamedTuple):

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from logged_steps import Log, advance_logged, kinetic_energy
 
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassConfiguration
-from omni_sim.vehicle.state import Log
 from omni_sim.vehicle.vehicle import Vehicle
 
 
@@ -34,12 +34,12 @@ def require_lawful(log: Log, energy_before: float, allowance: float) -> None:
 def brake_at_random(vehicle: Vehicle, seed: int, periods: int, tolerance: float = 1e-9) -> None:
     random = np.random.default_rng(seed)
     n = len(vehicle.wheel_names)
-    allowance = tolerance * vehicle.energies.kinetic
+    allowance = tolerance * kinetic_energy(vehicle)
     for _ in range(periods):
-        before = vehicle.energies.kinetic + vehicle.energies.elastic
+        before = kinetic_energy(vehicle) + vehicle.energies.elastic
         enable = random.integers(0, 2, n) * random.choice([1.0, 1.0, 0.3], n)
         pedal = random.choice([1.0, 1.0, 0.4, 0.06])
-        log = vehicle.advance_logged(20, pedal, enable, np.zeros(3))
+        log = advance_logged(vehicle, 20, pedal, enable, np.zeros(3))
         require_lawful(log, before, allowance)
 
 
@@ -95,7 +95,7 @@ def test_kinetic_energy_never_grows_by_more_than_the_tires_store(
     forklift: VehicleConfiguration,
 ) -> None:
     vehicle = Vehicle(forklift, twist=(10.0, 0.0, 0.0))
-    log = vehicle.advance_logged(10000, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 10000, 1.0, np.ones(4), np.zeros(3))
     kinetic = log.energy[:, :3].sum(axis=1)
     elastic = log.energy[:, 3]
     lowest = np.minimum.accumulate(kinetic + elastic)
@@ -124,7 +124,7 @@ def test_locked_wheels_decelerate_evenly_loaded_forklift_by_the_sliding_force(
 ) -> None:
     low = MassConfiguration(mass=1200.0, height=0.0, yaw_inertia=400.0)
     even = dataclasses.replace(forklift, body=low, load=MassConfiguration(mass=0.0, height=0.0))
-    log = Vehicle(even, twist=(10.0, 0.0, 0.0)).advance_logged(1500, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(Vehicle(even, twist=(10.0, 0.0, 0.0)), 1500, 1.0, np.ones(4), np.zeros(3))
     assert np.all(log.wheels["speed"][-1] == 0.0)
     q = 1200.0 * 9.81 / 4.0 / 3000.0
     f_slide = q * (2.0 * 2800.0 - 2100.0 - (2800.0 - 2100.0) * q)  # Eq. (3)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from logged_steps import advance_logged, kinetic_energy
 
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.elevation import ElevationConfiguration
@@ -149,12 +150,12 @@ def test_losses_converge_with_the_step(forklift: VehicleConfiguration) -> None:
 def test_energy_lost_is_the_work_of_the_losses(forklift: VehicleConfiguration) -> None:
     losses = PassiveLossConfiguration(rolling_resistance=0.03)
     vehicle = Vehicle(losing(forklift, losses), twist=(1.0, 1.0, 0.8))
-    start = vehicle.energies.kinetic
+    start = kinetic_energy(vehicle)
     energies, work = [start], 0.0
     for _ in range(2000):
         vehicle.advance(1, 1.0, OFF, NO_COMMAND)
         work += float(vehicle.wheels["passive"] @ roller_speed(vehicle)) * vehicle.physics_step
-        energies.append(vehicle.energies.kinetic + vehicle.energies.elastic)
+        energies.append(kinetic_energy(vehicle) + vehicle.energies.elastic)
     assert start - energies[-1] > 200.0
     assert energies[-1] - start == pytest.approx(work, rel=0.02)
     assert np.max(np.diff(energies)) < 1e-6 * start
@@ -163,7 +164,7 @@ def test_energy_lost_is_the_work_of_the_losses(forklift: VehicleConfiguration) -
 def test_coasting_vehicle_comes_to_rest_sideways_and_stays(forklift: VehicleConfiguration) -> None:
     losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=5.0)
     vehicle = Vehicle(losing(forklift, losses), twist=(0.0, 0.2, 0.0))
-    log = vehicle.advance_logged(6000, 1.0, OFF, NO_COMMAND)
+    log = advance_logged(vehicle, 6000, 1.0, OFF, NO_COMMAND)
     # It stops as it slows down: no force beyond the resistance of some 60 N a wheel.
     assert np.max(np.abs(log.wheels["force"])) < 100.0
     stopped = vehicle.pose
@@ -212,7 +213,7 @@ def test_speed_passes_smoothly_through_zero_with_losses(
     forces, errors = [], []
     for k in range(800):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
-        log = vehicle.advance_logged(20, 0.0, ON, amplitude * np.array(direction))
+        log = advance_logged(vehicle, 20, 0.0, ON, amplitude * np.array(direction))
         forces.append(log.wheels["force"])
         errors.append(np.max(np.abs(vehicle.twist - amplitude * np.array(direction))))
     assert np.max(errors[200:]) < 0.03

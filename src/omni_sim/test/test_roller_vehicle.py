@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from logged_steps import advance_logged, kinetic_energy
 from reference_equations import wheel_rate
 
 from omni_platform.configuration import ConfigurationError
@@ -117,7 +118,7 @@ def test_driving_straight_turns_no_roller_of_a_mecanum_wheel(
 ) -> None:
     vehicle = Vehicle(dataclasses.replace(forklift, wheel_model="rollers"), twist=(3.0, 0.0, 0.0))
     np.testing.assert_allclose(vehicle.rollers["spin"], 0.0, atol=1e-12)
-    log = vehicle.advance_logged(2000, 0.0, full(vehicle), (3.0, 0.0, 0.0))
+    log = advance_logged(vehicle, 2000, 0.0, full(vehicle), (3.0, 0.0, 0.0))
     assert np.max(np.abs(log.wheels["force"])) < 1e-6
     np.testing.assert_allclose(log.trajectory[-1, :3], [3.0, 0.0, 0.0], atol=1e-9)
 
@@ -165,10 +166,10 @@ def test_braking_adds_no_energy(
     platform: VehicleConfiguration,
 ) -> None:
     vehicle = Vehicle(dataclasses.replace(platform, **moving_contact), twist=twist)
-    start = vehicle.energies.kinetic + vehicle.energies.elastic
-    log = vehicle.advance_logged(4000, 1.0, full(vehicle), NO_COMMAND)
+    start = kinetic_energy(vehicle) + vehicle.energies.elastic
+    log = advance_logged(vehicle, 4000, 1.0, full(vehicle), NO_COMMAND)
     energy = np.concatenate(([start], log.energy.sum(axis=1)))
-    assert energy[-1] == pytest.approx(vehicle.energies.kinetic + vehicle.energies.elastic)
+    assert energy[-1] == pytest.approx(kinetic_energy(vehicle) + vehicle.energies.elastic)
     assert np.max(np.diff(energy)) < 1e-3 * start
     assert np.max(energy) <= start * (1.0 + 1e-9)
 
@@ -258,7 +259,7 @@ def test_speed_passes_smoothly_through_zero(
     forces, speeds, commands = [], [], []
     for k in range(500):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
-        log = vehicle.advance_logged(20, 0.0, full(vehicle), amplitude * np.array(direction))
+        log = advance_logged(vehicle, 20, 0.0, full(vehicle), amplitude * np.array(direction))
         forces.append(log.wheels["force"])
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))

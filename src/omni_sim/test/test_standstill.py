@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from logged_steps import advance_logged
 
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
@@ -71,7 +72,7 @@ def test_speed_passes_smoothly_through_zero(
     forces, speeds, commands = [], [], []
     for k in range(800):
         amplitude = 0.5 * math.sin(2.0 * math.pi * k * 0.01 / 4.0)
-        log = vehicle.advance_logged(20, 0.0, ON, amplitude * np.array(direction))
+        log = advance_logged(vehicle, 20, 0.0, ON, amplitude * np.array(direction))
         forces.append(log.wheels["force"])
         speeds.append(vehicle.twist @ np.array(direction))
         commands.append(amplitude * np.dot(direction, direction))

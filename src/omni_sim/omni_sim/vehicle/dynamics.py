@@ -74,13 +74,17 @@ def move(
 
 @linked
 @lean
-def advance(state: layout.State, control: layout.Control, log: layout.Log) -> None:
+def advance(
+    state: layout.State, control: layout.Control, steps: int, trajectory: FloatArray
+) -> None:
     """Advance the vehicle by the steps of a call, in place.
 
     Args:
         state: state of the vehicle.
         control: inputs, constant over the call.
-        log: number of steps, and output of the results.
+        steps: number of steps.
+        trajectory: output; pose and velocity of base_link in the world frame at the start and after
+            each step, shape (steps + 1, 6); not written if its shape is (0, 6).
     """
     plant, body, wheels = state.plant, state.body[0], state.wheels
     dt = plant.dt
@@ -89,14 +93,14 @@ def advance(state: layout.State, control: layout.Control, log: layout.Log) -> No
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
     loads = state.loads
     start_yaw = body.yaw
-    traced = log.trajectory.shape[0] > 0
+    traced = trajectory.shape[0] > 0
     set_demand(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
     if traced:
-        _write_pose(plant, body, log.trajectory[0])
+        _write_pose(plant, body, trajectory[0])
 
-    for k in range(log.steps):
+    for k in range(steps):
         if uneven:
             pressing, gravity, lean = _follow_ground(state, body)
             state.counters[0].tipping_steps += pressing <= 0.0  # the vehicle would take off
@@ -135,19 +139,7 @@ def advance(state: layout.State, control: layout.Control, log: layout.Log) -> No
         body.a_y += filter_share * pull[1] - plant.filter_share * body.a_y
         move(plant, body, (cos, sin), (pull[0], pull[1], pull[2] + lean), other)
         if traced:
-            _write_pose(plant, body, log.trajectory[k + 1])
-        if log.wheels.shape[0] > 0:
-            _log_step(state, log, k)
-
-
-@lean
-def _log_step(state: layout.State, log: layout.Log, k: int) -> None:
-    """Record the state of wheels and energies after step k."""
-    for i in range(state.wheels.shape[0]):
-        log.wheels[k, i] = state.wheels[i]
-    energy = energies(state)
-    for j in range(len(energy)):
-        log.energy[k, j] = energy[j]
+            _write_pose(plant, body, trajectory[k + 1])
 
 
 @lean_inline

@@ -157,21 +157,21 @@ class MujocoVehicle(Vehicle):
         """
         return self.kinematics.wheel_speeds(np.asarray(twist))
 
-    def _run(self, control: layout.Control, log: layout.Log) -> None:
-        if len(log.wheels) or control.force_x or control.force_y:
-            raise VehicleInputError("wheel_model 'mujoco' supports no external forces and no logs")
+    def _run(self, control: layout.Control, steps: int, trajectory: FloatArray) -> None:
+        if control.force_x or control.force_y:
+            raise VehicleInputError("wheel_model 'mujoco' supports no external forces")
         plant, pressure, data = self.state.plant, self.state.pressure, self._data
         set_demand(pressure, control.brake, control.enable)
         limits = self._set_friction()
         self._model.actuator_gainprm[:, 0] = control.drive_stiffness
         self._model.actuator_biasprm[:, 2] = -control.drive_stiffness
         start, twist = self.pose[2], control.twist
-        for k in range(log.steps + 1):
+        for k in range(steps + 1):
             pose, rates = self._base()
             self.state.body["yaw"] = pose[2]
-            if len(log.trajectory):
-                log.trajectory[k] = *pose, *rates
-            if k == log.steps:
+            if len(trajectory):
+                trajectory[k] = *pose, *rates
+            if k == steps:
                 break
             turned = pose[2] - start if control.in_world else 0.0
             ahead = *in_turned_frame(twist[0], twist[1], turned), twist[2]
@@ -184,8 +184,8 @@ class MujocoVehicle(Vehicle):
         self._write_back(limits)
         loads, counters = self.state.wheels["load"], self.state.counters[0]
         self.tipping = bool(np.count_nonzero(loads > 0.0) < 3)
-        counters["tipping_steps"] += log.steps * self.tipping
-        counters["overloaded_steps"] += log.steps * np.count_nonzero(loads > plant.largest_load)
+        counters["tipping_steps"] += steps * self.tipping
+        counters["overloaded_steps"] += steps * np.count_nonzero(loads > plant.largest_load)
 
     def _set_friction(self) -> FloatArray:
         """Set the rollers' friction for each wheel; return the largest force [N], shape (N,)."""

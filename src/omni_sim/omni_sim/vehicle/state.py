@@ -282,41 +282,6 @@ class Step(NamedTuple):
     drive_stiffness: float
 
 
-class Log(NamedTuple):
-    """Record of n steps.
-
-    Attributes:
-        steps: number of steps n.
-        trajectory: x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world
-            frame at the start and after each step, shape (n + 1, 6); (0, 6) if not recorded.
-        wheels: records of `WHEEL` after each step, shape (n, N); (0, N) if not recorded.
-        energy: `Energies` after each step [J], shape (n, 5); (0, 5) if not recorded.
-    """
-
-    steps: int
-    trajectory: FloatArray
-    wheels: Structured
-    energy: FloatArray
-
-    @classmethod
-    def of(cls, n_steps: int, n_wheels: int, *, traced: bool, logged: bool) -> Log:
-        """Return an empty log.
-
-        Args:
-            n_steps: number of steps.
-            n_wheels: number of wheels.
-            traced: whether the trajectory is recorded.
-            logged: whether wheels and energies are recorded.
-        """
-        rows = n_steps if logged else 0
-        return cls(
-            n_steps,
-            np.empty((n_steps + 1 if traced else 0, 6)),
-            np.empty((rows, n_wheels), WHEEL),
-            np.empty((rows, 5)),
-        )
-
-
 class Energies(NamedTuple):
     """Energies of a vehicle [J].
 
@@ -333,8 +298,3 @@ class Energies(NamedTuple):
     spin: float
     elastic: float
     height: float
-
-    @property
-    def kinetic(self) -> float:
-        """Sum of the energies of translation, rotation and spin [J]."""
-        return self.translation + self.rotation + self.spin

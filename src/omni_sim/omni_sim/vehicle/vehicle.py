@@ -1,7 +1,6 @@
 """The simulated vehicle: masses, wheels, tires, brakes and ground."""
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -172,7 +171,6 @@ class Vehicle:
         *,
         hold_world_direction: bool = False,
         traced: bool = True,
-        log: layout.Log | None = None,
     ) -> quantities.FloatArray:
         """Advance by ``n_steps`` physics steps under constant inputs.
 
@@ -185,7 +183,6 @@ class Vehicle:
             hold_world_direction: whether the commanded velocity keeps its direction in the world
                 while the body turns during the call.
             traced: whether the steps are returned, which takes time.
-            log: output, every step; by default only the trajectory is recorded.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
@@ -194,21 +191,14 @@ class Vehicle:
         control = self._control(pedal, enable, command_twist, hold_world_direction)
         if n_steps < 0:
             raise VehicleInputError(f"{n_steps} steps: the number must not be negative")
-        wheels = len(self.state.wheels)
-        log = log or layout.Log.of(n_steps, wheels, traced=traced, logged=False)
-        self._run(control, log)
-        return log.trajectory
+        trajectory = np.empty((n_steps + 1 if traced else 0, 6))
+        self._run(control, n_steps, trajectory)
+        return trajectory
 
-    def _run(self, control: layout.Control, log: layout.Log) -> None:
+    def _run(self, control: layout.Control, steps: int, trajectory: quantities.FloatArray) -> None:
         before = self.tipping_steps
-        dynamics.advance(self.state, control, log)
+        dynamics.advance(self.state, control, steps, trajectory)
         self.tipping = self.tipping_steps > before
-
-    def advance_logged(self, n_steps: int, *inputs: Any, **options: Any) -> layout.Log:
-        """Advance and record every step; arguments as in `advance`."""
-        log = layout.Log.of(n_steps, len(self.state.wheels), traced=True, logged=True)
-        self.advance(n_steps, *inputs, log=log, **options)
-        return log
 
     def push(self, force: ArrayLike) -> None:
         """Apply a constant force at the center of gravity from the next step on.
@@ -379,11 +369,6 @@ class Vehicle:
         """Energies of motion, of the tires' deflection and of the height [J]."""
         energies: layout.Energies = dynamics.energies(self.state)
         return energies
-
-    @property
-    def overloaded(self) -> quantities.BoolArray:
-        """Whether each wheel's load exceeds the tire model's range and is limited, shape (N,)."""
-        return np.asarray(self.state.wheels["load"] > self.state.plant.largest_load)
 
     @property
     def overloaded_steps(self) -> int:
