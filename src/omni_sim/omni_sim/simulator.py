@@ -42,9 +42,7 @@ class Observation:
         imu: IMU reading: yaw rate [rad/s] and specific force along x and y at the mounting position
             [m/s^2], shape (3,); NaN if the vehicle has no IMU.
         encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
-        wheel_load: vertical load of each wheel [N], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
-        slip: slip of each wheel's contact patch, Eq. (20) [1], shape (N,).
         line_batches: lines of each camera since the last stamp, by name.
         flows: measurements of the flow sensors at this stamp, by name.
     """
@@ -61,9 +59,7 @@ class Observation:
     velocity_sensor: signals.TwistSample
     imu: quantities.FloatArray
     encoder_speed: quantities.FloatArray
-    wheel_load: quantities.FloatArray
     wheel_force_body: quantities.FloatArray
-    slip: quantities.FloatArray
     line_batches: Mapping[str, signals.LineBatch]
     flows: Mapping[str, signals.Flow]
 
@@ -182,9 +178,7 @@ class Simulator:
             ),
             imu=self._imu.copy(),
             encoder_speed=self._encoder.copy(),
-            wheel_load=wheels["load"],
             wheel_force_body=vehicle.wheel_force_body,
-            slip=wheels["slip"],
             line_batches=self._batches,
             flows=self._flows,
         )
