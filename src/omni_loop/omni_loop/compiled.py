@@ -128,8 +128,6 @@ class FastRun:
             enable=self.record.enable,
             error=self.record.error,
             pedal=self.pedal,
-            estimate=np.full((stamps, 3), np.nan),
-            estimate_variance=np.full((stamps, 3), np.nan),
         )
 
 

@@ -130,13 +130,15 @@ class RunHistory:
             wheel_names: names of the N wheels.
             assist_state: state of the brake assistant at each stamp, if known.
             real_time_factor: ratio of simulated to elapsed time [1].
-            **samples: the other attributes by name.
+            **samples: the other attributes by name; without an odometry, no estimate.
 
         Raises:
             ValueError: shapes do not fit together, or stamps do not increase.
         """
         place = np.array(position, dtype=np.float64).reshape(-1, 2)
         quaternion = np.array(orientation, dtype=np.float64).reshape(-1, 2)
+        nothing = np.full((len(place), 3), np.nan)
+        samples = dict.fromkeys(("estimate", "estimate_variance"), nothing) | samples
         signals = {name: np.array(rows, dtype=np.float64) for name, rows in samples.items()}
         variance, measured = signals["estimate_variance"], signals["estimate"]
         usable = np.isfinite(measured) & np.isfinite(variance) & (variance < UNMEASURED_VARIANCE)

@@ -77,62 +77,35 @@ class SpinTranslate:
         return np.column_stack((cos * v_x + sin * v_y, cos * v_y - sin * v_x, rate))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
+@dataclasses.dataclass(frozen=True)
 class Tracking:
     """A driven maneuver and its reference, with T stamps and N wheels.
 
     Attributes:
-        wheel_names: wheel names in the order of the columns.
-        time: time of each stamp [s], shape (T,).
+        history: the drive, without brakes and odometry.
         reference: reference x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
-        pose: actual x, y [m], yaw [rad] in the world frame, shape (T, 3).
-        twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (T, 3).
         wheel_command: wheel speeds from inverse kinematics [rad/s], shape (T, N).
-        wheel_speed: actual wheel speeds [rad/s], shape (T, N).
     """
 
-    wheel_names: tuple[str, ...]
-    time: FloatArray
+    history: RunHistory
     reference: FloatArray
-    pose: FloatArray
-    twist: FloatArray
     wheel_command: FloatArray
-    wheel_speed: FloatArray
 
     @property
     def position_error(self) -> FloatArray:
         """Distance from the reference [m], shape (T,)."""
-        offset = self.pose - self.reference
+        offset = self.history.pose - self.reference
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]), dtype=np.float64)
 
     @property
     def heading_error(self) -> FloatArray:
         """Actual minus reference yaw [rad], shape (T,)."""
-        return np.asarray(self.pose[:, 2] - self.reference[:, 2], dtype=np.float64)
+        return np.asarray(self.history.pose[:, 2] - self.reference[:, 2], dtype=np.float64)
 
     @property
     def wheel_error(self) -> FloatArray:
         """Actual minus commanded wheel speeds [rad/s], shape (T, N)."""
-        return np.asarray(self.wheel_speed - self.wheel_command, dtype=np.float64)
-
-    def history(self) -> RunHistory:
-        """Return the drive as a history without brakes and odometry, for the top view."""
-        shape = self.wheel_speed.shape
-        nothing = np.full(shape, np.nan)
-        return RunHistory.from_samples(
-            wheel_names=self.wheel_names,
-            stamp_ns=np.round(1e9 * self.time).astype(np.int64),
-            pose=self.pose,
-            twist=self.twist,
-            wheel_angle=nothing,
-            wheel_speed=self.wheel_speed,
-            brake_torque=np.zeros(shape),
-            enable=nothing,
-            error=nothing,
-            pedal=np.zeros(shape[0]),
-            estimate=np.full((shape[0], 3), np.nan),
-            estimate_variance=np.full((shape[0], 3), np.nan),
-        )
+        return np.asarray(self.history.wheel_speed - self.wheel_command, dtype=np.float64)
 
 
 def track(
@@ -160,15 +133,21 @@ def track(
         pose.append(vehicle.pose)
         twist.append(vehicle.twist)
         speed.append(vehicle.wheels["speed"])
-    return Tracking(
+    nothing = np.full_like(speed, np.nan)
+    history = RunHistory.from_samples(
         wheel_names=vehicle.wheel_names,
-        time=time,
-        reference=reference,
-        pose=np.array(pose),
-        twist=np.array(twist),
-        wheel_command=vehicle.drive_speeds(maneuver.twist(time, reference[:, 2])),
-        wheel_speed=np.array(speed),
+        stamp_ns=np.round(1e9 * time).astype(np.int64),
+        pose=pose,
+        twist=twist,
+        wheel_angle=nothing,
+        wheel_speed=speed,
+        brake_torque=np.zeros_like(nothing),
+        enable=nothing,
+        error=nothing,
+        pedal=np.zeros(len(time)),
     )
+    wheel_command = vehicle.drive_speeds(maneuver.twist(time, reference[:, 2]))
+    return Tracking(history, reference, wheel_command)
 
 
 class Options(Configuration):
@@ -207,7 +186,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
     distance, speed = tracking.position_error, tracking.wheel_error
     heading = np.degrees(tracking.heading_error)
-    steps = np.diff(tracking.pose[:, :2], axis=0)
+    steps = np.diff(tracking.history.pose[:, :2], axis=0)
     return {
         f"position_rms.{name}": Metric(_rms(distance), "m"),
         f"position_max.{name}": Metric(float(np.max(distance)), "m"),
@@ -229,8 +208,8 @@ def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float
         tracking: the motion; each sensor measures its path along its own axes in every period.
         apart: distance of each sensor from the platform center, to the left and to the right [m].
     """
-    ends = dict.fromkeys(("straight", "arc", "first_sensor"), tracking.pose[0])
-    for twist in 0.5 * _PERIOD * (tracking.twist[1:] + tracking.twist[:-1]):
+    ends = dict.fromkeys(("straight", "arc", "first_sensor"), tracking.history.pose[0])
+    for twist in 0.5 * _PERIOD * (tracking.history.twist[1:] + tracking.history.twist[:-1]):
         x, y, turn = twist.tolist()
         left, right = (SensorDisplacement(x + side * turn, y) for side in (-apart, apart))
         step = two_sensor_displacement(left, right, apart, apart)
@@ -238,7 +217,7 @@ def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float
         for path, moved in zip(ends, (step, step.along_arc(), first), strict=True):
             yaw = ends[path][2]
             ends[path] = ends[path] + np.append(turned(np.array(moved[:2]), yaw), moved.angle)
-    return {path: math.dist(end[:2], tracking.pose[-1, :2]) for path, end in ends.items()}
+    return {path: math.dist(end[:2], tracking.history.pose[-1, :2]) for path, end in ends.items()}
 
 
 def _rms(values: FloatArray) -> float:
@@ -247,7 +226,7 @@ def _rms(values: FloatArray) -> float:
 
 def _draw_snapshots(scene: Scene, tracking: Tracking, title: str) -> Figure:
     """Draw the platform at several times on its path, as Figures 19 and 21."""
-    figure = top_view(scene, {"": tracking.history()}, title=title)
+    figure = top_view(scene, {"": tracking.history}, title=title)
     (axes,) = figure.axes
     axes.set_title("")
     look: dict[str, Any] = {"color": style.SKY, "linewidth": 4.0, "zorder": 7.9}
@@ -263,16 +242,17 @@ def _draw_commands(tracking: Tracking, title: str) -> Figure:
     figure, ((commands,), (position,), (heading,)) = style.panels(
         title, 3, size=size, x="time [s]", y=y, sharex=True, height_ratios=heights
     )
-    for row, name in enumerate(tracking.wheel_names):
+    history, time = tracking.history, tracking.history.time
+    for row, name in enumerate(history.wheel_names):
         look: dict[str, Any] = {"color": style.wheel_color(row), "linewidth": 2.2}
         look["label"] = f"command {row + 1}, {name.replace('_', ' ')}"
         look["linestyle"] = _WHEEL_LINES[row % len(_WHEEL_LINES)]
-        commands.plot(tracking.time, tracking.wheel_command[:, row], **look)
+        commands.plot(time, tracking.wheel_command[:, row], **look)
         reached = None if row else "wheel speed reached"
         thin: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.8, "zorder": 3}
-        commands.plot(tracking.time, tracking.wheel_speed[:, row], label=reached, **thin)
-    position.plot(tracking.time, 1000.0 * tracking.position_error, color=style.BLACK)
-    heading.plot(tracking.time, np.degrees(tracking.heading_error), color=style.BLACK)
-    heading.set_xlim(tracking.time[0], tracking.time[-1])
+        commands.plot(time, history.wheel_speed[:, row], label=reached, **thin)
+    position.plot(time, 1000.0 * tracking.position_error, color=style.BLACK)
+    heading.plot(time, np.degrees(tracking.heading_error), color=style.BLACK)
+    heading.set_xlim(time[0], time[-1])
     style.legend_below(figure, 6)
     return figure

@@ -44,7 +44,7 @@ def test_reference_is_the_integral_of_its_velocity() -> None:
 def test_mecanum_commands_are_those_of_equation_35() -> None:
     configuration = vehicle("mecanum_forklift")
     tracking = track(configuration, MANEUVER, 1.0)
-    v_x, v_y, rate = MANEUVER.twist(tracking.time, tracking.reference[:, 2]).T
+    v_x, v_y, rate = MANEUVER.twist(tracking.history.time, tracking.reference[:, 2]).T
     lever = 0.65 + 0.5
     expected = np.column_stack(
         (
@@ -59,7 +59,7 @@ def test_mecanum_commands_are_those_of_equation_35() -> None:
 
 def test_three_wheel_commands_are_those_of_equation_34() -> None:
     tracking = track(vehicle("three_wheel_robot"), MANEUVER, 1.0)
-    v_x, v_y, rate = MANEUVER.twist(tracking.time, tracking.reference[:, 2]).T
+    v_x, v_y, rate = MANEUVER.twist(tracking.history.time, tracking.reference[:, 2]).T
     half = math.sqrt(3.0) / 2.0
     expected = np.column_stack(
         (
