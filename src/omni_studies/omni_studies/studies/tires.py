@@ -14,15 +14,16 @@ from omni_figures import style
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
+from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import SimulationConfiguration
 from omni_sim.tire.combined_slip import combined_forces
 from omni_sim.tire.models import tmeasy
 from omni_sim.tire.tire import Tire, TireConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import DEFAULT_PHYSICS_STEP, Vehicle
 from omni_studies.study import StudyResult, StudyRun
+from omni_studies.wheels import trials
 
 _EXPERIMENT = "straight_line"  # experiment from which the vehicle is taken
 _TABLE_1 = "rill_table_1"
@@ -225,32 +226,23 @@ def _shades(count: int) -> Any:
     return matplotlib.colormaps["Blues"](np.linspace(0.4, 1.0, count))
 
 
-_DIRECTIONS_DEG = (0.0, 45.0, 90.0, 180.0, 240.0, 300.0)
+_DIRECTIONS = turned(np.array([1.0, 0.0]), np.radians([0.0, 45.0, 90.0, 180.0, 240.0, 300.0]))
 _PERIOD = SimulationConfiguration.control_period  # period of the drive's commands [s]
 
 
-def stopping_distance(
-    vehicle: VehicleConfiguration, direction: float, step: float, speed: float = 4.0
-) -> float:
-    """Return the stopping distance with all brakes on [m], from a simulation of 4 s.
+def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
+    """Return the largest relative change of a stopping distance with half the physics step [1].
 
     Args:
         vehicle: the vehicle.
-        direction: direction of its motion in the body frame [rad].
-        step: step of the physics [s].
-        speed: speed at the start [m/s].
+        speed: speed at the start of each stop [m/s].
     """
-    twist = (speed * math.cos(direction), speed * math.sin(direction), 0.0)
-    moving = Vehicle(vehicle, physics_step=step, twist=twist)
-    return float(np.hypot(*_brake(moving, 4.0)[-1, :2]))
-
-
-def stopping_distance_change(vehicle: VehicleConfiguration) -> float:
-    """Return the largest relative change of a stopping distance with half the physics step [1]."""
     changes = []
-    for direction in map(math.radians, _DIRECTIONS_DEG):
+    for direction in _DIRECTIONS:
+        twist = (*(speed * direction), 0.0)
+        trial = trials.Trial("stop", twist=twist, pedal=1.0, duration=4.0)
         whole, half = (
-            stopping_distance(vehicle, direction, step)
+            trials.stopping_distance(vehicle, trial, step)
             for step in (DEFAULT_PHYSICS_STEP, 0.5 * DEFAULT_PHYSICS_STEP)
         )
         changes.append(abs(half / whole - 1.0))
@@ -270,27 +262,17 @@ def slope_creep(
     Returns:
         Initial deflection of the tires [m], and displacement in the following minute [m].
     """
-    give, creep = [], []
-    for direction in map(math.radians, _DIRECTIONS_DEG):
-        parked = Vehicle(vehicle)
-        pull = parked.masses.mass * GRAVITY * math.sin(math.atan(slope))
-        parked.push((pull * math.cos(direction), pull * math.sin(direction)))
-        settled = _brake(parked, settling)[-1, :2]
-        minute = _brake(parked, 60.0)[:, :2]
-        give.append(np.linalg.norm(settled))
-        creep.append(np.max(np.linalg.norm(minute - settled, axis=1)))
-    return float(max(give)), float(max(creep))
+    pushes = math.sin(math.atan(slope)) * _DIRECTIONS
+    parked = [trials.Trial("slope", pedal=1.0, push=tuple(push)) for push in pushes]
+    give, creep = np.max([trials.movement(vehicle, one, settling) for one in parked], axis=0)
+    return float(give), float(creep)
 
 
 def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
     """Return the largest displacement [m] in a minute, 6 s after braking from `speed` [m/s]."""
-    creep = []
-    for direction in map(math.radians, _DIRECTIONS_DEG):
-        twist = (speed * math.cos(direction), speed * math.sin(direction), 0.3)
-        moving = Vehicle(vehicle, twist=twist)
-        stop = _brake(moving, 6.0)[-1, :2]
-        creep.append(np.max(np.linalg.norm(_brake(moving, 60.0)[:, :2] - stop, axis=1)))
-    return float(max(creep))
+    twists = [(*(speed * direction), 0.3) for direction in _DIRECTIONS]
+    stops = [trials.Trial("stop", twist=twist, pedal=1.0) for twist in twists]
+    return max(trials.movement(vehicle, stop, 6.0)[1] for stop in stops)
 
 
 def zero_crossing(
@@ -325,14 +307,9 @@ def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
     sign, in any direction. If the speed stayed at zero for some time, the change would be about 1.
     """
     worst = []
-    for angle in map(math.radians, _DIRECTIONS_DEG):
-        speed = zero_crossing(vehicle, np.array([math.cos(angle), math.sin(angle), 0.0]))
+    for direction in _DIRECTIONS:
+        speed = zero_crossing(vehicle, np.append(direction, 0.0))
         acceleration = np.diff(speed) / _PERIOD
         near = np.abs(np.arange(len(acceleration)) - len(acceleration) // 2) <= 25
         worst.append(np.max(np.abs(np.diff(acceleration[near]))) / speed[0])
     return float(max(worst))
-
-
-def _brake(vehicle: Vehicle, seconds: float) -> FloatArray:
-    n = len(vehicle.wheel_names)
-    return vehicle.advance(round(seconds / vehicle.physics_step), 1.0, np.ones(n), np.zeros(3))

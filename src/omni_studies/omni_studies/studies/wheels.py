@@ -8,6 +8,8 @@ measures how far a vehicle moves while parked on a slope and after a stop, and m
 computing time per wheel.
 """
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -32,6 +34,8 @@ _MODELS = {
 }
 _COUNTS = (6, 8, 12, 16, 24)
 _COMPARED = 12  # number of rollers per wheel in figures and metrics
+# Parked on a slope of 5 %, in a direction that is no axis of symmetry.
+_SLOPE = trials.Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
 _COSTED = 6  # number of rollers per wheel for the computing time, as in section 2.4.1
 # The first wheel of a figure is the reference; the dashed line of the second is drawn over it.
 _STYLES: tuple[dict[str, Any], ...] = (
@@ -128,12 +132,16 @@ def _standing(vehicles: Mapping[str, VehicleConfiguration]) -> dict[str, Metric]
     for name, vehicle in vehicles.items():
         for model in _MODELS:
             wheeled = with_wheels(vehicle, model, _COMPARED)
-            coarse = trials.stopping_distance(wheeled, DEFAULT_PHYSICS_STEP)
-            fine = trials.stopping_distance(wheeled, 0.5 * DEFAULT_PHYSICS_STEP)
+            stop = dataclasses.replace(TRIALS["brake"], duration=3.0)
+            coarse, fine = (
+                trials.stopping_distance(wheeled, stop, share * DEFAULT_PHYSICS_STEP, 0.1)
+                for share in (1.0, 0.5)
+            )
             # Use one wheel angle at which a single roller carries the load and one at which two
             # rollers share it.
-            crept = max(trials.creep(wheeled, angle) for angle in (0.0, np.pi / _COMPARED))
-            moved = trials.movement_after_stop(wheeled)
+            angles = (0.0, np.pi / _COMPARED)
+            crept = max(trials.movement(wheeled, _SLOPE, 3.0, angle)[1] for angle in angles)
+            _, moved = trials.movement(wheeled, stop, 4.0, 0.1)
             case = f"{name}_{model}"
             metrics |= {
                 f"step_change.{case}": Metric(abs(coarse / fine - 1.0), "1"),

@@ -183,29 +183,39 @@ def start_angles(starts: int, wheels: int, seed: int) -> FloatArray:
     return np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, (starts, wheels))
 
 
-def stopping_distance(configuration: VehicleConfiguration, physics_step: float) -> float:
-    """Return the stopping distance with all brakes on from 5 m/s [m]."""
-    trial = dataclasses.replace(TRIALS["brake"], duration=3.0)
-    path = advance(start(configuration, trial, 0.1, physics_step), trial, trial.duration)
-    return float(np.linalg.norm(path[-1, :2]))
+def stopping_distance(
+    configuration: VehicleConfiguration,
+    trial: Trial,
+    physics_step: float,
+    wheel_angle: FloatArray | float = 0.0,
+) -> float:
+    """Return the distance between start and end of a trial [m]; arguments as in `start`."""
+    vehicle = start(configuration, trial, wheel_angle, physics_step)
+    return float(np.linalg.norm(advance(vehicle, trial, trial.duration)[-1, :2]))
 
 
-def creep(configuration: VehicleConfiguration, wheel_angle: float) -> float:
-    """Return the displacement of a braked vehicle on a 5 % slope within a minute [m]."""
-    trial = Trial("slope", pedal=1.0, push=(0.05 * math.cos(0.4), 0.05 * math.sin(0.4)))
+def movement(
+    configuration: VehicleConfiguration,
+    trial: Trial,
+    settling: float,
+    wheel_angle: FloatArray | float = 0.0,
+) -> tuple[float, float]:
+    """Return how far a braked vehicle moves.
+
+    Args:
+        configuration: the vehicle.
+        trial: inputs, without its duration.
+        settling: time until the vehicle has come to rest [s].
+        wheel_angle: initial angle of the wheels [rad].
+
+    Returns:
+        Distance from the start to the place of rest [m]; largest displacement in the following
+        minute [m].
+    """
     vehicle = start(configuration, trial, wheel_angle)
-    advance(vehicle, trial, 3.0)  # initial deflection of the tires
-    path = advance(vehicle, trial, 60.0)
-    return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
-
-
-def movement_after_stop(configuration: VehicleConfiguration) -> float:
-    """Return the largest displacement of a stopped vehicle within a minute [m]."""
-    trial = TRIALS["brake"]
-    vehicle = start(configuration, trial, 0.1)
-    advance(vehicle, trial, 4.0)
-    path = advance(vehicle, trial, 60.0)
-    return float(np.max(np.linalg.norm(path[:, :2] - path[0, :2], axis=1)))
+    rest = advance(vehicle, trial, settling)[-1, :2]
+    path = advance(vehicle, trial, 60.0)[:, :2]
+    return float(np.linalg.norm(rest)), float(np.max(np.linalg.norm(path - rest, axis=1)))
 
 
 @dataclasses.dataclass(frozen=True)
