@@ -42,7 +42,7 @@ def advance_logged(vehicle: Vehicle, steps: int, *inputs: Any) -> Log:
     wheels = np.empty((steps, len(vehicle.wheel_names)), state.WHEEL)
     log = Log(np.empty((steps + 1, 6)), wheels, np.empty((steps, 5)))
     before = vehicle.tipping_steps
-    _advance(vehicle.state, vehicle._control(*inputs, False), log)
+    _advance(vehicle.state, vehicle._control(*inputs, hold_world=False), log)
     vehicle.tipping = vehicle.tipping_steps > before
     return log
 
