@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from omni_platform.kernels import kernel
 from omni_platform.quantities import FloatArray
@@ -37,12 +38,14 @@ def _advance(vehicle: state.State, control: state.Control, log: Log) -> None:
             log.energy[k, j] = energies[j]
 
 
-def advance_logged(vehicle: Vehicle, steps: int, *inputs: Any) -> Log:
+def advance_logged(
+    vehicle: Vehicle, steps: int, pedal: float, enable: ArrayLike, command: ArrayLike
+) -> Log:
     """Advance by a number of steps and record them; inputs as in `Vehicle.advance`."""
     wheels = np.empty((steps, len(vehicle.wheel_names)), state.WHEEL)
     log = Log(np.empty((steps + 1, 6)), wheels, np.empty((steps, 5)))
     before = vehicle.tipping_steps
-    _advance(vehicle.state, vehicle._control(*inputs, hold_world=False), log)
+    _advance(vehicle.state, vehicle._control(pedal, enable, command, hold_world=False), log)
     vehicle.tipping = vehicle.tipping_steps > before
     return log
 
