@@ -4,11 +4,11 @@ In each step the law estimates the friction force ``f_i`` and the friction capac
 wheel (`friction_observer`). It then estimates the mass and the accelerations that these forces do
 not explain (`disturbance_observer`), and solves an optimization problem (`braking_qp`)
 
-``min (1 - b_0 x)^2 + W (|e_1| + |e_2|)``
-subject to ``l <= b x - e <= u`` and ``0 <= x <= min(1, what the brakes can hold)``
+``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
+subject to ``0 <= x <= 1``
 
 for the forces ``f = c x``. The solution has the largest deceleration ``b_0 x`` whose yaw moment
-``b_1 x`` and side force ``b_2 x`` exceed their bounds ``l, u`` by the smallest excess ``e``.
+``b_1 x`` and side force ``b_2 x`` are those demanded, ``g``, to keep heading and line of motion.
 Finally the law converts the forces to brake forces or to a pattern of on-off valves
 (`slip_control`). Mass, loads and tire properties need not be known. docs/allocation.md derives the
 equations.
@@ -21,7 +21,7 @@ import numpy as np
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
-from omni_brake_assist.laws.disturbance_observer import CASCADE, observe_body
+from omni_brake_assist.laws.disturbance_observer import observe_body
 from omni_brake_assist.laws.friction_observer import estimate_dead_time, observe_friction
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
 from omni_brake_assist.laws.slip_control import control_slip, remember
@@ -80,10 +80,8 @@ def step(
     dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
-    # After the observers have converged, wheels without a known speed may be assumed to roll.
-    settled = body.steps * dt > CASCADE**2 * law.observer_time
     unknown = _read_wheels(law, memory, motion, error)
-    if motion.pedal <= 0.0 or unknown > settled * (error.size - 1):
+    if motion.pedal <= 0.0 or 2 * unknown > error.size:
         return NO_HELP
     if body.steps > 0:
         if not body.responded:
@@ -113,18 +111,17 @@ def _start(law: Constants, memory: Memory) -> None:
 @lean
 def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> int:
     """Write the state and error of each wheel; return the number of unknown wheel speeds."""
-    unknown, fastest = 0, 0.0
+    unknown, limit = 0, law.locked_share * math.hypot(motion.v_x, motion.v_y)
     for i in range(error.size):
         wheel = memory.wheel[i]
-        along = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y + law.lever[i] * motion.yaw_rate
+        carried = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
+        along = carried + law.lever[i] * motion.yaw_rate
         wheel.hub, wheel.sign = abs(along), math.copysign(1.0, along)
+        wheel.locked = max(abs(carried), wheel.hub) <= limit
         wheel.known = math.isfinite(motion.wheel_speed[i])
         wheel.speed = wheel.hub
         if wheel.known:
             wheel.speed = max(wheel.sign * law.rim[i] * motion.wheel_speed[i], 0.0)
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
         unknown += not wheel.known
-        fastest = max(fastest, wheel.hub)
-    for i in range(error.size):
-        memory.wheel[i].locked = memory.wheel[i].hub <= law.locked_share * fastest
     return unknown

@@ -21,7 +21,7 @@ WHEEL = np.dtype(
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
         ("known", "?"),  # whether the wheel speed is measured, otherwise rolling is assumed
-        ("locked", "?"),  # whether the hub hardly moves along the active direction, so that the
+        ("locked", "?"),  # whether the vehicle hardly moves along the active direction, so that its
         # motion does not drive the wheel: its friction holds against any drift
         ("brake", "f8"),  # nominal brake force in this step [N]
         ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]
@@ -69,7 +69,7 @@ class Constants(NamedTuple):
         relaxation_speed: additional sliding speed until the tire has deflected [m/s].
         return_share: time constant of the heading as a share of the remaining time of the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: share of the fastest hub speed below which a wheel counts as locked [1].
+        locked_share: share of the vehicle's speed below which a wheel counts as locked [1].
     """
 
     n_x: FloatArray

@@ -14,8 +14,6 @@ from omni_platform.kernels import lean
 CASCADE = 2.0
 """Ratio of the time constant of a loop to that of the next inner loop [1]."""
 
-_MASS_RANGE = 5.0  # largest ratio of estimated and nominal mass [1]
-
 
 @lean
 def observe_body(law: Constants, memory: Memory, motion: Motion, dt: float) -> None:
@@ -33,8 +31,7 @@ def observe_body(law: Constants, memory: Memory, motion: Motion, dt: float) -> N
     share = 1.0 - math.exp(-dt / (CASCADE**2 * law.observer_time))
     body.deceleration += share * (math.hypot(a_x, a_y) - body.deceleration)
     body.force += share * (math.hypot(f_x, f_y) - body.force)
-    mass = body.force / body.deceleration
-    body.mass = mass = min(max(mass, law.mass / _MASS_RANGE), law.mass * _MASS_RANGE)
+    body.mass = mass = body.force / body.deceleration
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
     turned = (motion.yaw_rate - body.yaw_rate) / dt - moment / (mass * law.gyration)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)

@@ -43,35 +43,32 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
     """Update friction forces and capacities of all wheels.
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
-    The capacity is then at least the unfiltered force. On-off torques are too coarse for this, so
-    the filtered force is used instead.
+    The force is then a lower bound of the capacity, also if the wheel slides.
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)
+    faster = 1.0 - math.exp(-CASCADE * dt / law.observer_time)
     others = known = 0.0
     for i in range(law.rim.size):
-        wheel, most = memory.wheel[i], law.most[i]
+        wheel = memory.wheel[i]
+        capacity = wheel.capacity
         change = wheel.speed - wheel.last_speed if wheel.known else 0.0
-        measured = wheel.mean_brake + law.wheel_mass[i] * change / dt
+        measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
         if wheel.locked:
             measured = 0.0
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
-            # A locked wheel slides. Its friction force has not decreased with the nominal brake
-            # force, or the wheel would turn again.
-            measured = min(max(measured, wheel.force), wheel.capacity)
-        wheel.measured = measured = min(max(measured, 0.0), most)
+            measured = capacity  # the wheel does not turn while its hub moves, so it slides
         rise = gain * (measured - wheel.force)
+        wheel.measured = measured
         wheel.force += rise
         if wheel.known and not wheel.locked:
-            capacity = wheel.capacity
             growth = dt / (CASCADE**4 * law.observer_time) * capacity
             if rise > growth:
-                shown = wheel.force if law.brake.pressure_step >= 1.0 else measured
-                capacity = max(capacity, shown)
+                capacity += faster * max(measured - capacity, 0.0)
             elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
                 capacity += gain * (wheel.force - capacity)
             elif memory.qp.solution[i] >= 1.0:
                 capacity += growth
-            wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), most)
+            wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
         others += wheel.capacity * wheel.known
         known += wheel.known
     for i in range(law.rim.size):

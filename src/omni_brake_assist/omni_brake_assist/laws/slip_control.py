@@ -28,12 +28,22 @@ def control_slip(
     """Write the enables; the enable of a locked wheel and of a failed brake is 1."""
     # Relative rate of change of all speeds [1/s].
     slowing = memory.body[0].deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
-    if law.brake.pressure_step >= 1.0:
-        _predict_pulses(law, memory, motion, slowing, dt)
+    valves, strongest, total = law.brake.pressure_step >= 1.0, 0, 0.0
+    for i in range(enable.size):
+        share, most = memory.qp.solution[i], law.most[i] * motion.pedal
+        enable[i] = 1.0
+        memory.forces[0, i] = memory.forces[1, i] = share
+        memory.slides[0, i], memory.slides[1, i] = math.inf, 0.0
+        if not memory.wheel[i].locked and i != motion.failed_brake:
+            model, rim = _at_effect(law, memory, i, dt)
+            if valves:
+                _predict_pulses(law, memory, i, model, rim, most, dt)
+            else:
+                need = _brake_force(law, memory, i, model, rim, slowing)
+                need = wheel_model.command_for(law.brake, rim.brake, need, dt)
+                enable[i] = min(max(need / most, 0.0), 1.0)
+    if valves:
         _choose_valves(memory, enable)
-    else:
-        _set_pressures(law, memory, motion, slowing, dt, enable)
-    strongest, total = 0, 0.0
     for i in range(enable.size):
         total += enable[i]
         if memory.qp.solution[i] > memory.qp.solution[strongest]:
@@ -43,14 +53,11 @@ def control_slip(
 
 
 @lean
-def _at_effect(
-    law: Constants, memory: Memory, i: int, slowing: float, dt: float
-) -> tuple[BrakedWheel, Rim]:
+def _at_effect(law: Constants, memory: Memory, i: int, dt: float) -> tuple[BrakedWheel, Rim]:
     """Return the model of wheel `i`, and its state when a new command begins to act."""
     body, wheel = memory.body[0], memory.wheel[i]
-    newest, delay = int(body.steps % wheel_model.QUEUE) - 1, body.dead_time / dt
-    hub = wheel.hub / (1.0 + slowing * (body.dead_time + dt))
-    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
+    newest, delay = body.steps - 1, body.dead_time / dt
+    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
     rim = Rim(wheel.speed, wheel.brake, wheel.force)
     for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
         command = command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
@@ -59,76 +66,55 @@ def _at_effect(
 
 
 @lean
-def _set_pressures(
-    law: Constants, memory: Memory, motion: Motion, slowing: float, dt: float, enable: FloatArray
-) -> None:
-    """Write the enables of proportional brakes."""
-    solution = memory.qp.solution
-    time = law.observer_time / CASCADE  # time constant of this loop, inside the friction observer
-    for i in range(enable.size):
-        wheel, most, enable[i] = memory.wheel[i], law.most[i] * motion.pedal, 1.0
-        if memory.qp.upper[i] <= 0.0:  # a locked wheel or a failed brake
-            continue
-        model, rim = _at_effect(law, memory, i, slowing, dt)
-        # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
-        push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
-        need, goal = most, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
-        if goal > 0.0:
-            change = (rim.speed - goal) / (time + memory.body[0].dead_time)
-            need = model.capacity + model.mass * change
-        if solution[i] < 1.0 or not wheel.known:
-            demand = solution[i] * model.capacity
-            need = min(need, demand + model.mass * rim.speed * slowing)
-        need = wheel_model.command_for(law.brake, rim.brake, need, dt)
-        enable[i] = min(max(need / most, 0.0), 1.0)
+def _brake_force(
+    law: Constants, memory: Memory, i: int, model: BrakedWheel, rim: Rim, slowing: float
+) -> float:
+    """Return the brake force of wheel `i` for its demand [N]; `rim` is its state at effect."""
+    wheel, share = memory.wheel[i], memory.qp.solution[i]
+    # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
+    push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
+    need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
+    if goal > 0.0:
+        # This loop is inside the friction observer.
+        time = law.observer_time / CASCADE + memory.body[0].dead_time
+        need = model.capacity + model.mass * (rim.speed - goal) / time
+    if share < 1.0 or not wheel.known:
+        need = min(need, share * model.capacity + model.mass * rim.speed * slowing)
+    return need
 
 
 @lean
 def _predict_pulses(
-    law: Constants, memory: Memory, motion: Motion, slowing: float, dt: float
+    law: Constants, memory: Memory, i: int, model: BrakedWheel, start: Rim, most: float, dt: float
 ) -> None:
-    """Predict the observed force of each wheel after a period with its valve shut or open.
+    """Predict the observed force of wheel `i` after a period with its valve shut or open.
 
     With a brake lag, the prediction ends one time constant later. The observed force is low-passed
     like the measured one. A force that alternates between periods therefore counts as its mean.
     """
     horizon = 1 + math.ceil(law.brake.time_constant / dt - 1e-9)
-    for i in range(law.rim.size):
-        memory.forces[:, i] = 0.0
-        memory.slides[0, i], memory.slides[1, i] = math.inf, 0.0
-        if memory.qp.upper[i] <= 0.0:  # a locked wheel or a failed brake: the valve stays open
-            continue
-        model, start = _at_effect(law, memory, i, slowing, dt)
-        for state in range(2):
-            rim, command = start, law.most[i] * motion.pedal * state
-            for _ in range(horizon):
-                rim, command = advance(law.brake, model, rim, command, dt, law.observer_time), 0.0
-            memory.forces[state, i] = rim.force / model.capacity
-            missing = max(1.0 - (1.0 + model.peak_slip) * rim.speed / (model.hub + 1e-9), 0.0)
-            memory.slides[state, i] = _SLIDE / law.rim.size * missing * missing
+    for state in range(2):
+        rim, command = start, most * state
+        for _ in range(horizon):
+            rim, command = advance(law.brake, model, rim, command, dt, law.observer_time), 0.0
+        memory.forces[state, i] = rim.force / model.capacity
+        missing = max(1.0 - (1.0 + model.peak_slip) * rim.speed / (model.hub + 1e-9), 0.0)
+        memory.slides[state, i] = _SLIDE / law.rim.size * missing * missing
 
 
 @lean
 def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Choose the pattern of valves whose predicted forces have the lowest cost in the QP.
 
-    Bit `i` of a pattern is set if valve `i` is open. Of patterns with the same cost, the last one
-    has more valves open.
+    Of patterns with the same cost, the last one has more valves open.
     """
-    patterns = 1 << enable.size
-    best, chosen = math.inf, patterns - 1
-    for pattern in range(patterns):
-        _open(pattern, enable)
-        value = cost(memory, enable)
+    best, chosen = math.inf, 0
+    for pattern in range(1 << enable.size):
+        value = cost(memory, pattern)
         if value <= best:
             best, chosen = value, pattern
-    _open(chosen, enable)
-
-
-@lean
-def _open(pattern: int, enable: FloatArray) -> None:
     for i in range(enable.size):
-        enable[i] = (pattern >> i) & 1
+        enable[i] = (chosen >> i) & 1
 
 
 @lean
@@ -136,13 +122,13 @@ def remember(law: Constants, memory: Memory, motion: Motion, dt: float, enable: 
     """Store motion and commands, and predict the brake forces of the next period."""
     body = memory.body[0]
     body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
-    newest = int(body.steps % wheel_model.QUEUE)
     for i in range(enable.size):
         wheel = memory.wheel[i]
-        memory.sent[newest, i] = enable[i] * law.most[i] * motion.pedal
-        if i == motion.failed_brake:
-            memory.sent[newest, i] = 0.0
-        command = command_at(memory.sent, newest, body.dead_time / dt, i)
+        acts = i != motion.failed_brake
+        memory.sent[body.steps % wheel_model.QUEUE, i] = (
+            enable[i] * law.most[i] * motion.pedal * acts
+        )
+        command = command_at(memory.sent, body.steps, body.dead_time / dt, i)
         wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, dt)
         wheel.last_speed = wheel.speed
     body.steps += 1

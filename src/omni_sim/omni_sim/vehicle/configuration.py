@@ -95,8 +95,11 @@ class VehicleConfiguration(Configuration):
 
     def by_wheel(self, field: str) -> quantities.FloatArray:
         """Return one field of `WheelCondition` for all wheels, shape (N,)."""
-        conditions = (self.conditions.get(name, _SOUND) for name in self.wheels)
-        return np.array([getattr(condition, field) for condition in conditions])
+        values = np.full(len(self.wheels), getattr(_SOUND, field))
+        if self.conditions:
+            conditions = (self.conditions.get(name, _SOUND) for name in self.wheels)
+            values[:] = [getattr(condition, field) for condition in conditions]
+        return values
 
     @property
     def chassis_size(self) -> quantities.FloatArray:

@@ -133,7 +133,7 @@ def test_a_stop_from_walking_speed_is_short_and_turns_less(vehicle: str) -> None
 
 
 @pytest.mark.parametrize("direction", [0, 15, 90, 120, 180])
-def test_more_rotation_is_not_spent_in_vain(direction: int) -> None:
+def test_a_larger_allowed_rotation_makes_no_stop_longer(direction: int) -> None:
     moving = f"maneuver.direction_deg={direction}"
     distances = [
         _stop(
@@ -142,11 +142,7 @@ def test_more_rotation_is_not_spent_in_vain(direction: int) -> None:
         ).stopping_distance
         for rotation in (0.5, 5.0, 30.0)
     ]
-    assert distances[1] < 1.01 * distances[0]
-    # The QP weighs the next period only: it also turns where that brakes more at once, not later.
-    settings = ("feedback=velocity_sensor", moving)
-    alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
-    assert distances[2] < alone.stopping_distance
+    assert max(distances[1:]) < 1.01 * distances[0]
 
 
 def test_three_wheels_keep_their_heading_along_a_diagonal() -> None:
@@ -161,7 +157,7 @@ def test_three_wheels_keep_their_heading_along_a_diagonal() -> None:
 def test_some_rotation_makes_it_as_short_as_the_shortest_stop_of_2013_with_less_rotation() -> None:
     turn = "turn_while_translate"
     old = run_fast_loop(LIBRARY.load(turn, "k1", ["feedback=velocity_sensor"]))
-    new = _stop(turn, "k7", PROPORTIONAL, "brake_assist.max_rotation=46")
+    new = _stop(turn, "k7", PROPORTIONAL, "brake_assist.max_rotation=40")
     assert new.stopping_distance < 1.01 * old.stopping_distance
     assert new.orientation_change < old.orientation_change - 5.0
 
