@@ -158,8 +158,9 @@ def test_valves_take_the_pattern_with_the_lowest_cost(mecanum: Wheels) -> None:
     assert compared > 20
 
 
-def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
-    law, memory = _law(mecanum)
+@pytest.mark.parametrize("kind", [PROPORTIONAL, ON_OFF])
+def test_a_standing_wheel_is_locked(mecanum: Wheels, kind: str) -> None:
+    law, memory = _law(mecanum, kind=kind)
     error, enable = np.zeros(4), np.zeros(4)
     speed = 3.0 * math.sqrt(0.5)
     across = math.sqrt(0.5)
@@ -170,6 +171,18 @@ def test_a_standing_wheel_is_locked(mecanum: Wheels) -> None:
     standing = np.abs(active @ [across, across]) < 1e-6
     assert np.count_nonzero(standing) == 2
     assert np.all(enable[standing] == 1.0)
+
+
+def test_a_wheel_about_which_the_vehicle_rotates_is_not_locked(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    geometry = PlatformGeometry.from_wheels(mecanum)
+    along = geometry.active @ [3.0, 2.5]
+    wheel = int(np.argmin(np.abs(along)))
+    yaw_rate = -float(along[wheel] / geometry.lever[wheel])
+    motion = Motion(True, 0.0, 3.0, 2.5, yaw_rate, 0.0, 1.0, 1.0, np.zeros(4))
+    allocation.step(law, memory, motion, np.zeros(4), np.zeros(4))
+    assert memory.wheel["hub"][wheel] < 1e-9
+    assert not memory.wheel["locked"][wheel]
 
 
 @pytest.mark.parametrize("kind", [PROPORTIONAL, ON_OFF])

@@ -39,7 +39,7 @@ def make_constants(
 ) -> Constants:
     """Convert a configuration to the constants of the law."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
-    brake, rim = configuration.brake, geometry.rim
+    brake, rim, position = configuration.brake, geometry.rim, geometry.position
     return Constants(
         n_x=n_x,
         n_y=n_y,
@@ -48,7 +48,7 @@ def make_constants(
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,
         most=brake.max_torque / np.abs(rim),
-        gyration=0.5 * float(np.mean(np.sum(geometry.position**2, axis=1))),
+        gyration=0.5 * float(np.vdot(position, position)) / len(position),
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),

@@ -102,8 +102,7 @@ class Memory(NamedTuple):
             demanded shares of the wheels' capacities.
         forces: predicted low-passed forces with the valve shut and open, as shares of the
             capacities [1], shape (2, N).
-        slides: cost of the sliding predicted with the valve shut and open [1], shape (2, N);
-            infinite if the valve must stay open.
+        slides: cost of the sliding predicted with the valve shut and open [1], shape (2, N).
     """
 
     body: NDArray[np.void]

@@ -47,7 +47,7 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)
     faster = 1.0 - math.exp(-CASCADE * dt / law.observer_time)
-    others = known = 0.0
+    largest = 0.0  # capacity of the wheels with a known speed
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         capacity = wheel.capacity
@@ -69,8 +69,7 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
             elif memory.qp.solution[i] >= 1.0:
                 capacity += growth
             wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
-        others += wheel.capacity * wheel.known
-        known += wheel.known
+        largest = max(largest, wheel.capacity * wheel.known)
     for i in range(law.rim.size):
         if not memory.wheel[i].known:  # the encoder is faulty
-            memory.wheel[i].capacity = others / known
+            memory.wheel[i].capacity = largest

@@ -33,7 +33,7 @@ def control_slip(
         share, most = memory.qp.solution[i], law.most[i] * motion.pedal
         enable[i] = 1.0
         memory.forces[0, i] = memory.forces[1, i] = share
-        memory.slides[0, i], memory.slides[1, i] = math.inf, 0.0
+        memory.slides[0, i] = memory.slides[1, i] = 0.0
         if not memory.wheel[i].locked and i != motion.failed_brake:
             model, rim = _at_effect(law, memory, i, dt)
             if valves:
@@ -106,7 +106,8 @@ def _predict_pulses(
 def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Choose the pattern of valves whose predicted forces have the lowest cost in the QP.
 
-    Of patterns with the same cost, the last one has more valves open.
+    The valve of a locked wheel or of a failed brake does not change the cost. It is open, because
+    of patterns with the same cost the last one is chosen.
     """
     best, chosen = math.inf, 0
     for pattern in range(1 << enable.size):

@@ -70,6 +70,12 @@ def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
     assert stops[0].orientation_change < 1.0
 
 
+@pytest.mark.parametrize("brakes", ["proportional", "on_off"])
+def test_a_turn_is_stopped_without_rotation_in_spite_of_lag(brakes: str) -> None:
+    run = _stop("turn_while_translate", "k7", f"vehicle.brake.kind={brakes}", *LAG)
+    assert run.orientation_change < 1.5
+
+
 def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
     alone = "brake_assist.fault_detection=false"  # so that all brakes act meanwhile
     silence = "faults.silence={channel: twist, kind: drop_out, time: 0.6, duration: 0.1}"
