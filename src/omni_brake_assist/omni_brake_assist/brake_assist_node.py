@@ -73,8 +73,8 @@ class TimingConfiguration(Configuration):
     """Pairing of the driver's demand with the feedback, and timeouts."""
 
     lockstep: bool = parameter(False)
-    """Lockstep mode: whether the node answers each pedal message only when the feedback of the
-    same step has arrived, however long this takes, instead of answering in real time"""
+    """Lockstep mode: the node waits for the feedback of the same step, without a time limit,
+    before it answers a pedal message; otherwise it answers in real time"""
     await_imu: bool = parameter(False)
     """Lockstep: whether an answer waits for the IMU of its step"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)

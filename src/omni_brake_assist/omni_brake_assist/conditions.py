@@ -147,7 +147,11 @@ CONDITIONS: tuple[Condition, ...] = (
         "feedback is {value:.4g} s ahead of the demand, more than {limit:g} s",
     ),
     Condition(_S.TIME_JUMP, WARNING, "the stamp of the feedback decreased by {value:.4g} s"),
-    Condition(_S.LOW_CONFIDENCE, WARNING, "feedback has no positive variance: unknown"),
+    Condition(
+        _S.LOW_CONFIDENCE,
+        WARNING,
+        "covariance of the feedback is unknown: a variance is not positive",
+    ),
     Condition(
         _S.LOW_CONFIDENCE, WARNING, _DEVIATION + "velocity is {value:.4g} m/s" + _MORE + "m/s"
     ),
@@ -199,15 +203,13 @@ CONDITIONS: tuple[Condition, ...] = (
 
 
 def states_table() -> str:
-    """Return the table of states with their reasons in the order of precedence, as Markdown."""
+    """Return the table of conditions in the order of precedence, as Markdown."""
     lines = ["| state | level | reason |", "|---|---|---|"]
-    for state in dict.fromkeys(row.state for row in CONDITIONS):
-        rows = [row for row in CONDITIONS if row.state is state]
-        reasons = [re.sub(r"\{(\w+)[^}]*\}", r"*\1*", row.words) for row in rows if row.words]
-        level = ("OK", "warning", "error")[rows[0].level]
-        text = "; ".join(reasons) or "named in the message"
-        lines.append(f"| `{state.value}` | {level} | {text} |")
-    return "\n".join(lines) + "\n"
+    for row in CONDITIONS:
+        level = ("OK", "warning", "error")[row.level]
+        reason = re.sub(r"\{(\w+)[^}]*\}", r"*\1*", row.words) or "named in the message"
+        lines.append(f"| `{row.state.value}` | {level} | {reason} |")
+    return "\n".join(dict.fromkeys(lines)) + "\n"
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ FAULTS: list[tuple[str, Callable[[BrakeDemand], BrakeDemand], AssistState, str]]
     ("blind", with_variance(0, 1e6), S.LOW_CONFIDENCE, "velocity is 1000 m/s, more than 0.2"),
     ("blind y", with_variance(1, 0.05), S.LOW_CONFIDENCE, "0.2236 m/s, more than 0.2 m/s"),
     ("blind yaw", with_variance(2, 1e6), S.LOW_CONFIDENCE, "yaw rate is 1000 rad/s, more than"),
-    ("unknown", with_variance(0, -1.0), S.LOW_CONFIDENCE, "no positive variance"),
+    ("unknown", with_variance(0, -1.0), S.LOW_CONFIDENCE, "a variance is not positive"),
     ("fast", with_twist(0.0, 60.1, 0.3), S.IMPLAUSIBLE_FEEDBACK, "speed is 60.1 m/s, more than 60"),
     ("huge", with_twist(1e200, 1e200, 0), S.IMPLAUSIBLE_FEEDBACK, "speed is"),
     ("spin", with_twist(9.7, 0.0, -10.1), S.IMPLAUSIBLE_FEEDBACK, "yaw rate is 10.1 rad/s"),
