@@ -130,7 +130,7 @@ def _make(make_node: Callable[[], Node]) -> Node:
     try:
         node = make_node()
     except (NameValidationException, ParameterException) as error:
-        # A sign below an invalid name points at its first wrong letter.
+        # The message marks the first invalid letter with a caret on a line of its own.
         raise ConfigurationError("", " ".join(str(error).rstrip(" ^").split())) from None
     try:
         parameters.refuse_unknown_parameters(node)

@@ -163,7 +163,7 @@ def signals_of(
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return, for each topic that misses a motion or all stops, what cannot be checked."""
+    """Return the topics without data in a motion or in all stops, with what cannot be checked."""
     needs = {
         _TWIST: (motions.twist, drive.twist[motions.stop], "twist sensor and brakes"),
         _IMU: (motions.gyro, drive.imu[motions.stop], "IMU"),
