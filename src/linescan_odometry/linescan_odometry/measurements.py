@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -26,7 +25,6 @@ class Displacement(NamedTuple):
         correlation: coherence of neighboring lines, or mean similarity of line pairs, up to 1.
         share: share of the line pairs that were used, 0 to 1.
         rest: lines without the camera's fixed pattern, shape (m + 1, n); None if it is unknown.
-        details: effective number of independent texture values in the view [1].
     """
 
     value: float
@@ -34,7 +32,6 @@ class Displacement(NamedTuple):
     correlation: float
     share: float
     rest: Lines | NDArray[np.float32] | None = None
-    details: float = math.inf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,8 +52,6 @@ class SensorReading:
             none.
         persistence: correlation of these two shifted lines, divided by that of neighboring lines
             [1].
-        direction_variance: part of the variance that oblique texture causes [m^2/s^2].
-        details: effective number of independent texture values in the view [1].
         unmatched: whether the lines have contrast but do not match, or the match contradicts the
             motion.
     """
@@ -71,8 +66,6 @@ class SensorReading:
     remark: str = ""
     reference_age: float = 0.0
     persistence: float = 0.0
-    direction_variance: float = 0.0
-    details: float = math.inf
     unmatched: bool = False
 
     @classmethod

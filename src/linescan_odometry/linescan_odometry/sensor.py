@@ -148,7 +148,6 @@ class SensorOdometry:
             static_time=self._static_time(lines, displacement),
             reference_age=age,
             persistence=persistence,
-            details=displacement.details,
         )
 
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:

@@ -36,7 +36,6 @@ class Estimate(NamedTuple):
         reason: why the displacement is invalid; empty if it is valid.
         rest: logarithm of the lines minus the fixed pattern, shape (m, n).
         coherence: coherence between neighboring lines [1].
-        details: effective number of independent texture values in a line [1].
     """
 
     value: float
@@ -44,7 +43,6 @@ class Estimate(NamedTuple):
     reason: str
     rest: spectra.Floats | Lines
     coherence: float = 0.0
-    details: float = math.inf
 
 
 class _Choice(NamedTuple):
@@ -145,7 +143,7 @@ class JointEstimator:
         if parted:
             self._learn(information, batch)
             variance += candidates.scatter(products, layout, d, (_LIKELY, _RATIO))
-        return Estimate(d, variance, "", rest, best.coherence, best.details)
+        return Estimate(d, variance, "", rest, best.coherence)
 
     def _choose(
         self,

@@ -1,8 +1,10 @@
 """Robust variance of a displacement, and number of the ground features that determine it.
 
-The variance is the sandwich ``J^-1 (sum U U') J^-1`` over segments of the ground, where U is the
-derivative of a segment's log-likelihood and J the curvature of the total. It is valid even if the
-noise is not white and the model not exact, as long as the errors of the segments are independent.
+The variance is the sandwich ``J^-1 B J^-1`` over segments of the ground, where J is the curvature
+of the log-likelihood. B is the covariance of its derivative by Newey and West (1987): segments up
+to `_CORRELATED` apart may have correlated errors, because texture that is longer than a segment
+lies in several of them. The sandwich is valid even if the noise is not white and the model not
+exact.
 """
 
 import math
@@ -15,7 +17,8 @@ from linescan_odometry.joint.likelihood import Cut, Expansion, Precision, expand
 from linescan_odometry.joint.spectra import LEAST_NOISE, Doubles, Floats, transform_size, window
 from omni_platform.kernels import kernel, njit
 
-PLACES = 24  # number of ground segments in a line, assumed to have independent errors
+PLACES = 24  # number of ground segments in a line
+_CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 _SIGNIFICANT = 3.0  # standard deviations; neighboring and distant lines then contradict each other
 
 _sum = njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -31,7 +34,6 @@ class Fit(NamedTuple):
         coherence: coherence between neighboring lines, weighted by power [1].
         contrast: energy of the gradients that neighboring lines have in common, relative to that of
             the noise [1].
-        details: effective number of independent texture values in a line [1].
         difference: difference between the displacement by neighboring lines and that by all lines
             [px]; 0 if it is not significant.
     """
@@ -41,7 +43,6 @@ class Fit(NamedTuple):
     features: float
     coherence: float
     contrast: float
-    details: float
     difference: float
 
 
@@ -99,11 +100,10 @@ def assess(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
     here = expand(lines, precision, motion, spread)
     cut, edges, moments = here.cut, here.model.edges, here.moments
     if not math.isfinite(here.inverse[0, 0]):
-        return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)
     contrast = _shared(cut) / max(_noise(lines) * _gain(cut), 1e-12)
-    weight, power = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])
+    weight = np.zeros(cut.spectra.shape[1])
     for b in range(len(edges) - 1):
-        power[edges[b] : edges[b + 1]] = moments[1, b] * (edges[b] + edges[b + 1])
         gamma = min(moments[1, b] / moments[0, b], 1.0 - LEAST_NOISE)
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(here, weight, lines.shape[1])
@@ -119,15 +119,13 @@ def assess(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
     excess = max(offset**2 - _SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
-    share = power.sum() ** 2 / max((power * power).sum(), 1e-30)
-    details = 2.0 * share * lines.shape[1] / cut.length
     white = here.inverse[0, 0]
-    return Fit(variance, white, features, coherence, contrast, details, math.sqrt(excess))
+    return Fit(variance, white, features, coherence, contrast, math.sqrt(excess))
 
 
 @kernel
 def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the displacement's variance [px^2]; infinite if two segments contain all energy.
+    """Return the displacement's variance [px^2]; infinite if few segments contain all energy.
 
     Args:
         parts: properties of the segments from `_places`, shape (p, 5).
@@ -140,11 +138,13 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     share = energy / total
     slope = inverse[0] * parts[:, 0] + inverse[1] * parts[:, 1]
     own = slope - share * slope.sum()
-    effective = 1.0 / (share * share).sum()
-    # Student's factor, because the scatter is estimated from only `effective` segments.
-    student = effective / (effective - 2.0) if effective > 2.0 else math.inf
-    variance: float = student * (own * own).sum()
-    return variance
+    variance: float = (own * own).sum()
+    for lag in range(1, _CORRELATED + 1):
+        weight = 1.0 - lag / (_CORRELATED + 1.0)  # of Bartlett, so that the sum is not negative
+        variance += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
+    # Student's factor, with the degrees of freedom of a sum with Bartlett's weights.
+    freedom = 1.5 / ((_CORRELATED + 1.0) * (share * share).sum())
+    return variance * freedom / (freedom - 2.0) if freedom > 2.0 else math.inf
 
 
 @_sum

@@ -55,6 +55,5 @@ class JointMethod:
             )
         self._last = estimate.value
         return Displacement(
-            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest,
-            estimate.details,
-        )  # fmt: skip
+            estimate.value, estimate.variance, estimate.coherence, 1.0, estimate.rest
+        )

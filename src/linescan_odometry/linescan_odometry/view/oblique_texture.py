@@ -8,7 +8,6 @@ the motion across the axis: if a view stays correlated for longer than one width
 oblique.
 """
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -37,8 +36,6 @@ _FAR_ENOUGH = 0.5  # share of this sum after which the test is possible
 _EXCESS = 0.35  # excess correlation that chance does not cause in two comparisons
 _CLEAR_EXCESS = 0.65  # excess correlation that chance does not cause in one comparison
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
-_MANY = 38.0  # number of texture details at which their errors cancel
-_BIAS_OF_ONE = 0.015  # error along the axis per velocity across it, with a single detail
 
 
 class Keyframe:
@@ -260,7 +257,7 @@ class ObliqueTextures:
     def over_oblique_texture(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return readings over oblique textures, as unmeasured or with a larger variance.
+        """Return the readings of cameras over oblique textures, as unmeasured.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -290,22 +287,6 @@ class ObliqueTextures:
                         f"oblique texture: {100.0 * reading.persistence:.0f} % correlation "
                         f"after {1e3 * path:.3g} mm across the axis"
                     )
-            direction = (_bias(reading.details) * speed) ** 2
-            if direction > 2.0 * reading.direction_variance:
-                over_oblique_texture[name] = dataclasses.replace(
-                    reading,
-                    variance=reading.variance - reading.direction_variance + direction,
-                    direction_variance=direction,
-                )
             if name in self._found and speed > _SLOWEST:
                 over_oblique_texture[name] = reading.rejected(self._found[name])
         return over_oblique_texture
-
-
-def _bias(details: float) -> float:
-    """Return the standard deviation of the velocity along the axis per velocity across it [1].
-
-    In motion across the axis, each oblique edge of the ground also shifts along the axis. With many
-    details these errors cancel; with the few stones of a cobbled road they do not.
-    """
-    return _BIAS_OF_ONE * max(0.0, 1.0 - details / _MANY)
