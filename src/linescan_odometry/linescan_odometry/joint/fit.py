@@ -19,6 +19,7 @@ from omni_platform.kernels import kernel, njit
 
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
+_LEAST_FREEDOM = 2.5  # degrees of freedom; limits Student's factor of the variance to 5
 _SIGNIFICANT = 3.0  # standard deviations; neighboring and distant lines then contradict each other
 
 _sum = njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
@@ -125,7 +126,7 @@ def assess(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
 
 @kernel
 def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the displacement's variance [px^2]; infinite if few segments contain all energy.
+    """Return the displacement's variance [px^2]; infinite if two segments contain all energy.
 
     Args:
         parts: properties of the segments from `_places`, shape (p, 5).
@@ -142,9 +143,12 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     for lag in range(1, _CORRELATED + 1):
         weight = 1.0 - lag / (_CORRELATED + 1.0)  # of Bartlett, so that the sum is not negative
         variance += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
+    effective = 1.0 / (share * share).sum()
+    if effective <= 2.0:
+        return math.inf
     # Student's factor, with the degrees of freedom of a sum with Bartlett's weights.
-    freedom = 1.5 / ((_CORRELATED + 1.0) * (share * share).sum())
-    return variance * freedom / (freedom - 2.0) if freedom > 2.0 else math.inf
+    freedom = max(1.5 * effective / (_CORRELATED + 1.0), _LEAST_FREEDOM)
+    return variance * freedom / (freedom - 2.0)
 
 
 @_sum
