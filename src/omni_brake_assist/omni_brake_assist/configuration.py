@@ -34,12 +34,12 @@ class AllocationConfiguration(Configuration):
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""
     return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
-    """Time constant with which heading and direction of motion return, as a share of the time left
-    until rest"""
+    """Time constant with which the law corrects heading and direction of motion, as a share of the
+    time left until rest"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the QP of the control allocation: cost of missing as
-    much acceleration as all capacities together could cause, relative to the cost of no
-    deceleration"""
+    """Weight of heading and line of motion in the QP of the control allocation: cost of a lack of
+    yaw or lateral acceleration as large as all capacities together could cause, relative to the
+    cost of no deceleration"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """A wheel counts as locked, because the motion does not drive it, if along its active direction
     both its hub and the vehicle are slower than this share of the vehicle's speed"""
@@ -63,8 +63,8 @@ class BrakeAssistConfiguration(Configuration):
     """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
     closer to zero"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Change of heading, and of the direction of motion, up to which the law allocation does not
-    correct it"""
+    """Largest change of heading, and of the direction of motion, that the law allocation leaves
+    uncorrected"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
     """Approximate mass of the vehicle, the initial value of the mass estimate of the law
     allocation"""

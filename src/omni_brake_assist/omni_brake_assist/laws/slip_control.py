@@ -106,8 +106,8 @@ def _predict_pulses(
 def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Choose the pattern of valves whose predicted forces have the lowest cost in the QP.
 
-    The valve of a locked wheel or of a failed brake does not change the cost. It is open, because
-    of patterns with the same cost the last one is chosen.
+    The valve of a locked wheel or of a failed brake does not change the cost. It is open: of
+    several patterns with the same cost, the last one is chosen.
     """
     best, chosen = math.inf, 0
     for pattern in range(1 << enable.size):
