@@ -14,7 +14,7 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor or file that the environment names, if any.
+    """Write a document to the descriptor and the file given by environment variables, if any.
 
     Args:
         document: strict JSON.

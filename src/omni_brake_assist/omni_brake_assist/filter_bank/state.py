@@ -176,7 +176,8 @@ class BankMemory(NamedTuple):
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
-        loss: past speed in each filter [m/s] and its time [ns], shape (11, 6).
+        loss: speed of each of the 5 filters after the last steps [m/s], and their times [ns] in the
+            last column, shape (11, 6).
         rows: readings of the past steps, a ring buffer, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
         newest: row of the newest reading, and of the newest one that the filters have used,
