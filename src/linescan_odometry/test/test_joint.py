@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -112,17 +112,23 @@ def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
     assert estimator().estimate(lines).reason != ""
 
 
-@pytest.mark.parametrize("displacement", [1.7, 5.0])
-def test_errors_on_a_smooth_ground_that_leaves_the_view_sideways_are_stated(
-    displacement: float,
-) -> None:
-    grain, contrast, coherence = 10.0, 10.0, 0.7  # px, gray levels, 1
+def scores_sideways(
+    displacement: float, coherence: float, contrast: float, grains: Mapping[float, float]
+) -> list[float]:
+    """Return errors squared over variances on a ground that leaves the view sideways.
+
+    Args:
+        displacement: displacement per line [px].
+        coherence: coherence of neighboring lines [1].
+        contrast: standard deviation of the lines [gray levels].
+        grains: amplitude of the texture by its grain [px].
+    """
     rate = 2.0 * math.pi * np.fft.rfftfreq(4 * PIXELS)
+    spectrum = sum(share * np.exp(-0.5 * (grain * rate) ** 2) for grain, share in grains.items())
     scores = []
     for seed in range(40):
         generator = np.random.default_rng(seed)
-        white = np.fft.rfft(generator.standard_normal((LINES, 4 * PIXELS)))
-        fresh = white * np.exp(-0.5 * (grain * rate) ** 2)
+        fresh = spectrum * np.fft.rfft(generator.standard_normal((LINES, 4 * PIXELS)))
         ground = [fresh[0]]
         for new in fresh[1:]:
             kept = coherence * ground[-1] + math.sqrt(1.0 - coherence**2) * new
@@ -133,9 +139,26 @@ def test_errors_on_a_smooth_ground_that_leaves_the_view_sideways_are_stated(
         found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
         if not found.reason:
             scores.append((found.value - displacement) ** 2 / found.variance)
+    return scores
+
+
+@pytest.mark.parametrize("displacement", [1.7, 5.0])
+def test_errors_on_a_smooth_ground_that_leaves_the_view_sideways_are_stated(
+    displacement: float,
+) -> None:
+    scores = scores_sideways(displacement, 0.7, 10.0, {10.0: 1.0})
     assert len(scores) >= 20
     assert max(scores) < 5.0**2
     assert np.mean(scores) < 2.0**2  # the stated deviation is right within a factor of 2
+
+
+@pytest.mark.parametrize("displacement", [1.7, 5.0])
+def test_features_longer_than_a_segment_do_not_enlarge_the_stated_errors(
+    displacement: float,
+) -> None:
+    scores = scores_sideways(displacement, 0.9, 20.0, {3.0: 1.0, 60.0: 10.0})
+    assert len(scores) >= 35
+    assert 0.5**2 < np.mean(scores) < 2.0**2
 
 
 def test_lines_of_nothing_but_noise_are_not_measured() -> None:
