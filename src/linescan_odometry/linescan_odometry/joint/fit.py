@@ -139,16 +139,17 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     share = energy / total
     slope = inverse[0] * parts[:, 0] + inverse[1] * parts[:, 1]
     own = slope - share * slope.sum()
-    variance: float = (own * own).sum()
+    scatter = (own * own).sum()
     for lag in range(1, _CORRELATED + 1):
         weight = 1.0 - lag / (_CORRELATED + 1.0)  # of Bartlett, so that the sum is not negative
-        variance += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
+        scatter += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
     effective = 1.0 / (share * share).sum()
     if effective <= 2.0:
         return math.inf
     # Student's factor, with the degrees of freedom of a sum with Bartlett's weights.
     freedom = max(1.5 * effective / (_CORRELATED + 1.0), _LEAST_FREEDOM)
-    return variance * freedom / (freedom - 2.0)
+    variance: float = scatter * freedom / (freedom - 2.0)
+    return variance
 
 
 @_sum
