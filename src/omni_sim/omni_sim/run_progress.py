@@ -87,7 +87,7 @@ class RunProgress:
         maneuver = configuration.maneuver
         self._end = run_end(configuration.simulation, maneuver.earliest_end)
         self._rest = rest_memory()
-        self._brake_time = maneuver.earliest_end or maneuver.brake_time
+        self._brake_time = maneuver.brake_time
         self._time = 0.0
         self._initial_speed = 0.0
         self._speed = 0.0
@@ -123,6 +123,8 @@ class RunProgress:
     def _share_now(self, pedal: float) -> float:
         if self.finished:
             return 1.0
+        if self._end.earliest > 0.0:  # the demands have a known end
+            return min(0.99, self._time / self._end.earliest)
         cruise = 0.2  # share of the bar for the time before braking
         if pedal <= 0.0:
             return cruise * min(1.0, self._time / max(self._brake_time, 1e-9))

@@ -188,6 +188,23 @@ def test_a_run_ends_at_rest_or_at_its_limit(limit: float, outcome: str) -> None:
         assert observation.stamp_ns == 1_000_000_000
 
 
+def test_the_progress_of_recorded_demands_is_that_of_their_time() -> None:
+    table = {"time": (0.0, 1.0, 1.5, 3.0), "forward": (0.0, 2.0, 0.0, 0.0), "pedal": (0, 0, 1, 1)}
+    table |= dict.fromkeys(("left", "turn"), 4 * (0.0,))
+    chosen = configuration(
+        maneuver=from_mapping(ManeuverConfiguration, {"demands": table}),
+        simulation=SimulationConfiguration(render_lines=False, settling_time=0.2),
+    )
+    simulator, progress = Simulator(chosen), RunProgress(chosen)
+    while not progress.finished:
+        observation = simulator.observe()
+        progress.update(observation)
+        time = observation.stamp_ns * 1e-9
+        expected = 1.0 if progress.finished else min(time / 3.0, 0.99)
+        assert progress.report()["share"] == pytest.approx(expected, abs=1e-9)
+        simulator.advance(ON)
+
+
 def test_tipping_is_reported_and_timed() -> None:
     """With the center of gravity 5 m up and 6 m/s^2, the moment exceeds that of the weight."""
     upright = configuration().vehicle
