@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_loop.history import RunHistory
+from omni_platform.configuration import ConfigurationError
 
 ORANGE, SKY, GREEN = "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
@@ -105,11 +106,11 @@ def save_figure(figure: Figure, path: Path | str) -> Path:
     """Write a figure as PNG or SVG, depending on the suffix; equal figures give equal bytes.
 
     Raises:
-        ValueError: the suffix is neither PNG nor SVG.
+        ConfigurationError: the suffix is neither PNG nor SVG.
     """
     target = Path(path)
     if target.suffix not in {".png", ".svg"}:
-        raise ValueError(f"{target.name}: a figure is written as .png or .svg")
+        raise ConfigurationError("--out", f"{target} must end in .png or .svg")
     target.parent.mkdir(parents=True, exist_ok=True)
     if target.suffix == ".svg":
         with matplotlib.rc_context({"svg.hashsalt": "omni"}):

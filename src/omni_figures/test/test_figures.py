@@ -28,6 +28,7 @@ from omni_figures.time_series import time_series
 from omni_figures.top_view import top_view
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.history import RunHistory
+from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.quantities import FloatArray
 from omni_sim.ground.friction import FrictionPatch
@@ -364,3 +365,9 @@ def test_reading_and_measuring_load_no_drawing_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", ["picture", "picture.pdf"])
+def test_a_picture_of_another_format_is_refused(name: str, tmp_path: FilePath) -> None:
+    with pytest.raises(ConfigurationError, match=r"must end in \.png or \.svg"):
+        save_figure(Figure(), tmp_path / name)
