@@ -40,7 +40,6 @@ class Tolerances(NamedTuple):
         gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
         delay: largest difference between measured and described dead time [s].
         slowest: smallest speed of a wheel with a defined slip, as a share of the top speed [1].
-        peak_slip: slip at which a tire reaches the friction limit [1]; Table 1 has 0.15.
     """
 
     misfit: float = 0.06
@@ -55,7 +54,6 @@ class Tolerances(NamedTuple):
     gain: float = 0.5
     delay: float = 0.03
     slowest: float = 0.2
-    peak_slip: float = 0.15
 
 
 _ALLOWED = Tolerances()
@@ -279,7 +277,10 @@ def _response(
     motions: Motions,
     vehicle: VehicleConfiguration,
 ) -> _Response:
-    """Return the response of the wheels, on tires that are linear up to the friction limit."""
+    """Return the response of the wheels, on tires whose force is proportional to the slip.
+
+    A steeper model of the tires would turn small errors of the twist into large forces.
+    """
     predicted = _predicted(wheels, motions.twist)
     # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
     # cancels in the slip.
@@ -292,8 +293,7 @@ def _response(
     slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
     facts = wheel_facts(vehicle)
     limit = np.array([facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()])
-    force = np.clip(slip / _ALLOWED.peak_slip, -1.0, 1.0)
-    torque = np.where(moving, limit * force + vehicle.wheel_inertia * slower, 0.0)
+    torque = np.where(moving, limit * slip + vehicle.wheel_inertia * slower, 0.0)
     # A brake without an enable is on.
     demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
     rows = np.arange(len(pedal))

@@ -33,7 +33,12 @@ from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_tools.commissioning.mistakes import corrected, find_mistakes, undistinguished_brakes
+from omni_tools.commissioning.mistakes import (
+    Mistake,
+    corrected,
+    find_mistakes,
+    undistinguished_brakes,
+)
 from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of, unchecked
 from omni_tools.vehicles.estimates import Measured, write_vehicle
 
@@ -85,21 +90,23 @@ def described(
     return dataclasses.replace(ExperimentLibrary(CONFIG).vehicle(vehicle), brake=brake)
 
 
+def mistakes_in(
+    wheels: Wheels,
+    signals: Signals,
+    known: tuple[float, float],
+    vehicle: VehicleConfiguration,
+) -> list[Mistake]:
+    at, (distance, angle) = motions_of(signals), known
+    return find_mistakes(wheels, signals, at, distance=distance, angle=angle, vehicle=vehicle)
+
+
 def found(
     wheels: Wheels,
     signals: Signals,
     known: tuple[float, float],
     vehicle: VehicleConfiguration | None = None,
 ) -> list[str]:
-    mistakes = find_mistakes(
-        wheels,
-        signals,
-        motions_of(signals),
-        distance=known[0],
-        angle=known[1],
-        vehicle=vehicle or described(),
-    )
-    return [mistake.name for mistake in mistakes]
+    return [mistake.name for mistake in mistakes_in(wheels, signals, known, vehicle or described())]
 
 
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
@@ -136,6 +143,17 @@ def test_weak_drives_and_heavy_wheels_are_no_mistake(
     changes = f"vehicle.wheel_inertia={vehicle.wheel_inertia}", "brake_assist.law=allocation"
     assert vehicle.brake.max_power == measured.get("drive_power", 0.0)
     assert found(*drive(str(file), *changes), vehicle) == []
+
+
+@pytest.mark.parametrize("scale", [0.96, 1.0, 1.04])
+def test_slow_brakes_that_are_fast_have_a_wrong_dead_time(scale: float, tmp_path: Path) -> None:
+    file, *_ = write_vehicle("robot", Measured(**ROBOT), tmp_path / "robot")
+    wheels, signals, known = drive(str(file))
+    fast = ExperimentLibrary(CONFIG).vehicle(str(file))
+    slow = dataclasses.replace(fast, brake=dataclasses.replace(fast.brake, **TYPICAL[SPRING]))
+    signals = signals._replace(twist=scale * signals.twist)
+    assert found(wheels, signals, known, fast) == []
+    assert found(wheels, signals, known, slow) == ["brakes: dead time is about 0 ms"]
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
@@ -386,25 +404,11 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
     library = ExperimentLibrary(CONFIG)
     values = library.vehicle_values("mecanum_forklift")
     for wrong, drive_of in ((other, signals), (wheels, late)):
-        mistakes = find_mistakes(
-            wrong,
-            drive_of,
-            motions_of(drive_of),
-            distance=known[0],
-            angle=known[1],
-            vehicle=described(),
-        )
+        mistakes = mistakes_in(wrong, drive_of, known, described())
         file = tmp_path / "vehicle.yaml"
         file.write_text(yaml.safe_dump(corrected(values, mistakes), sort_keys=False))
         vehicle = library.vehicle(str(file))
-        again = find_mistakes(
-            vehicle.wheels,
-            drive_of,
-            motions_of(drive_of),
-            distance=known[0],
-            angle=known[1],
-            vehicle=vehicle,
-        )
+        again = mistakes_in(dict(vehicle.wheels), drive_of, known, vehicle)
         assert mistakes
         assert again == []
         assert vehicle.body == library.vehicle("mecanum_forklift").body
@@ -413,11 +417,8 @@ def test_the_corrected_file_of_a_vehicle_has_no_mistake(
 def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
     random = np.random.default_rng(11)
     for _ in range(40):
-        x, y, radius = (
-            random.uniform(0.2, 1.5),
-            random.uniform(0.15, 0.9),
-            random.uniform(0.04, 0.3),
-        )
+        x, y = random.uniform(0.2, 1.5), random.uniform(0.15, 0.9)
+        radius = random.uniform(0.04, 0.3)
         wheels = {
             f"{a}{b}": WheelMount(x=a * x, y=b * y, roller_angle_deg=-45 * a * b, radius=radius)
             for a in (-1, 1)
@@ -434,12 +435,7 @@ def test_forty_random_vehicles_without_mistakes_are_found_correct() -> None:
         nothing = np.full((2, 4), math.nan)
         signals = Signals(np.array([0.0, 0.01]), nothing, nothing, nothing, nothing[:, 0], nothing)
         found = find_mistakes(
-            wheels,
-            signals,
-            motions,
-            distance=known[0],
-            angle=known[1],
-            vehicle=described(),
+            wheels, signals, motions, distance=known[0], angle=known[1], vehicle=described()
         )
         assert found == []
 
