@@ -23,9 +23,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
+from omni_bringup.commands import ros_params
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.hardware import ARGUMENTS, hardware_nodes, starts_again
 from omni_bringup.graph.process_group import find_executable
+from omni_bringup.workspace import Workspace
 from omni_platform.configuration import ConfigurationError
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance
@@ -247,6 +249,13 @@ def test_a_wrong_roller_sign_is_refused_unless_forced(tmp_path: Path) -> None:
     assert not out.exists()
     assert omni(["ros-params", str(file), "--out", str(out), "--force"]).returncode == 0
     assert (out / "brake_assist.yaml").exists()
+
+
+def test_the_result_of_the_study_is_looked_for_in_the_workspace(tmp_path: Path) -> None:
+    file = WORKSPACE / "config/hardware/mecanum_agv.yaml"
+    options = ros_params.Options(configuration=file, out=tmp_path / "out", source="otos")
+    with pytest.raises(ConfigurationError, match=f"{tmp_path}/results/feedback/summary.json"):
+        ros_params.run(options, Workspace(tmp_path))
 
 
 def test_a_source_that_does_harm_is_named_by_ros_params_the_node_and_doctor(tmp_path: Path) -> None:

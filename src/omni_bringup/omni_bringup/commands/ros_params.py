@@ -23,9 +23,10 @@ class Options(CommandOptions):
     source: str | None = option(None, metavar="NAME")
     """source of the twist, by its name in ./omni study feedback; a warning states whether
     assistance with this source does more harm than good"""
-    feedback: Path = option(Path("results/feedback/summary.json"), metavar="FILE")
+    feedback: Path | None = option(None, metavar="FILE")
     """result of ./omni study feedback --vehicle, required for --source; if it does not contain a
-    vehicle with the name of CONFIGURATION, the warning is about its vehicles"""
+    vehicle with the name of CONFIGURATION, the warning is about its vehicles (default:
+    results/feedback/summary.json in the workspace)"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 
@@ -52,12 +53,13 @@ def run(options: Options, workspace: Workspace) -> Report:
         from omni_studies.studies.feedback import warnings
 
         check_choice("--source", options.source, SOURCES)
-        found = warnings(options.feedback, hardware.brake_assist.law, options.source)
+        summary = options.feedback or workspace.results(None, "feedback") / "summary.json"
+        found = warnings(summary, hardware.brake_assist.law, options.source)
         own = short_name(path)
         if own in found:
             found = {own: found[own]}
         else:
-            workspace.note(f"{options.feedback} is about {', '.join(found)}, not about {own}")
+            workspace.note(f"{summary} is about {', '.join(found)}, not about {own}")
         warning = "; ".join(filter(None, found.values()))
     if warning:
         workspace.note(warning)
