@@ -38,6 +38,7 @@ class Assistant(Bystander):
         self.wheels = wheels
         self.torque = np.zeros(len(wheels))
         self.stamp = 0
+        self.answers = True
         self._enable = self.node.create_publisher(JointState, "brake/enable", RELIABLE)
         self.node.create_subscription(JointState, "wheel_states", self._on_wheels, RELIABLE)
 
@@ -48,8 +49,8 @@ class Assistant(Bystander):
         self.torque = np.array(message.effort)
         self.stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         released = np.zeros(len(self.wheels))
-        # In any order: the names count.
-        self._enable.publish(joint_state(self.stamp, self.wheels[::-1], effort=released))
+        if self.answers:  # in any order: the names count
+            self._enable.publish(joint_state(self.stamp, self.wheels[::-1], effort=released))
 
 
 @pytest.fixture
@@ -114,6 +115,19 @@ class Valve(Bystander):
 
     def _on_deadline(self, _event: object) -> None:
         self.missed += 1
+
+
+@pytest.mark.safety(
+    "brakes act late",
+    "the assistant sends no more enables while all brakes are released",
+    "the valves apply all brakes after a timeout",
+    within="`enable_timeout`",
+)
+def test_missing_enables_apply_all_brakes(assistant: Assistant) -> None:
+    assistant.wait(lambda: assistant.stamp > 1.5e9 and not assistant.torque.any())
+    assistant.answers, last = False, assistant.stamp
+    assistant.wait(lambda: bool(assistant.torque.all()))
+    assert assistant.stamp - last <= 80_000_000  # 50 ms, rounded up to whole steps
 
 
 @pytest.mark.safety(
