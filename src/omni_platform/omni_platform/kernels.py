@@ -8,6 +8,7 @@ one, not even in a tuple; its caller provides all arrays. A kernel that creates 
 as `kernel` and should be short. The largest kernels are also `linked`.
 """
 
+import functools
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -59,14 +60,36 @@ setattr(Dispatcher, "enable_caching", _enable_caching)  # noqa: B010 - of `njit(
 _defer_blas()
 _defer_transforms()
 
-kernel = njit(cache=True, nogil=True, error_model="numpy", _nrt=True)
+
+def _declares(**options: Any) -> Any:
+    """Return a decorator that declares a kernel with these options of numba.
+
+    numba gives every kernel an entry for Python, which converts all arguments and takes a quarter
+    of the compilation. Other kernels call a second dispatcher of the function, without this entry,
+    so that only kernels that Python calls are compiled with it.
+    """
+    declare = functools.partial(
+        njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
+    )
+
+    def decorate(function: Any) -> Any:
+        entry = declare()(function)
+        callee = functools.cache(lambda: declare(no_cpython_wrapper=True)(function))
+        entry.get_call_template = lambda *arguments: callee().get_call_template(*arguments)
+        entry.get_overload = lambda signature: callee().get_overload(signature)
+        return entry
+
+    return decorate
+
+
+kernel = _declares(_nrt=True)
 """Declares a kernel that creates or returns arrays."""
 
-lean = njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+lean = _declares(_nrt=False)
 """Declares a kernel that, like all kernels it calls, neither creates nor returns arrays."""
 
-lean_inline = njit(cache=True, nogil=True, error_model="numpy", forceinline=True, _nrt=False)
+lean_inline = _declares(forceinline=True, _nrt=False)
 """Like `lean`, and inlined; for kernels with many arguments and few callers."""
 
-inlined = njit(cache=True, nogil=True, error_model="numpy", inline="always", _nrt=False)
+inlined = _declares(inline="always", _nrt=False)
 """Like `lean_inline`, but never compiled alone: numba makes it a part of its callers."""

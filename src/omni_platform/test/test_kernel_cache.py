@@ -166,3 +166,16 @@ def test_a_caller_of_a_linked_kernel_does_not_contain_its_code() -> None:
     (code,) = caller.inspect_llvm().values()
     assert "_root-" in code
     assert "sqrt" not in code
+
+
+@kernel
+def _square(x: float) -> float:
+    return x * x
+
+
+def test_a_kernel_gets_an_entry_for_python_only_when_python_calls_it() -> None:
+    caller = njit(lambda x: _square(x) + 1.0)
+    assert caller(3.0) == 10.0
+    assert not _square.overloads
+    assert _square(3.0) == 9.0
+    assert len(_square.overloads) == 1
