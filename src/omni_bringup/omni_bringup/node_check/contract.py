@@ -118,7 +118,10 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
             break
     if not any(_is_measured(one) for one in exchange.answers if one.phase == "recorded"):
         largest = CONTRACT.largest_variance
-        yield f"no twist has a variance below {largest:g} m^2/s^2: nothing is measured"
+        yield (
+            f"no twist has a variance below {largest:g} m^2/s^2: nothing is measured; start the "
+            "node with the sensors of the recording"
+        )
         return
     for phase in ("gap", "unusable"):
         if not any(_is_measured(one) for one in _after(exchange, phase)):

@@ -120,13 +120,7 @@ def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
     assert found(*drive("mecanum_forklift", *changes), described(brake=brake)) == []
 
 
-ROBOT: dict[str, Any] = {
-    "length": 0.58,
-    "width": 0.38,
-    "mass": 30.0,
-    "wheel_radius": 0.05,
-    "load": 8.0,
-}
+ROBOT: Any = {"length": 0.58, "width": 0.38, "mass": 30.0, "wheel_radius": 0.05, "load": 8.0}
 CART = {"length": 0.7, "width": 0.5, "mass": 20.0, "wheel_radius": 0.06, "load": 4.0}
 TRUCK = {"length": 2.0, "width": 2.0, "mass": 320.0, "wheel_radius": 0.17, "load": 60.0}
 
