@@ -57,7 +57,7 @@ def predict(
         covariance[RATE, RATE] += dt * constants.turn**2
         if not braking:
             for j in range(bank.BIAS_RATE, STATES):
-                covariance[j, j] += dt * constants.drift[j] ** 2
+                covariance[j, j] += dt * (constants.drift * constants.initial[j]) ** 2
 
 
 @lean

@@ -21,22 +21,19 @@ from omni_platform.quantities import FloatArray
 GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
-_DRIVEN = 0.98  # prior probability that a wheel rolls while the pedal is up [1]
-_BRAKED = 0.03  # prior probability that a wheel rolls while its brake acts [1]
+# Prior probability that a driven wheel slides, or that a wheel rolls while its brake acts [1].
+_UNLIKELY = 0.02
 _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is released [1]
-_RELEASED_ENABLE = 0.05  # enable up to which a brake counts as released [1]
 # A released wheel counts as idle if its rim gains less than _GAIN [m/s] within _IDLE [s]. On ice
 # (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains as much in a fifth of this
 # time.
 _GAIN, _IDLE = 0.1, 0.05
 _FAULTY = 0.05  # prior probability of a faulty encoder [1]
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
-_EDGE = 0.15  # tolerance of the range of sliding speeds, rest to rolling [m/s]
+_EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m]; number of
 # consecutive steps in which this slip has the same error.
 _SLIP, _SLIP_STEPS = 0.01, 40.0
-_LEAST_LOSS = 1.5  # assumed smallest deceleration of a braked vehicle [m/s^2]
-_LOSS_DEVIATION = 0.05  # standard deviation of the measured loss of speed [m/s]
 
 
 class _Wheel(NamedTuple):
@@ -102,7 +99,7 @@ def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> floa
     if j == RATE:
         return float(twist.variance[j] + constants.rate**2 + (0.01 * value[RATE]) ** 2)
     speed2 = value[0] ** 2 + value[1] ** 2
-    return float(twist.variance[j] + constants.wheel**2 + constants.share**2 * speed2)
+    return float(twist.variance[j] + bank.WHEEL**2 + bank.WHEEL_SHARE**2 * speed2)
 
 
 @lean
@@ -205,7 +202,7 @@ def fuse_wheels(
         change = rim - memory.rim[i]
         memory.rim[i] = rim
         memory.wheel_ratio[i] = math.nan
-        held = braking and enable[i] > _RELEASED_ENABLE
+        held = braking and enable[i] > bank.RELEASED
         memory.released[i] = 0.0 if held else memory.released[i] + dt
         if not abs(rim) < bank.FASTEST_RIM:
             continue
@@ -213,13 +210,13 @@ def fuse_wheels(
         if held or not braking or abs(rim) > memory.mark[i] + _GAIN:
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
-        own = constants.wheel**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls, excess = _DRIVEN, 0.0
+        own = bank.WHEEL**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
+        rolls, excess = 1.0 - _UNLIKELY, 0.0
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
             excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
-            rolls = _BRAKED
+            rolls = _UNLIKELY
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], _FAULTY)
@@ -254,7 +251,7 @@ def _fuse_wheel(
     if math.isnan(push):
         push = speed * abs(state[RATE])  # centripetal acceleration in a turn
     slip = math.sqrt(_SLIP_STEPS) * _SLIP * push
-    variance = own + (constants.share * ground) ** 2 + (slip * speed) ** 2
+    variance = own + (bank.WHEEL_SHARE * ground) ** 2 + (slip * speed) ** 2
     predicted = variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground
@@ -301,8 +298,7 @@ def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, ped
         return
     for k in range(bank.FILTERS):
         lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
-        least = min(_LEAST_LOSS * pedal * time, 0.5 * loss[0, k])
+        least = min(bank.LEAST_LOSS * pedal * time, 0.5 * loss[0, k])
         off = max(least - lost, 0.0) + max(lost - bank.LARGEST_LOSS * time, 0.0)
-        squared = min((off / _LOSS_DEVIATION) ** 2, 5.0 * GATE)
-        memory.evidence[k] -= constants.wheel_weight * 0.5 * squared
+        memory.evidence[k] -= constants.wheel_weight * 0.5 * (off / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

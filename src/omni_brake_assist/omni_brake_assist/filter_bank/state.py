@@ -36,6 +36,12 @@ LOSS_STEPS = 10
 FAULTY = 0.5
 """Probability of a faulty encoder above which the encoder is isolated [1]."""
 
+WHEEL = 0.03  # standard deviation of a rolling rim and of the velocity of a fault-free twist [m/s]
+WHEEL_SHARE = 0.005  # further standard deviation of both, as a share of the speed [1]
+RELEASED = 0.05  # enable up to which a brake counts as released [1]
+# Deceleration of a braked vehicle with a friction of 0.3 if half of the wheels brake, as on a
+# diagonal course: 0.3 g / 2 [m/s^2].
+LEAST_LOSS = 1.5
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
@@ -110,19 +116,18 @@ class BankConstants(NamedTuple):
         longest: longest time step; after a longer one the filters are initialized again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
         initial: standard deviations of the states at the start, shape (8,).
-        drift: random walk of the constant states while the pedal is up [1/sqrt(s)], shape (8,).
         nothing: an empty record, for a reset.
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
         walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
         turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
         gyro: standard deviation of the gyro [rad/s].
         rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
-        wheel: standard deviation of the velocity, of a rolling rim and of a fault-free twist [m/s].
-        share: further standard deviation of both, as a share of the speed [1].
         rebound: speed of a rim above rolling after a release, while the tire springs back [m/s].
         rebound_time: duration of this excess [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
+        drift: random walk of the constant states while the pedal is up, per standard deviation at
+            the start [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
         rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
@@ -140,19 +145,17 @@ class BankConstants(NamedTuple):
     longest: float
     prior: FloatArray
     initial: FloatArray
-    drift: FloatArray
     nothing: NDArray[np.void]
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
     gyro: float = 0.01
     rate: float = 0.02
-    wheel: float = 0.03
-    share: float = 0.005
     rebound: float = 0.25
     rebound_time: float = 0.15
     weight: float = 0.3
     wheel_weight: float = 0.2
+    drift: float = 0.1
     transition: float = 1e-3
     velocity_deviation: float = 0.4
     rate_deviation: float = 0.15
@@ -227,7 +230,6 @@ def bank_constants(
         longest=configuration.maximum_time_step,
         prior=np.array([0.9, 0.05, 0.02, 0.02, 0.005, 0.005]),
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
-        drift=np.array([0.0, 0.0, 0.0, 0.001, 0.1, 0.1, 0.002, 0.003]),
         nothing=np.zeros(1, BANK),
     )
 

@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.filter_bank.state import WHEEL, WHEEL_SHARE
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_PRESSED = 0.2  # smallest pedal position for the detection [1]
+_LEAST = 0.15  # smallest share of the full pressure to which a slide is attributed [1]
 _COMMANDED = 0.9  # smallest command for a test of a brake; a law may command less [1]
-_HARD = 0.5  # pedal position above which a slide under a smaller command counts too [1]
-_LEAST = 0.05  # smallest command to which a slide is attributed [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-_NOISE, _SCALE = 0.05, 0.015  # tolerance of the speed of a rolling rim [m/s], [1]
-_SLIDES = 3.0  # multiple of this tolerance beyond which a wheel counts as sliding [1]
+# Deviation of a rim from rolling up to which its wheel rolls, and beyond which it slides, in
+# standard deviations of a rolling rim [1].
+_ROLLS, _SLIDES = 3.0, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
 
 
@@ -111,18 +111,18 @@ def watch_brakes(
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
             command = wheels.commanded[i]
-            least = _LEAST if looks_for_slides and pedal >= _HARD else _COMMANDED
-            if pedal < _PRESSED or command < least or abs(hub) < _SLOW:
+            weak = pedal * command < _LEAST if looks_for_slides else command < _COMMANDED
+            if weak or abs(hub) < _SLOW:
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
             behind = hub - rim if hub >= 0.0 else rim - hub
-            rolling = _NOISE + _SCALE * abs(hub)
+            deviation = behind / (WHEEL + WHEEL_SHARE * abs(hub))
             if looks_for_slides:
-                if behind > _SLIDES * rolling:
+                if deviation > _SLIDES:
                     memory[-1] = 0.0
-            elif abs(behind) > rolling:
+            elif abs(deviation) > _ROLLS:
                 memory[i] = 0.0
-            elif abs(behind) <= rolling and memory[-1] < _SLIDE_VALIDITY:
+            elif abs(deviation) <= _ROLLS and memory[-1] < _SLIDE_VALIDITY:
                 memory[i] += dt
     for i in range(speeds.size):
         if memory[i] > constants.time:

@@ -13,13 +13,14 @@ IMU such an error cannot be observed, and ``v`` falls by `loss` at most. While a
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
 ``a / c`` is used. The possible deceleration ``c`` is the largest one observed in this stop, scaled
-by the pedal position. It is at least `floor`, which is possible even with the lowest friction.
+by the pedal position. It is at least `LEAST_LOSS`, which is possible even with little friction.
 
 Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
-deceleration `least`. The other, used only with an IMU, is `stall`: the time at the end of a stop in
-which the specific force is small. It ends stops in which the braked wheels exert no force along the
-motion, because the vehicle moves along their passive direction. Without an IMU, the end of a stop
-cannot be recognized: slow rims may also be those of locked wheels.
+deceleration `least`. The other, used only with an IMU, is the time at the end of a stop in which
+the specific force is small, at most the time constant of its low-pass. It ends stops in which the
+braked wheels exert no force along the motion, because the vehicle moves along their passive
+direction. Without an IMU, the end of a stop cannot be recognized: slow rims may also be those of
+locked wheels.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -30,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE, LARGEST_LOSS
+from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE, LARGEST_LOSS, LEAST_LOSS
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -48,7 +49,6 @@ _LEDGER = np.dtype(
         ("elapsed", "f8"),  # time since the pedal was pressed [s]
         ("speed", "f8"),  # speed v [m/s]
         ("mean_speed", "f8"),  # speed v, low-passed [m/s]
-        ("seen", "f8"),  # low-passed share of steps in which v was a rim's speed [1]
         ("force_x", "f8"),  # low-passed specific force, x [m/s^2]
         ("force_y", "f8"),
         ("force_time", "f8"),  # duration for which the specific force has been known [s]
@@ -76,14 +76,10 @@ class EffectConstants(NamedTuple):
         allowance: further missed distance allowed per initial speed [s].
         creep: missed distance that is always allowed [m].
         loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
-        bias: largest error of the specific force [m/s^2].
-        floor: possible deceleration with a friction of 0.3 if half of the wheels brake, as on a
-            diagonal course: 0.3 g / 2 [m/s^2].
         force_time: time constant of the low pass of the specific force [s].
         wheel_time: time constant of the low pass of the speed [s].
         least: smallest mean deceleration of a complete stop [m/s^2].
         grace: additional time that every stop may take [s].
-        stall: longest time without much deceleration at the end of a stop [s].
     """
 
     roll: FloatArray
@@ -93,13 +89,10 @@ class EffectConstants(NamedTuple):
     allowance: float = 0.15
     creep: float = 0.1
     loss: float = 6.0
-    bias: float = 0.5
-    floor: float = 1.5
     force_time: float = 0.2
     wheel_time: float = 0.6
     least: float = 1.0
     grace: float = 1.0
-    stall: float = 0.2
 
 
 def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
@@ -141,14 +134,13 @@ def watch_effect(
     if pedal <= 0.0:
         memory[0] = constants.empty[0]
         ledger.start = ledger.speed = ledger.mean_speed = top
-        ledger.seen = 1.0
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
     felt = abs(force[0]) < LARGEST_FORCE and abs(force[1]) < LARGEST_FORCE
     loss = constants.loss
     if felt:
-        loss = min(math.hypot(force[0], force[1]) + constants.bias, LARGEST_LOSS)
+        loss = min(math.hypot(force[0], force[1]), LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
     ledger.speed = max(top, fallen, 0.0)
     share = constants.blind_share
@@ -162,9 +154,8 @@ def watch_effect(
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _END * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
-    due = constants.grace + ledger.start / constants.least
-    exceeded = ledger.demanded > due or ledger.stalled > constants.stall or ledger.missed > bound
-    if released and exceeded:
+    late = ledger.demanded > constants.grace + ledger.start / constants.least
+    if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
     return bool(ledger.tripped)
 
@@ -178,11 +169,10 @@ def _share_of_wheels(
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
     ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
-    ledger.seen += follow * ((1.0 if seen else 0.0) - ledger.seen)
     loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
-    if settled > _SETTLED and seen and ledger.seen > 0.3 and loss > ledger.best_loss:
+    if settled > _SETTLED and seen and loss > ledger.best_loss:
         ledger.best_loss, ledger.loss_pedal = loss, pedal
-    return float(_share(constants, loss, pedal, ledger.best_loss, ledger.loss_pedal))
+    return float(_share(loss, pedal, ledger.best_loss, ledger.loss_pedal))
 
 
 @lean
@@ -199,15 +189,13 @@ def _share_of_force(
     loss = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
     if settled > _SETTLED and loss > ledger.best_force:
         ledger.best_force, ledger.force_pedal = loss, pedal
-    return float(_share(constants, loss, pedal, ledger.best_force, ledger.force_pedal))
+    return float(_share(loss, pedal, ledger.best_force, ledger.force_pedal))
 
 
 @lean
-def _share(
-    constants: EffectConstants, loss: float, pedal: float, best: float, best_pedal: float
-) -> float:
+def _share(loss: float, pedal: float, best: float, best_pedal: float) -> float:
     """Return a deceleration divided by the possible one at this pedal position, 0 to 1."""
-    possible = constants.floor * pedal
+    possible = LEAST_LOSS * pedal
     if best_pedal > 0.0:
         possible = max(possible, best * min(pedal / best_pedal, 1.0))
     return min(max(loss / possible, 0.0), 1.0)
