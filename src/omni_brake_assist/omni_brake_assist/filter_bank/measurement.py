@@ -28,7 +28,6 @@ _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is relea
 # (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains as much in a fifth of this
 # time.
 _GAIN, _IDLE = 0.1, 0.05
-_FAULTY = 0.05  # prior probability of a faulty encoder [1]
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m]; number of
@@ -219,7 +218,7 @@ def fuse_wheels(
             rolls = _UNLIKELY
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
-        faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], _FAULTY)
+        faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], bank.PRIOR)
         memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
         wheel, odds = _Wheel(rolls, faulty, own, 0.0 if braking else push, excess, span), 1.0
         for k in range(bank.FILTERS):
@@ -279,7 +278,7 @@ def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: 
     """Update the probability that the encoder of a wheel is faulty by Bayes' rule."""
     faulty = memory.faulty[i]
     faulty /= faulty + (1.0 - faulty) * odds
-    memory.faulty[i] = faulty + constants.transition * (_FAULTY - faulty)
+    memory.faulty[i] = faulty + constants.transition * (bank.PRIOR - faulty)
 
 
 @lean

@@ -42,6 +42,7 @@ RELEASED = 0.05  # enable up to which a brake counts as released [1]
 # Deceleration of a braked vehicle with a friction of 0.3 if half of the wheels brake, as on a
 # diagonal course: 0.3 g / 2 [m/s^2].
 LEAST_LOSS = 1.5
+PRIOR = 0.05  # prior probability that a source is faulty; its square is that of two faults [1]
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 FASTEST_TURN = 50.0  # [rad/s]
 LARGEST_FORCE = 100.0  # [m/s^2]
@@ -228,7 +229,7 @@ def bank_constants(
         delay=round(configuration.feedback_delay * 1e9),
         twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
         longest=configuration.maximum_time_step,
-        prior=np.array([0.9, 0.05, 0.02, 0.02, 0.005, 0.005]),
+        prior=np.array([1.0 - 3.0 * PRIOR - 2.0 * PRIOR**2, *[PRIOR] * 3, *[PRIOR**2] * 2]),
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
         nothing=np.zeros(1, BANK),
     )
