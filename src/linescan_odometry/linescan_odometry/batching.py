@@ -14,15 +14,15 @@ _MOST_AHEAD = 2  # batches by which another camera may be ahead before a group s
 class BatchCollector:
     """Groups batches by their stamps; cameras may deliver in any order.
 
-    Batches form a group if their stamps differ by at most the skew. The group waits for a missing
-    camera until another camera has delivered two further batches. It is then returned without this
-    camera, and later groups do not wait for the camera until it delivers again. A batch that
-    arrives after its group was returned is dropped; the odometry detects the gap in the lines and
-    restarts the chain of lines.
+    Batches form a group if their stamps differ by at most `maximum_skew`. A group waits for a
+    missing camera until another camera has delivered two batches that are newer than the group. The
+    group is then returned without the missing camera, and later groups do not wait for this camera
+    until it delivers again. A batch that arrives after its group was returned is dropped; the
+    odometry detects the gap in the lines and restarts the chain of lines.
 
     Flow sensors that are used together with cameras are followers: they have their own rate and do
-    not start groups. A group waits for a follower, with the same limit, if the follower's next
-    measurement is due before the end of the group.
+    not start groups. If the next measurement of a follower is due before the end of a group, the
+    group waits for it as long as for a missing camera.
     """
 
     def __init__(

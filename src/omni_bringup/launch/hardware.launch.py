@@ -30,7 +30,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Return the nodes for the arguments, with the actions that follow when a node exits."""
+    """Return the nodes that the launch arguments select, with their exit handlers."""
     given = {name: context.launch_configurations[name] for name in ARGUMENTS}
     # A launch file that includes this one has its own arguments, which are not checked here.
     directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
@@ -41,7 +41,7 @@ def start(context: LaunchContext) -> list[Any]:
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return a node and the action that follows when it exits."""
+    """Return the exit handler of a node, and the node; `given` has the launch arguments."""
     process = Node(
         package=node.package,
         executable=node.executable,

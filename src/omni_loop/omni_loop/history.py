@@ -130,7 +130,7 @@ class RunHistory:
             wheel_names: names of the N wheels.
             assist_state: state of the brake assistant at each stamp, if known.
             real_time_factor: ratio of simulated to elapsed time [1].
-            **samples: the other attributes by name; without an odometry, no estimate.
+            **samples: the other attributes by name; no `estimate` if there is no odometry.
 
         Raises:
             ValueError: shapes do not fit together, or stamps do not increase.

@@ -1,7 +1,7 @@
 """Single background thread for numba kernels that release the GIL.
 
 A thread that waits for the GIL loses about ten microseconds. Background work should therefore be
-one kernel that takes some tenths of a millisecond, with little Python code around it. Two
+one kernel that takes a few tenths of a millisecond, with little Python code around it. Two
 processors then run two kernels in the time of one. With a single processor, the work is done when
 its result is needed.
 """
@@ -24,8 +24,8 @@ ALONE = "OMNI_ONE_THREAD"
 class _Work(Generic[_T]):
     """A task that is executed once, by the first thread that is free.
 
-    The task is released after it, because its owner usually holds the result: without a cycle of
-    references, both are freed at once.
+    The function is dropped when it starts. Its owner usually holds this task, so a kept function
+    would form a cycle of references, and neither would be freed as soon as it is unused.
     """
 
     def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]] | None) -> None:
@@ -86,7 +86,7 @@ def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[],
 
     Args:
         work: usually a call of one long kernel.
-        worth: whether the work takes some tenths of a millisecond; shorter work is not queued.
+        worth: whether the work takes a few tenths of a millisecond; shorter work is not queued.
     """
     queue = _queue() if worth else None
     begun = _Work(work, queue)

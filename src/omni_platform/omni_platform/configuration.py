@@ -72,7 +72,7 @@ class ConfigurationError(InputError):
         self.problem = problem
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Let worker processes hand the error to the command."""
+        """Return how to pickle the error, which worker processes send to the command."""
         return type(self), (self.key, self.problem)
 
     def below(self, parent: str) -> ConfigurationError:

@@ -39,7 +39,7 @@ class Extent:
     last_ns: int = 0
 
     def information(self) -> dict[str, Any]:
-        """Return rosbag2's entries for a file, which are repeated for the whole recording."""
+        """Return rosbag2's entries for this extent, for a single file or a whole recording."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.first_ns},
             "duration": {"nanoseconds": max(0, self.last_ns - self.first_ns)},

@@ -46,8 +46,8 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
 def refuse_unknown_parameters(node: Node) -> None:
     """Raise an error if values are given for parameters that the node does not have.
 
-    Otherwise the default would silently be used instead of a mistyped name. This must be called
-    after the node has declared all of its configurations.
+    Otherwise a value with a mistyped name would be ignored, and the default would be used. This
+    must be called after the node has declared all of its configurations.
 
     Args:
         node: the node.

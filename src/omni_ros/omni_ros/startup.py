@@ -1,4 +1,4 @@
-"""Wait of a node for its subscribers before it publishes."""
+"""Start of a node: it waits for its subscribers before it publishes."""
 
 import time
 from collections.abc import Iterable

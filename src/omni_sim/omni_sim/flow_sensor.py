@@ -40,7 +40,7 @@ class FlowConfiguration(Configuration):
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Check that the rates match the control period [s] and that a faulty sensor exists.
+    """Check that the rates match the control period [s], and the name of the failing sensor.
 
     Raises:
         ConfigurationError: a check fails; the message names the sensor.

@@ -13,8 +13,9 @@ not depend on the variances.
 
 **The straight line between two instants.** If the platform moves on an arc and rotates by phi,
 
-- displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y differ by
-  ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this difference;
+- displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y
+  displacements differ by ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this
+  difference;
 - a line camera measures along its own axis, which turns. Its displacements are the path in rotating
   axes, for which (73)-(75) have an error of first order in the angle. The path is rotated by phi /
   2, which moves its end sideways by ``|(X, Y)| phi / 2``; it is longer than its chord by phi^2 / 24

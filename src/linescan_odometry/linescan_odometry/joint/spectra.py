@@ -96,7 +96,7 @@ def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectru
         size: length to which the tapered lines are padded with zeros [px].
 
     Returns:
-        Spectra up to `HIGHEST`, shape (m, F).
+        Spectra at the F frequencies up to `HIGHEST`, shape (m, F).
     """
     padded = np.zeros((len(lines), size), np.float32)
     for k in range(len(lines)):

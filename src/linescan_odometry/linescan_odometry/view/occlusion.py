@@ -47,7 +47,7 @@ class Covers:
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return, as unmeasured, the readings that came to rest faster than a vehicle can.
+        """Return, as unmeasured, the readings whose velocity became zero faster than possible.
 
         A camera remains occluded until its view changes.
 

@@ -4,6 +4,7 @@ For each source, the functions compute the prediction, the innovation, its varia
 (normalized innovation squared divided by `GATE`) and the log likelihood under each hypothesis. A
 source is fused only if its test ratio is at most 1; the twist of a vehicle without an IMU is always
 fused.
+
 A reading of a faulty source is modeled as a random walk from the last reading, with steps as large
 as the vehicle's motion allows, so that the hypotheses that exclude the source have a comparable
 likelihood.

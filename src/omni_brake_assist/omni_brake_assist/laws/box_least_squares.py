@@ -117,7 +117,7 @@ def _find_slope(box: Box) -> None:
 
 @lean
 def _release(box: Box) -> bool:
-    """Free the unknown with the most negative multiplier at its bound; return if one exists."""
+    """Free the unknown with the most negative multiplier, if any; return whether one was freed."""
     worst, loosest = -_TOLERANCE, -1
     for i in range(box.slope.size):
         multiplier = box.slope[i] if box.place[i] == _LOW else -box.slope[i]

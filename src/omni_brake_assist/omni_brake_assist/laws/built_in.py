@@ -51,10 +51,10 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law unless no time has passed; arguments as in `Law.step`.
+    """Call the chosen law if time has passed since its last call; arguments as in `Law.step`.
 
-    After a brake has failed, `allocation` controls the rest of the stop with the other brakes, if
-    `LawConstants.replans`.
+    After a brake has failed, `allocation` controls the rest of the stop with the other brakes if
+    `LawConstants.replans` is true; otherwise the result is NO_HELP.
     """
     if not is_new(motion):
         return HELD

@@ -24,7 +24,7 @@ _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 class _Output(CommandOptions):
-    """Options that every study has besides its own."""
+    """Options that every study has in addition to its own."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder of the figures and data (default: results/STUDY)"""

@@ -128,7 +128,7 @@ class RunningProcess:
         return [json.loads(line) for line in text[:complete].splitlines()]
 
     def error_output(self) -> str:
-        """Return the standard error of the process, or its standard output if that is empty."""
+        """Return the standard error of the process; if it is empty, return standard output."""
         for stream in (self._errors, self._output):
             words = _COLORS.sub("", _read_from(stream, 0).decode(errors="replace")).strip()
             if words:

@@ -39,10 +39,10 @@ def linked(dispatcher: Any) -> Any:
 
 
 def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
-    """Make a compiled or loaded kernel known to its callers, if it is linked.
+    """Make the address of a linked kernel available to its callers; ignore any other kernel.
 
     Args:
-        kernel: the kernel.
+        kernel: a kernel that was compiled, or loaded from the cache.
         result: result of its compilation for one set of types.
         digest: digest of its code.
     """

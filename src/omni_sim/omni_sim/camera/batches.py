@@ -37,7 +37,7 @@ class LineExposures:
         self._batches = _Batches({}, cameras)
 
     def complete(self) -> None:
-        """Render all lines not yet rendered; the noise of later lines depends on the line count."""
+        """Render all remaining lines; the noise of the next lines depends on their number."""
         for name in self._batches:
             self._batches[name]
 

@@ -124,7 +124,7 @@ def shade(
     first_line: int,
     penumbra: float = 0.002,
 ) -> NDArray[np.float32]:
-    """Return lines that are darkened by a shadow whose soft edge is fixed or moves to and fro.
+    """Return lines that are darkened by a shadow whose soft edge is fixed or oscillates.
 
     Args:
         grays: gray levels of the ground, shape (m, pixels).

@@ -15,7 +15,7 @@ metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
 worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
-concrete       troweled: mottles of some centimeters, cement and sand grain, few pores
+concrete       troweled: mottles of a few centimeters, cement and sand grain, few pores
 wet_concrete   concrete with wet patches, which are dark and without detail
 gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
 sand           grains of 0.1 to 0.4 mm and faint ripples

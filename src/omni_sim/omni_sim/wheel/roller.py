@@ -97,7 +97,7 @@ class RollerStep(NamedTuple):
         speed: speed of the wheel [rad/s].
         brake: torque of the brake on the wheel [N m].
         sliding: whether the patch slides.
-        direction: unit vector of the friction.
+        direction: unit vector of the friction, along the roller's axis and across it [1].
         slip: slip in the direction of the friction [1].
         limit: largest friction in this direction [N].
     """

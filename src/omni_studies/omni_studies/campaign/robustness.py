@@ -140,7 +140,8 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
     """Return the largest rise of the energy from any stamp to a later one [1].
 
     The energy is the kinetic and elastic energy on flat ground, relative to its value when the
-    pedal opens the clutch. From then on it must not rise, because brakes can only remove energy.
+    brake pedal opens the clutch of the drive. From then on it must not rise, because brakes can
+    only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
     energy = run.record.energy[free]

@@ -74,8 +74,8 @@ class Fault(NamedTuple):
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
         axis: index of the faulty axis or wheel; -1 for all.
         onset: time of the fault after the pedal is pressed [s].
-        amplitude: size of the fault in the unit of the first channel; for a second channel, the
-            size at the same position of its range is used.
+        amplitude: size of the fault in the unit of the first channel; the size in a second channel
+            is at the same relative position in the range of that channel.
         period: period of a ramp, sine or delay [s].
     """
 

@@ -40,7 +40,7 @@ def draw_error_maps(
     levels: Sequence[float] = (0.4, 0.6, 0.8),
     grounds: Mapping[str, GroundTexture] | None = None,
 ) -> Figure:
-    """Draw mean errors over two parameters, with contour lines of the overlap; white is no error.
+    """Draw mean errors versus two parameters, with contour lines of the overlap; white is no error.
 
     Args:
         title: title of the figure.

@@ -42,7 +42,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the times [s] in which the initial twist covers the path up to given times [s]."""
+        """Return the times [s] that the initial twist would need for the paths up to `time` [s]."""
         return time + 0.5 * self.growth * time**2
 
 

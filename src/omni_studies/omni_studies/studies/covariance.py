@@ -85,12 +85,15 @@ class Case:
 
     @property
     def mean(self) -> float:
-        """Mean of `squares`."""
+        """Mean of `squares` [1]."""
         return _mean(self.squares)
 
     @property
     def standard_error(self) -> float:
-        """Standard error of the mean over starts, as batches from one start are not independent."""
+        """Standard error of `mean` [1], computed from the means of the starts.
+
+        The batches from one start are not independent of each other.
+        """
         squares = [trial.normalized_error_squared for trial in self.trials]
         means = [s.mean() for s in squares if len(s)]
         return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan
@@ -137,7 +140,7 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Return, for each ground, how well the factor fitted on the other grounds is valid for it."""
+    """Return, for each ground, how well the factor of the other grounds fits it."""
     trials: dict[str, list[NDArray[np.float64]]] = {}
     for case in cases:
         if case.camera == _EVALUATED and len(case.squares_of_cameras):

@@ -59,7 +59,13 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, kind: str, seed: int, number: int) -> Scene:
-        """Return a camera at a random pose over a ground."""
+        """Return a camera at a random pose over a ground.
+
+        Args:
+            kind: kind of the ground.
+            seed: seed of all scenes.
+            number: number of the scene; each one has another pose.
+        """
         texture = trials.Ground(kind).texture()
         generator = np.random.default_rng((seed, number))
         start = np.append(generator.uniform(0.0, texture.size, 2), generator.uniform(0.0, 6.0))
@@ -221,7 +227,7 @@ def _frame(
 
 
 def _draw(rows: list[tuple[str, str, int, float, float, float]]) -> Figure:
-    """Draw the fault-free errors over the speed, by ground and angle."""
+    """Draw the fault-free errors versus speed, by ground and angle."""
     figure, panels = style.panels(
         "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed",
         len(_ANGLES),

@@ -134,7 +134,7 @@ _QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping 
 
 
 def draw_runs(results: Sequence[Outcome]) -> Figure:
-    """Draw the assisted value of each run over its unassisted value, with the limits.
+    """Draw the assisted value of each run versus its unassisted value, with the limits.
 
     Args:
         results: results of the campaign.

@@ -226,7 +226,7 @@ class Tried(NamedTuple):
 
 
 def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
-    """Draw the share of correct measurements over the speed, one panel for each sensor.
+    """Draw the share of correct measurements versus speed, one panel for each sensor.
 
     Args:
         sensors: tested speeds, by title of the sensor.

@@ -222,7 +222,7 @@ def draw_sideslip(
     slipping: float,
     speed: float = 10.0,
 ) -> Figure:
-    """Draw RMS errors over the speed and, at one speed, errors over the true angle.
+    """Draw RMS errors versus speed and, at one speed, errors versus the true angle.
 
     Args:
         trials: trials for each ground and sensor, by increasing speed.

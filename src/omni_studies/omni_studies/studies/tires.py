@@ -156,7 +156,7 @@ def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
 
 
 def _interpolation_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
-    """Draw the parabola (3) of the longitudinal slope over the load (Figure 6)."""
+    """Draw the parabola (3) of the longitudinal slope versus load (Figure 6)."""
     figure, axes = _axes("Wheel load $F_z$ [kN]", "Slope $dF_0$ at zero slip [kN]")
     load_1, load_2 = tire.nominal_load_1, tire.nominal_load_2
     c = tmeasy.direction_coefficients(tire)
@@ -201,7 +201,7 @@ def _model_figure(tires: Mapping[str, Tire], loads: Sequence[float]) -> Figure:
 
 
 def _combined_figure(tire: tmeasy.TMeasyConfiguration) -> Figure:
-    """Draw lateral force over longitudinal force under combined slip (section 2.3.1)."""
+    """Draw lateral force versus longitudinal force under combined slip (section 2.3.1)."""
     load = tire.nominal_load_1
     figure, axes = _axes("Longitudinal force $F_x$ [kN]", "Lateral force $F_y$ [kN]")
     figure.set_size_inches(7.6, 6.0)

@@ -168,7 +168,7 @@ def trade_off(
     limits: tuple[float | None, float | None],
     title: str,
 ) -> Figure:
-    """Draw the worst rotation over the worst distance, one panel per brake lag.
+    """Draw the worst rotation versus the worst distance, one panel per brake lag.
 
     Args:
         trials: trials of all settings and lags.

@@ -169,7 +169,7 @@ def _cost(vehicle: VehicleConfiguration, repeats: int) -> dict[str, Metric]:
 
 
 def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
-    """Draw contact point and active direction over the wheel angle, Eqs. (9), (10)."""
+    """Draw contact point and active direction versus the wheel angle, Eqs. (9), (10)."""
     title = "The contact runs along a roller and jumps to the next (45 deg rollers)"
     y = (
         "contact point along\nthe wheel axis [mm]",
@@ -202,7 +202,7 @@ def _draw_contact(vehicle: VehicleConfiguration) -> Figure:
 
 
 def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
-    """Draw the forces of one wheel over its angle for every wheel model."""
+    """Draw the forces of one wheel versus its angle for every wheel model."""
     title = "Force of one wheel at 1 m/s, against a resistance of a fifth of the vehicle's weight"
     x = "wheel angle [deg]"
     y = ("along the nominal\nactive direction [N]", "across it [N]")
@@ -231,7 +231,7 @@ def _label(model: str, count: int) -> str:
 
 
 def _draw_motions(outcomes: Outcomes) -> Figure:
-    """Draw braking and a sideways push on all wheels."""
+    """Draw braking and a sideways push for all wheel models."""
     heading = "Motion on both wheels; bands span the start angles of the wheels"
     figure, panels = style.panels(
         heading, len(_TITLES), 3, size=(13.0, 7.0), x="time [s]", sharex="col"
@@ -258,7 +258,7 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 
 
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
-    """Draw the differences over the number of rollers, with the limit of agreement."""
+    """Draw the differences versus the number of rollers, with the limit of agreement."""
     heading = "Individual rollers compared with the single roller, averaged over the wheel angles"
     x = "rollers of a wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")

@@ -327,7 +327,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """A stop at that one of `_SKETCHED` headings which has the largest initial deceleration."""
+    """A stop at one heading: of `_SKETCHED` headings, the one with the largest deceleration."""
 
     _heading: FloatArray | None = None
 

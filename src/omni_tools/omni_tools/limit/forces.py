@@ -363,7 +363,7 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return the largest distance of a point between two directions whose supports are known."""
+    """Return the largest distance of a point from the origin between two support directions."""
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)

@@ -27,7 +27,7 @@ class Matches(NamedTuple):
         truth: displacement along the axis [px], shape (m,).
         shift: integer shift with the smallest distance measure [px], shape (m,).
         displacement: refined shift [px], shape (m,).
-        variance: variance computed by the refinement [px^2], infinite without one, shape (m,).
+        variance: variance computed by the refinement [px^2], infinite if it failed, shape (m,).
         similarity: Pearson's correlation at the shift, shape (m,).
     """
 

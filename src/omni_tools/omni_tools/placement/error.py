@@ -107,14 +107,18 @@ class MeanError(NamedTuple):
         return np.sqrt(total_variance(information) @ self.mix.share)
 
     def mean_error(self, poses: FloatArray) -> float:
-        """Return E of cameras at `poses`, shape (N, 3) [m/s]."""
+        """Return the mean twist error E [m/s].
+
+        Args:
+            poses: x, y [m] and heading [rad] of the cameras, shape (N, 3).
+        """
         return float(self.value(self.information(poses).sum(axis=0)))
 
     def covariance(self, poses: FloatArray) -> FloatArray:
         """Return the covariance of the twist in each motion, shape (M, 3, 3); infinite if singular.
 
         Args:
-            poses: poses of the cameras, shape (N, 3).
+            poses: x, y [m] and heading [rad] of the cameras, shape (N, 3).
         """
         information = self.information(poses).sum(axis=0)
         if not np.all(np.isfinite(total_variance(information))):

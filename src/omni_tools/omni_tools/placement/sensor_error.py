@@ -45,8 +45,8 @@ class SensorError(NamedTuple):
 
     Attributes:
         straight: a, variance when the camera moves along its axis [m^2/s^2].
-        sideways: b, increase of the variance per share of the width that is crossed between lines
-            [m^2/s^2], while less than the width is crossed in a batch.
+        sideways: b, increase of the variance per share q of the width that the camera crosses from
+            line to line [m^2/s^2], if it crosses less than the width in a batch (f = 1).
     """
 
     straight: float

@@ -2,7 +2,7 @@
 
 Both are computed from the recorded true motion and the vehicle's configuration. The slip is that of
 the rim relative to the ground. The simulator's slip is that of the contact patch, which differs for
-some milliseconds after a change of the brake because the tire is elastic. The loads are those on
+a few milliseconds after a change of the brake because the tire is elastic. The loads are those on
 flat ground.
 """
 

@@ -158,7 +158,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
 
 
 def run_names(paths: Sequence[Path]) -> list[str]:
-    """Return unique names of recordings, each with as few last parts of its path as possible.
+    """Return unique names of recordings: the shortest ends of their paths that all differ.
 
     Raises:
         InputError: a recording is given twice.

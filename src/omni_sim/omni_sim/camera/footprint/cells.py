@@ -1,4 +1,4 @@
-"""Conversion of row sums to pixels: quarter-texel cells, their integral, and pixels."""
+"""Conversion of row sums to pixels, by the integral of the sums in quarter-texel cells."""
 
 import math
 from typing import NamedTuple

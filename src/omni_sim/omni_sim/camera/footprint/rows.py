@@ -47,7 +47,7 @@ class Placement(NamedTuple):
     Attributes:
         first: index of the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: texel of the period of column 0.
+        column: index of the texel of column 0 within the period, if the shift is 0.
         ahead: shift of the first row relative to the middle row [quarter texels, fixed point].
         ahead_per_row: shift of each row relative to the row before it [quarter texels, fixed
             point].
