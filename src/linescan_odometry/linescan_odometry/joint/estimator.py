@@ -126,14 +126,14 @@ class JointEstimator:
             rest = spectra.without(lines, table, pattern, self._taper, size)
             precision = Precision(before, batch)
             before_step, removed = float(motion[0]), pattern
-            motion = step(rest, precision, motion, self._spread)
+            motion, here = step(rest, precision, motion, self._spread)
             if not np.isfinite(motion).all():
                 return Estimate(d, math.inf, "no maximum of the likelihood", rest)
             # The pattern of the first step was estimated for the candidate, so at least two steps
             # are needed.
             if number > 0 and abs(motion[0] - before_step) * (m - 1) < _CONVERGED:
                 break
-        best = assess(rest, precision, motion, self._spread)
+        best = assess(rest, here)
         d, variance = float(motion[0]), best.variance
         if not moves and not math.isfinite(variance):
             variance = best.white  # at rest all lines are equal, even those with few features

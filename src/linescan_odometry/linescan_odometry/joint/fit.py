@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 
-from linescan_odometry.joint.likelihood import Cut, Expansion, Precision, expand
+from linescan_odometry.joint.likelihood import Cut, Expansion
 from linescan_odometry.joint.spectra import LEAST_NOISE, Doubles, Floats, transform_size, window
 from omni_platform.kernels import kernel, njit
 
@@ -96,9 +96,13 @@ def _noise(lines: Floats) -> float:
 
 
 @kernel
-def assess(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Fit:
-    """Return variance and feature counts at a maximum of the likelihood; see `likelihood.step`."""
-    here = expand(lines, precision, motion, spread)
+def assess(lines: Floats, here: Expansion) -> Fit:
+    """Return variance and feature counts at a maximum of the likelihood.
+
+    Args:
+        lines: logarithm of the lines minus the pattern, shape (m, n).
+        here: expansion of the log-likelihood near its maximum.
+    """
     cut, edges, moments = here.cut, here.model.edges, here.moments
     if not math.isfinite(here.inverse[0, 0]):
         return Fit(math.inf, math.inf, 0.0, 0.0, 0.0, 0.0)

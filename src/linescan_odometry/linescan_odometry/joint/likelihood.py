@@ -20,6 +20,8 @@ from linescan_odometry.joint.spectra import (
     bands,
     covariance,
     phases,
+    pivots,
+    solve,
     transform_size,
     whiten,
     window,
@@ -225,18 +227,12 @@ def _information(cut: Cut, model: _Model) -> Doubles:
     total = np.zeros((2, 2))
     for block in range(len(cut.first) - 1):
         own = cut.line[cut.first[block] : cut.first[block + 1]]
-        m = len(own)
         along, path = model.along[:, own], model.paths[own] - model.paths[own[0]]
-        unit, white = np.zeros((m, m), np.complex64), np.zeros((m, m), np.complex64)
-        for k in range(m):
-            unit[k, k] = 1.0
         for b in range(len(model.edges) - 1):
             first, last = model.edges[b], model.edges[b + 1]
-            whiten(unit, np.array([0, m]), model.bands[:, b : b + 1].copy(), white)
             middle = (first + last - 1) // 2
             u = np.exp(-1j * model.rate[middle] * path)
-            texture = model.bands[0, b] * model.bands[1, b] ** np.arange(m)
-            part = _information_at(texture, white.real, along, u, model.precision[middle])
+            part = _information_at(model.bands[:, b], along, u, model.precision[middle])
             total += 0.5 * (model.rate[first:last] ** 2).sum() * part
     return total
 
@@ -250,18 +246,7 @@ def _inner(one: Spectrum, other: Spectrum) -> complex:
 
 
 @kernel
-def _product(matrix: Floats, vector: Spectrum) -> Spectrum:
-    product = np.zeros(len(vector), vector.dtype)
-    for k in range(len(vector)):
-        for j in range(len(vector)):
-            product[k] += matrix[k, j] * vector[j]
-    return product
-
-
-@kernel
-def _information_at(
-    texture: Doubles, inverse: Floats, along: Doubles, u: Spectrum, c: float
-) -> Doubles:
+def _information_at(band: Doubles, along: Doubles, u: Spectrum, c: float) -> Doubles:
     """Return the Fisher information on d and a at one frequency, over its square, shape (2, 2).
 
     Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
@@ -269,32 +254,39 @@ def _information_at(
     with ``q = T^-1 u``, where c is the sum of the pattern's precision and ``u' q``.
 
     Args:
-        texture: covariance of the texture as a function of line spacing, shape (m,).
-        inverse: T^-1, shape (m, m).
+        band: S, rho, N of the frequency.
         along: derivatives of the paths with respect to d and a, shape (2, m).
         u: see `_marginalize`, shape (m,).
         c: the scalar c of `_marginalize`.
     """
-    q = _product(inverse, u)
+    m, texture, rho, noise = len(u), band[0], band[1], band[2]
+    inverse = np.empty(m)
+    off = pivots(band, inverse)
+    q = solve(off, inverse, noise, u)
     c += _inner(u, q).real
-    turned, slope, part = np.zeros((2, len(u)), np.complex128), np.zeros(2), np.zeros((2, 2))
-    for k in range(len(u)):
-        for j in range(k):
+    turned, slope, part = np.zeros((2, m), np.complex128), np.zeros(2), np.zeros((2, 2))
+    diagonal = 0.0
+    for k in range(m - 1, -1, -1):
+        # The elements of (1 + N A^-1)^-1, one row after the other.
+        diagonal = inverse[k] + (off * inverse[k]) ** 2 * diagonal
+        element, share = diagonal, texture
+        for j in range(k - 1, -1, -1):
             by_d, by_a = along[0, k] - along[0, j], along[1, k] - along[1, j]
-            share = texture[k - j]
+            element *= -off * inverse[j]
+            share *= rho
             turned[0, k] += by_d * share * q[j]
             turned[1, k] += by_a * share * q[j]
             turned[0, j] -= by_d * share * q[k]
             turned[1, j] -= by_a * share * q[k]
             # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
-            share *= 2.0 * inverse[k, j]
-            part[0, 0] -= share * by_d * by_d
-            part[0, 1] -= share * by_d * by_a
-            part[1, 1] -= share * by_a * by_a
+            product = 2.0 * share * element / noise
+            part[0, 0] += product * by_d * by_d
+            part[0, 1] += product * by_d * by_a
+            part[1, 1] += product * by_a * by_a
     part[1, 0] = part[0, 1]
     for i in range(2):
         slope[i] = _inner(q, turned[i]).imag / c
-        white = _product(inverse, turned[i])
+        white = solve(off, inverse, noise, turned[i])
         for j in range(2):
             part[i, j] -= 2.0 / c * _inner(white, turned[j]).real
     return part + np.outer(slope, slope)
@@ -347,8 +339,12 @@ def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
 
 
 @kernel
-def step(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Doubles:
-    """Return displacement and change after a Newton step; not finite without information.
+def step(
+    lines: Floats, precision: Precision, motion: Doubles, spread: float
+) -> tuple[Doubles, Expansion]:
+    """Return displacement and change after a Newton step, and the expansion before it.
+
+    Without information, displacement and change are not finite.
 
     Args:
         lines: logarithm of the lines minus the pattern, shape (m, n).
@@ -360,4 +356,4 @@ def step(lines: Floats, precision: Precision, motion: Doubles, spread: float) ->
     here = expand(lines, precision, motion, spread)
     by = (here.inverse * here.slopes).sum(axis=1)
     by[0] = min(max(by[0], -1.0), 1.0)  # px; the distance between displacements in the slant stack
-    return np.asarray(motion + by)
+    return motion + by, here

@@ -210,7 +210,7 @@ def covariance(
 
 
 @_fast
-def _pivots(band: Doubles, inverse: Floats) -> float:
+def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
     """Write the inverse pivots of ``1 + N A^-1`` for one band; return its off-diagonal element.
 
     Args:
@@ -233,6 +233,27 @@ def _pivots(band: Doubles, inverse: Floats) -> float:
 
 
 @_fast
+def solve(
+    off: float, inverse: Doubles, noise: float, values: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Return T^-1 times the values of the lines at one frequency, shape (m,); see `whiten`.
+
+    Args:
+        off: off-diagonal element from `pivots`.
+        inverse: inverse pivots from `pivots`, shape (m,).
+        noise: noise power N.
+        values: value of each line, shape (m,).
+    """
+    rest = values.copy()
+    for k in range(1, len(rest)):
+        rest[k] -= off * inverse[k - 1] * rest[k - 1]
+    rest[-1] *= inverse[-1]
+    for k in range(len(rest) - 2, -1, -1):
+        rest[k] = (rest[k] - off * rest[k + 1]) * inverse[k]
+    return (values - rest) / noise
+
+
+@_fast
 def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
     """Apply T^-1 to the lines of one block; the cost is proportional to the number of lines.
 
@@ -250,7 +271,7 @@ def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: S
     lines, out = spectra.view(np.float32), white.view(np.float32)  # T is real
     for b in range(len(edges) - 1):
         i, j = 2 * edges[b], 2 * edges[b + 1]
-        off, scale = np.float32(_pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
+        off, scale = np.float32(pivots(model[:, b], inverse)), np.float32(1.0 / model[2, b])
         out[0, i:j] = lines[0, i:j]
         for k in range(1, m):
             row, own, last = out[k, i:j], lines[k, i:j], out[k - 1, i:j]
