@@ -11,8 +11,16 @@ import numpy as np
 import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.spectra import HIGHEST, Doubles, Floats, Spectrum, bands, smoothed
-from omni_platform.kernels import kernel
+from linescan_odometry.joint.spectra import (
+    HIGHEST,
+    Doubles,
+    Floats,
+    Spectrum,
+    bands,
+    phases,
+    smoothed,
+)
+from omni_platform.kernels import kernel, njit
 
 REACH = 0.5  # largest shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
@@ -20,6 +28,8 @@ _APART = 8  # px per line; smallest distance of two peaks
 _DETAIL = 6.0, 100.0  # px; smallest and largest texture details that pass the filter of the stack
 _COMPARED = 0.5 * HIGHEST  # cycles per pixel, up to which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
+
+_sum = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
 
 
 @kernel
@@ -201,74 +211,90 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
     return peak_place
 
 
+class Remainder(NamedTuple):
+    """Correlations between the lines of a batch without the fixed part of the view.
+
+    Attributes:
+        lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
+        power: mean power spectrum of both lines of these pairs, shape (4, F).
+    """
+
+    lagged: Spectrum
+    power: Floats
+
+
+@kernel
+def subtract(products: Products, fixed: Spectrum) -> Remainder:
+    """Subtract the fixed part of the view, at the frequencies at which candidates are compared.
+
+    Args:
+        products: see `correlate`.
+        fixed: spectrum of the fixed part of the view, shape (F,).
+    """
+    count = int(_COMPARED / HIGHEST * len(fixed))
+    fixed = fixed[:count]
+    conjugate = np.conj(fixed)
+    square = (fixed * conjugate).real
+    newer, older = products.newer[:, :count], products.older[:, :count]
+    lagged = products.lagged[:, :count] - newer * conjugate - fixed * np.conj(older) + square
+    return Remainder(
+        lagged, products.power[:, :count] - ((newer + older) * conjugate).real + square
+    )
+
+
+@_sum
+def _total(values: Floats) -> float:
+    total = np.float32(0.0)
+    for i in range(len(values)):
+        total += values[i]
+    return float(total)
+
+
 @kernel
 def coherent(
-    products: Products,
-    layout: Layout,
-    removed: Spectrum,
-    displacement: float,
-    spread: float,
-    which: int,
+    rest: Remainder, layout: Layout, displacement: float, spread: float, which: int
 ) -> float:
     """Return the log-likelihood ratio of a motion against incoherent lines [nats].
 
     Args:
-        products: see `correlate`.
+        rest: correlations between the lines.
         layout: sizes of the batch.
-        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         displacement: displacement per line [px].
-        spread: width of the range around the displacement whose largest ratio is returned [px].
+        spread: width of the range of displacements whose best value is used [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size
     edges = bands(size)
     edges = edges[edges <= _COMPARED * size]
-    first, count = edges[0], edges[-1]
     lag = lags(layout.lines)[which]
-    real, imaginary, power = np.empty(count), np.empty(count), np.empty(count)
-    for f in range(first, count):
-        fixed = removed[f]
-        value = (
-            products.lagged[which, f]
-            - products.newer[which, f] * np.conj(fixed)
-            - fixed * np.conj(products.older[which, f])
-            + fixed * np.conj(fixed)
-        )
-        real[f], imaginary[f] = value.real, value.imag
-        power[f] = (
-            products.power[which, f]
-            - ((products.newer[which, f] + products.older[which, f]) * np.conj(fixed)).real
-            + (fixed * np.conj(fixed)).real
-        )
-    best = 0.0
-    for step in range(-1, 2):
-        d = lag * (displacement + 0.5 * step * spread)
-        overlap = max(1.0 - abs(d) / layout.pixels, 1e-3)
-        factor = np.exp(-2j * np.pi * d / size)
-        turn = factor**first
+    near = np.array([-0.5, 0.0, 0.5]) * spread if spread > 0.0 else np.zeros(1)
+    turned = phases(lag * (displacement + near), size, edges[-1])
+    value, power = rest.lagged[which], rest.power[which]
+    best, gain = 0.0, np.empty(edges[-1], np.float32)
+    for step in range(len(near)):
+        overlap = max(1.0 - abs(lag * (displacement + near[step])) / layout.pixels, 1e-3)
+        turn = turned[step]
+        for f in range(len(gain)):
+            gain[f] = value[f].real * turn[f].real - value[f].imag * turn[f].imag
         total = 0.0
         for b in range(len(edges) - 1):
-            gain, own = 0.0, 0.0
-            for f in range(edges[b], edges[b + 1]):
-                gain += real[f] * turn.real - imaginary[f] * turn.imag
-                own += power[f]
-                turn *= factor
-            coherence = min(max(gain / max(overlap * own, 1e-9), 0.0), 0.999)
+            i, j = edges[b], edges[b + 1]
+            own = max(overlap * _total(power[i:j]), 1e-9)
+            coherence = min(max(_total(gain[i:j]) / own, 0.0), 0.999)
             # The part without overlap adds noise, which the division by the overlap amplifies.
-            bins = overlap**2 * (edges[b + 1] - edges[b]) * layout.pixels / size
+            bins = overlap**2 * (j - i) * layout.pixels / size
             total -= 0.5 * (layout.lines - lag) * bins * math.log1p(-coherence * coherence)
         best = max(best, total)
     return best
 
 
 @kernel
-def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) -> Doubles:
+def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     """Return each candidate's log-likelihood ratio at its best line spacing [nats], shape (c,).
 
     Args:
-        products: see `correlate`.
+        rest: correlations between the lines.
         layout: sizes of the batch.
-        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         found: candidates [px], shape (c,).
     """
     evidence = np.zeros(len(found))
@@ -276,14 +302,14 @@ def rate(products: Products, layout: Layout, removed: Spectrum, found: Doubles) 
         last = farthest(found[i], layout)
         spread = 0.5 / lags(layout.lines)[last]
         for which in range(last + 1):
-            own = coherent(products, layout, removed, found[i], spread, which)
+            own = coherent(rest, layout, found[i], spread, which)
             evidence[i] = max(evidence[i], own)
     return evidence
 
 
 @kernel
 def scatter(
-    products: Products, layout: Layout, displacement: float, limits: tuple[float, float]
+    rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
     """Return the variance of a displacement among rivals that are nearly as likely [px^2].
 
@@ -292,7 +318,7 @@ def scatter(
     several pixels wide, so that the curvature at the largest one does not give the variance.
 
     Args:
-        products: see `correlate`.
+        rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
         limits: loss of log-likelihood that excludes a rival [nats]; factor on this loss, below 1
@@ -303,14 +329,14 @@ def scatter(
     spread = 0.5 / lags(layout.lines)[last]
     own = np.zeros(last + 1)
     for which in range(last + 1):
-        own[which] = coherent(products, layout, products.mean, displacement, spread, which)
+        own[which] = coherent(rest, layout, displacement, spread, which)
     away = np.arange(1.0, _APART + 1.0)
     total, moment = 1.0, 0.0
     for rivals in (np.zeros(1), displacement - away, displacement + away):
         for rival in rivals:
             loss, which = 0.0, last
             while which >= 0 and loss < excluded:
-                other = coherent(products, layout, products.mean, rival, spread, which)
+                other = coherent(rest, layout, rival, spread, which)
                 loss, which = max(loss, own[which] - other), which - 1
             if loss >= excluded:
                 break
@@ -322,9 +348,8 @@ def scatter(
 
 @kernel
 def decide(
-    products: Products,
+    rest: Remainder,
     layout: Layout,
-    removed: Spectrum,
     found: Doubles,
     evidence: Doubles,
     limits: tuple[float, float],
@@ -332,9 +357,8 @@ def decide(
     """Return the index of the most likely candidate, and whether the choice is ambiguous.
 
     Args:
-        products: see `correlate`.
+        rest: correlations between the lines.
         layout: sizes of the batch.
-        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         found: candidates [px], shape (c,).
         evidence: result of `rate`, shape (c,).
         limits: smallest log-likelihood of an accepted displacement [nats]; largest ratio of the
@@ -343,7 +367,7 @@ def decide(
     likely, ratio = limits
     best = int(np.argmax(evidence))
     for i in np.argsort(-evidence)[1:]:
-        own, other, _ = _contest(products, layout, removed, found[best], found[i], likely)
+        own, other, _ = _contest(rest, layout, found[best], found[i], likely)
         if other > own:
             best = i
     ambiguous = False
@@ -353,7 +377,7 @@ def decide(
         if abs(found[i] - found[best]) >= _APART and evidence[i] > ratio * evidence[best]:
             ambiguous = True
         if i != best and not ambiguous:
-            own, other, between = _contest(products, layout, removed, found[best], found[i], likely)
+            own, other, between = _contest(rest, layout, found[best], found[i], likely)
             # If the displacement halfway between two candidates is as likely, both belong to one
             # peak.
             ambiguous = other > ratio * own and between < ratio * other
@@ -362,12 +386,7 @@ def decide(
 
 @kernel
 def _contest(
-    products: Products,
-    layout: Layout,
-    removed: Spectrum,
-    one: float,
-    other: float,
-    likely: float,
+    rest: Remainder, layout: Layout, one: float, other: float, likely: float
 ) -> tuple[float, float, float]:
     """Return the log-likelihoods of two displacements and of their mean [nats].
 
@@ -375,9 +394,8 @@ def _contest(
     because neighboring lines do not resolve slow displacements.
 
     Args:
-        products: see `correlate`.
+        rest: correlations between the lines.
         layout: sizes of the batch.
-        removed: spectrum of the fixed part of the view, which is subtracted, shape (F,).
         one: first displacement per line [px].
         other: second displacement per line [px].
         likely: smallest log-likelihood of an accepted displacement [nats].
@@ -385,9 +403,9 @@ def _contest(
     which = min(farthest(one, layout), farthest(other, layout))
     while True:
         spread = 0.5 / lags(layout.lines)[which]
-        first = coherent(products, layout, removed, one, spread, which)
-        second = coherent(products, layout, removed, other, spread, which)
+        first = coherent(rest, layout, one, spread, which)
+        second = coherent(rest, layout, other, spread, which)
         if which == 0 or max(first, second) > likely:
-            between = coherent(products, layout, removed, 0.5 * (one + other), 0.0, which)
+            between = coherent(rest, layout, 0.5 * (one + other), 0.0, which)
             return first, second, between
         which -= 1

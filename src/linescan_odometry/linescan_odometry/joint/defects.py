@@ -8,6 +8,8 @@ it. At rest, some sharp features of the ground may be interpolated too, which do
 import numpy as np
 from numpy.typing import NDArray
 
+from linescan_odometry.joint.spectra import Floats
+from omni_platform.kernels import kernel
 from omni_platform.signals import Lines
 
 FEWEST_LINES = 8
@@ -16,17 +18,35 @@ FEWEST_LINES = 8
 _OUTSTANDING = 9.0  # times the median difference of all pixels, or 6 standard deviations
 
 
+@kernel
+def _excess(lines: Lines) -> Floats:
+    """Return by how much the mean of each pixel leaves the range of the pixels within 2 px.
+
+    The range is that of the two middle ones of the four pixels.
+    """
+    m, n = lines.shape
+    mean = np.zeros(n, np.float32)
+    for k in range(m):
+        for i in range(n):
+            mean[i] += lines[k, i]
+    mean /= np.float32(m)
+    excess = np.empty(n, np.float32)
+    for i in range(n):
+        a, b = mean[max(i - 2, 0)], mean[max(i - 1, 0)]
+        c, d = mean[min(i + 1, n - 1)], mean[min(i + 2, n - 1)]
+        low, high = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
+        excess[i] = mean[i] - min(max(mean[i], min(low, high)), max(low, high))
+    return excess
+
+
 def _defects(lines: Lines) -> NDArray[np.int64]:
     """Return the pixels that differ from the median of the pixels within 2 px, in every line."""
-    mean = lines.mean(axis=0, dtype=np.float32)
-    around = np.pad(mean, 2, mode="edge")
-    a, b, c, d = around[:-4], around[1:-3], around[3:-1], around[4:]
-    low = np.maximum(np.minimum(a, b), np.minimum(c, d))
-    high = np.minimum(np.maximum(a, b), np.maximum(c, d))
-    excess = mean - np.clip(mean, np.minimum(low, high), np.maximum(low, high))
+    excess = _excess(lines)
     deviation = np.abs(excess)
     found = np.flatnonzero(deviation > max(_OUTSTANDING * float(np.median(deviation)), 1.0))
-    near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, len(mean) - 1)
+    if len(found) == 0:
+        return found
+    near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, lines.shape[1] - 1)
     in_lines = lines[:, found] - np.median(lines[:, near], axis=2)
     defective = (in_lines * np.sign(excess[found])).min(axis=0) > 0.0
     return np.asarray(found[defective])

@@ -106,7 +106,9 @@ class JointEstimator:
         found = candidates.find(products, layout, known, self._weight, last)
         if not len(found):
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
-        choice = self._choose(products, layout, known, found)
+        removed = products.mean if m >= FEWEST_LINES else known
+        remainder = candidates.subtract(products, removed)
+        choice = self._choose(products, remainder, layout, known, found)
         d, moves = choice.displacement, choice.moves
         if choice.reason:
             return Estimate(d, math.inf, choice.reason, lines)
@@ -142,12 +144,13 @@ class JointEstimator:
             return Estimate(d, variance, reason, rest)
         if parted:
             self._learn(information, batch)
-            variance += candidates.scatter(products, layout, d, (_LIKELY, _RATIO))
+            variance += candidates.scatter(remainder, layout, d, (_LIKELY, _RATIO))
         return Estimate(d, variance, "", rest, best.coherence)
 
     def _choose(
         self,
         products: candidates.Products,
+        remainder: candidates.Remainder,
         layout: candidates.Layout,
         known: spectra.Spectrum,
         found: spectra.Doubles,
@@ -158,20 +161,18 @@ class JointEstimator:
         lines of a static scene are noise. A motion that explains the remaining lines therefore
         excludes rest.
         """
-        removed = products.mean if layout.lines >= FEWEST_LINES else known
-        evidence = candidates.rate(products, layout, removed, found)
+        evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < _STATIC)
         # Noise alone rarely exceeds half the least log-likelihood of a displacement.
         if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
-            own = candidates.coherent(products, layout, known, c, 1.0, 0)
+            rest = candidates.subtract(products, known)
+            own = candidates.coherent(rest, layout, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
-        best, ambiguous = candidates.decide(
-            products, layout, removed, found, evidence, (_LIKELY, _RATIO)
-        )
+        best, ambiguous = candidates.decide(remainder, layout, found, evidence, (_LIKELY, _RATIO))
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _learn(self, information: spectra.Spectrum, precision: spectra.Doubles) -> None:

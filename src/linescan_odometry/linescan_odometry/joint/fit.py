@@ -15,14 +15,12 @@ import scipy  # scipy.fft is loaded at first use, not for reading a configuratio
 
 from linescan_odometry.joint.likelihood import Cut, Expansion
 from linescan_odometry.joint.spectra import LEAST_NOISE, Doubles, Floats, transform_size, window
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import kernel
 
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 _LEAST_FREEDOM = 2.5  # degrees of freedom; limits Student's factor of the variance to 5
 _SIGNIFICANT = 3.0  # standard deviations; neighboring and distant lines then contradict each other
-
-_sum = njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
 
 
 class Fit(NamedTuple):
@@ -156,14 +154,6 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     return variance
 
 
-@_sum
-def _dot(one: Floats, other: Floats) -> float:
-    total = np.float32(0.0)
-    for i in range(len(one)):
-        total += one[i] * other[i]
-    return float(total)
-
-
 @kernel
 def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     """Return properties of each ground segment, shape (p, 5).
@@ -196,20 +186,40 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     parts = np.zeros((highest - lowest + 1, 5))
     for block in range(len(cut.first) - 1):
         own = model.along[:, cut.line[cut.first[block] : cut.first[block + 1]]]
+        sums = _summed(space[:, cut.first[block] : cut.first[block + 1], :seen], own)
         for p in range(len(parts)):
             begin = ((p + lowest) * pixels / PLACES - cut.ground[block]) * scale
             i = max(0, math.ceil(begin))
-            j = min(seen, math.ceil(begin + pixels / PLACES * scale))
-            for k in range(own.shape[1] if i < j else 0):
-                white, slopes, energy, texture = space[:, cut.first[block] + k, i:j]
-                product = _dot(white, slopes)
-                parts[p, 0] += (own[0, k] - own[0].mean()) * product
-                parts[p, 1] += (own[1, k] - own[1].mean()) * product
-                if k > 0:
-                    _, _, before, older = space[:, cut.first[block] + k - 1, i:j]
-                    parts[p, 2] += _dot(energy, before)
-                    parts[p, 3] += 0.5 * (_dot(energy, energy) + _dot(before, before))
-                    parts[p, 4] += 0.5 * (_dot(before, texture) - _dot(energy, older))
+            j = max(i, min(seen, math.ceil(begin + pixels / PLACES * scale)))
+            for which in range(5):
+                parts[p, which] += sums[which, i:j].sum()
     # The inverse transform weights every frequency by 2 / size.
     parts *= 0.5 * size
     return parts
+
+
+@kernel
+def _summed(space: Floats, along: Doubles) -> Floats:
+    """Return the products of lines for `_places`, summed over the lines of a block, shape (5, g).
+
+    Args:
+        space: whitened lines, slopes, weighted slopes and weighted lines, shape (4, m, g).
+        along: derivatives of the paths with respect to d and a, shape (2, m).
+    """
+    half = np.float32(0.5)
+    sums = np.zeros((5, space.shape[2]), np.float32)
+    by_d, by_a, shared, whole, shift = sums
+    for k in range(along.shape[1]):
+        white, slopes, energy, texture = space[:, k]
+        d, a = np.float32(along[0, k] - along[0].mean()), np.float32(along[1, k] - along[1].mean())
+        for i in range(len(white)):
+            product = white[i] * slopes[i]
+            by_d[i] += d * product
+            by_a[i] += a * product
+        if k > 0:
+            before, older = space[2, k - 1], space[3, k - 1]
+            for i in range(len(white)):
+                shared[i] += energy[i] * before[i]
+                whole[i] += half * (energy[i] * energy[i] + before[i] * before[i])
+                shift[i] += half * (before[i] * texture[i] - energy[i] * older[i])
+    return sums

@@ -264,32 +264,42 @@ def _information_at(band: Doubles, along: Doubles, u: Spectrum, c: float) -> Dou
     off = pivots(band, inverse)
     q = solve(off, inverse, noise, u)
     c += _inner(u, q).real
-    turned, slope, part = np.zeros((2, m), np.complex128), np.zeros(2), np.zeros((2, 2))
+    slope, part = np.zeros(2), np.zeros((2, 2))
     diagonal = 0.0
     for k in range(m - 1, -1, -1):
         # The elements of (1 + N A^-1)^-1, one row after the other.
         diagonal = inverse[k] + (off * inverse[k]) ** 2 * diagonal
-        element, share = diagonal, texture
+        share = 2.0 * texture / noise * diagonal
         for j in range(k - 1, -1, -1):
             by_d, by_a = along[0, k] - along[0, j], along[1, k] - along[1, j]
-            element *= -off * inverse[j]
-            share *= rho
-            turned[0, k] += by_d * share * q[j]
-            turned[1, k] += by_a * share * q[j]
-            turned[0, j] -= by_d * share * q[k]
-            turned[1, j] -= by_a * share * q[k]
+            share *= -off * inverse[j] * rho
             # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
-            product = 2.0 * share * element / noise
-            part[0, 0] += product * by_d * by_d
-            part[0, 1] += product * by_d * by_a
-            part[1, 1] += product * by_a * by_a
+            part[0, 0] += share * by_d * by_d
+            part[0, 1] += share * by_d * by_a
+            part[1, 1] += share * by_a * by_a
     part[1, 0] = part[0, 1]
+    turned = np.empty((2, m), np.complex128)
+    for i in range(2):
+        turned[i] = texture * (along[i] * _summed(q, rho) - _summed(along[i] * q, rho))
     for i in range(2):
         slope[i] = _inner(q, turned[i]).imag / c
         white = solve(off, inverse, noise, turned[i])
         for j in range(2):
             part[i, j] -= 2.0 / c * _inner(white, turned[j]).real
     return part + np.outer(slope, slope)
+
+
+@kernel
+def _summed(values: Spectrum, rho: float) -> Spectrum:
+    """Return for each line the sum of all values, weighted by rho to the power of the spacing."""
+    total = values.copy()
+    before = after = 0j
+    for k in range(1, len(values)):
+        before = rho * (before + values[k - 1])
+        after = rho * (after + values[-k])
+        total[k] += before
+        total[-1 - k] += after
+    return total
 
 
 @kernel
