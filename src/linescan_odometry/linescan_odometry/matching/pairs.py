@@ -66,7 +66,7 @@ class PairMatcher:
         return PairDisplacements(displacement, errors, similarity, usable)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
     """Mark the lines that equal the previous one; return the number of marked lines."""
     count = 0

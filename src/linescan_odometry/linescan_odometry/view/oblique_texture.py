@@ -119,7 +119,7 @@ def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
         gradient[i] = ahead - behind
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _compare(
     lines: Lines | Floats,
     step: int,

@@ -65,7 +65,7 @@ def _quantiles(deviation: float) -> NDArray[np.float32]:
     return values.astype(np.float32) * np.float32(deviation)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _expose(
     grays: NDArray[np.float32],
     response: NDArray[np.float32],
