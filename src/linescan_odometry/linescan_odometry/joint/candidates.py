@@ -19,8 +19,9 @@ from linescan_odometry.joint.spectra import (
     bands,
     phases,
     smoothed,
+    sum_of,
 )
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import kernel
 
 REACH = 0.5  # largest shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
@@ -28,8 +29,6 @@ _APART = 8  # px per line; smallest distance of two peaks
 _DETAIL = 6.0, 100.0  # px; smallest and largest texture details that pass the filter of the stack
 _COMPARED = 0.5 * HIGHEST  # cycles per pixel, up to which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
-
-_sum = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
 
 
 @kernel
@@ -242,14 +241,6 @@ def subtract(products: Products, fixed: Spectrum) -> Remainder:
     )
 
 
-@_sum
-def _total(values: Floats) -> float:
-    total = np.float32(0.0)
-    for i in range(len(values)):
-        total += values[i]
-    return float(total)
-
-
 @kernel
 def coherent(
     rest: Remainder, layout: Layout, displacement: float, spread: float, which: int
@@ -279,8 +270,8 @@ def coherent(
         total = 0.0
         for b in range(len(edges) - 1):
             i, j = edges[b], edges[b + 1]
-            own = max(overlap * _total(power[i:j]), 1e-9)
-            coherence = min(max(_total(gain[i:j]) / own, 0.0), 0.999)
+            own = max(overlap * sum_of(power[i:j]), 1e-9)
+            coherence = min(max(sum_of(gain[i:j]) / own, 0.0), 0.999)
             # The part without overlap adds noise, which the division by the overlap amplifies.
             bins = overlap**2 * (j - i) * layout.pixels / size
             total -= 0.5 * (layout.lines - lag) * bins * math.log1p(-coherence * coherence)

@@ -98,8 +98,8 @@ class JointEstimator:
         m, n = lines.shape
         size = self._size
         layout = candidates.Layout(m, n, size, self._limit)
-        table = self._tables[lines.itemsize]
-        transformed = spectra.spectra_of(lines, table, self._taper, size)
+        logs = spectra.logarithms(lines, self._tables[lines.itemsize])
+        transformed = spectra.spectra_of(logs, self._taper, size)
         products = candidates.correlate(transformed)
         known = shrink(*self.pattern)
         kappa = np.arange(m) - 0.5 * (m - 1)
@@ -125,7 +125,7 @@ class JointEstimator:
                 together = self.pattern.information + information
                 before = self.pattern.precision + prior(together, self.pattern.precision + batch)
                 pattern = posterior(together, before + batch)
-            rest = spectra.without(lines, table, pattern, self._taper, size)
+            rest = spectra.without(logs, pattern, self._taper, size)
             precision = Precision(before, batch)
             before_step, removed = float(motion[0]), pattern
             motion, here = step(rest, precision, motion, self._spread)

@@ -14,7 +14,14 @@ import numpy as np
 import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 
 from linescan_odometry.joint.likelihood import Cut, Expansion
-from linescan_odometry.joint.spectra import LEAST_NOISE, Doubles, Floats, transform_size, window
+from linescan_odometry.joint.spectra import (
+    LEAST_NOISE,
+    Doubles,
+    Floats,
+    summing,
+    transform_size,
+    window,
+)
 from omni_platform.kernels import kernel
 
 PLACES = 24  # number of ground segments in a line
@@ -45,7 +52,7 @@ class Fit(NamedTuple):
     difference: float
 
 
-@kernel
+@summing
 def _shared(cut: Cut) -> float:
     """Return the energy of the gradients common to neighboring lines, in units of `_gain`."""
     total, number = 0.0, 0

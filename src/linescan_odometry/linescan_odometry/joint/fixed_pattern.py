@@ -104,9 +104,11 @@ def observe(
     model, _ = spectra.covariance(white, np.array([0, m]), edges)
     spectra.whiten(turn, edges, model, white)
     information, precision = np.zeros(count, np.complex64), np.zeros(count, np.float32)
+    white[:, : edges[0]] = 0.0
     for k in range(m):
         row, own, seen = white[k], turn[k], transformed[k]
-        for f in range(edges[0], count):
+        for f in range(count):
             information[f] += np.conj(row[f]) * own[f] * seen[f]
+        for f in range(count):
             precision[f] += row[f].real * own[f].real + row[f].imag * own[f].imag
     return information, precision.astype(np.float64)

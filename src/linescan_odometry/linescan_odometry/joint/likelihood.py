@@ -22,6 +22,7 @@ from linescan_odometry.joint.spectra import (
     phases,
     pivots,
     solve,
+    sum_of,
     transform_size,
     whiten,
     window,
@@ -137,7 +138,7 @@ def _cut(lines: Floats, paths: Doubles) -> Cut:
                 fraction[r] = paths[line[r]] - start - shift
                 begin = highest[block] - shift
                 own, out = lines[line[r], begin : begin + length], part[r, :length]
-                mean = own.mean()
+                mean = np.float32(sum_of(own) / length)
                 for i in range(length):
                     out[i] = (own[i] - mean) * taper[i]
     spectra = scipy.fft.rfft(part, size, 1)[:, : int(HIGHEST * size)].copy()
@@ -186,10 +187,14 @@ def _marginalize(
         pattern[f] /= np.float32(c)
         slopes[0] += model.rate[f] / c * slope[0, f]
         slopes[1] += model.rate[f] / c * slope[1, f]
+    pattern[: model.edges[0]] = 0.0
     for k in range(m):
-        for f in range(model.edges[0], count):
-            white[k, f] -= fixed[k, f] * pattern[f]
-            spectra[k, f] -= turn[k, f] * pattern[f]
+        row, own = white[k], fixed[k]
+        for f in range(count):
+            row[f] -= own[f] * pattern[f]
+        row, own = spectra[k], turn[k]
+        for f in range(count):
+            row[f] -= own[f] * pattern[f]
     return slopes
 
 

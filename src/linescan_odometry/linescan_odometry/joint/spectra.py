@@ -22,6 +22,17 @@ _SMOOTHED = 4  # bins on each side over which a power spectrum is averaged
 _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
+"""Declares a kernel that may add the terms of a sum in any order, and several at once."""
+
+
+@summing
+def sum_of(values: Floats) -> float:
+    """Return the sum of values, shape (n,)."""
+    result = np.float32(0.0)
+    for i in range(len(values)):
+        result += values[i]
+    return float(result)
 
 
 @_fast
@@ -86,53 +97,56 @@ def log_table(depth: int) -> Floats:
 
 
 @kernel
-def spectra_of(lines: Lines, table: Floats, taper: Floats, size: int) -> Spectrum:
-    """Return the spectra of the logarithm of lines, in which gains become offsets.
+def logarithms(lines: Lines, table: Floats) -> Floats:
+    """Return the logarithm of lines, in which gains become offsets, shape (m, n).
 
     Args:
         lines: gray levels, shape (m, n).
         table: logarithm of each gray level.
+    """
+    logs = np.empty(lines.shape, np.float32)
+    for k in range(lines.shape[0]):
+        for i in range(lines.shape[1]):
+            logs[k, i] = table[lines[k, i]]
+    return logs
+
+
+@kernel
+def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
+    """Return the spectra of the logarithm of lines.
+
+    Args:
+        logs: logarithm of the lines, shape (m, n).
         taper: factor of each pixel, shape (n,).
         size: length to which the tapered lines are padded with zeros [px].
 
     Returns:
         Spectra at the F frequencies up to `HIGHEST`, shape (m, F).
     """
-    padded = np.zeros((len(lines), size), np.float32)
-    for k in range(len(lines)):
-        row, own = padded[k], lines[k]
-        total = 0.0
-        for i in range(lines.shape[1]):
-            row[i] = table[own[i]]
-            total += row[i]
-        mean = np.float32(total / lines.shape[1])
-        for i in range(lines.shape[1]):
-            row[i] = (row[i] - mean) * taper[i]
+    padded = np.zeros((len(logs), size), np.float32)
+    for k in range(len(logs)):
+        row, own = padded[k], logs[k]
+        mean = np.float32(sum_of(own) / len(own))
+        for i in range(len(own)):
+            row[i] = (own[i] - mean) * taper[i]
     spectra: Spectrum = scipy.fft.rfft(padded, size, 1)[:, : int(HIGHEST * size)].copy()
     return spectra
 
 
 @kernel
-def without(lines: Lines, table: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
+def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
     """Return the logarithm of lines minus a pattern, shape (m, n).
 
     Args:
-        lines: gray levels, shape (m, n).
-        table: logarithm of each gray level.
+        logs: logarithm of the lines, shape (m, n).
         pattern: spectrum of the tapered logarithm of the pattern, shape (F,).
         taper: factor of each pixel, shape (n,).
         size: length of the Fourier transform [px].
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
     whole[: len(pattern)] = pattern
-    fixed = scipy.fft.irfft(whole, size)
-    rest = np.empty(lines.shape, np.float32)
-    for i in range(lines.shape[1]):
-        fixed[i] /= max(taper[i], _LEAST_TAPER)
-    for k in range(len(lines)):
-        for i in range(lines.shape[1]):
-            rest[k, i] = table[lines[k, i]] - np.float32(fixed[i])
-    return rest
+    fixed = scipy.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
+    return logs - fixed.astype(np.float32)
 
 
 @_fast
