@@ -251,7 +251,7 @@ def coherent(
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        spread: width of the range of displacements whose best value is used [px].
+        spread: width of the range around the displacement whose largest ratio is returned [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size

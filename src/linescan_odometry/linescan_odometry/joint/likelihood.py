@@ -285,7 +285,9 @@ def _information_at(band: Doubles, along: Doubles, u: Spectrum, c: float) -> Dou
     part[1, 0] = part[0, 1]
     turned = np.empty((2, m), np.complex128)
     for i in range(2):
-        turned[i] = texture * (along[i] * _summed(q, rho) - _summed(along[i] * q, rho))
+        turned[i] = texture * (
+            along[i] * _weighted_sums(q, rho) - _weighted_sums(along[i] * q, rho)
+        )
     for i in range(2):
         slope[i] = _inner(q, turned[i]).imag / c
         white = solve(off, inverse, noise, turned[i])
@@ -295,7 +297,7 @@ def _information_at(band: Doubles, along: Doubles, u: Spectrum, c: float) -> Dou
 
 
 @kernel
-def _summed(values: Spectrum, rho: float) -> Spectrum:
+def _weighted_sums(values: Spectrum, rho: float) -> Spectrum:
     """Return for each line the sum of all values, weighted by rho to the power of the spacing."""
     total = values.copy()
     before = after = 0j
