@@ -231,14 +231,18 @@ def subtract(products: Products, fixed: Spectrum) -> Remainder:
         fixed: spectrum of the fixed part of the view, shape (F,).
     """
     count = int(_COMPARED / HIGHEST * len(fixed))
-    fixed = fixed[:count]
-    conjugate = np.conj(fixed)
-    square = (fixed * conjugate).real
-    newer, older = products.newer[:, :count], products.older[:, :count]
-    lagged = products.lagged[:, :count] - newer * conjugate - fixed * np.conj(older) + square
-    return Remainder(
-        lagged, products.power[:, :count] - ((newer + older) * conjugate).real + square
-    )
+    lagged, power = np.empty((_LAGS, count), np.complex64), np.empty((_LAGS, count), np.float32)
+    for which in range(_LAGS):
+        product, own = lagged[which], power[which]
+        whole, energy = products.lagged[which], products.power[which]
+        newer, older = products.newer[which], products.older[which]
+        for f in range(count):
+            square = (fixed[f] * np.conj(fixed[f])).real
+            product[f] = (
+                whole[f] - newer[f] * np.conj(fixed[f]) - fixed[f] * np.conj(older[f]) + square
+            )
+            own[f] = energy[f] - ((newer[f] + older[f]) * np.conj(fixed[f])).real + square
+    return Remainder(lagged, power)
 
 
 @kernel

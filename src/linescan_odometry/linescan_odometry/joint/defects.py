@@ -19,10 +19,11 @@ _OUTSTANDING = 9.0  # times the median difference of all pixels, or 6 standard d
 
 
 @kernel
-def _excess(lines: Lines) -> Floats:
-    """Return by how much the mean of each pixel leaves the range of the pixels within 2 px.
+def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], Floats]:
+    """Return the pixels whose mean is far from the median of the pixels within 2 px.
 
-    The range is that of the two middle ones of the four pixels.
+    Returns:
+        The pixels, shape (d,); mean minus median of every pixel, shape (n,).
     """
     m, n = lines.shape
     mean = np.zeros(n, np.float32)
@@ -36,14 +37,15 @@ def _excess(lines: Lines) -> Floats:
         c, d = mean[min(i + 1, n - 1)], mean[min(i + 2, n - 1)]
         low, high = max(min(a, b), min(c, d)), min(max(a, b), max(c, d))
         excess[i] = mean[i] - min(max(mean[i], min(low, high)), max(low, high))
-    return excess
+    deviation = np.abs(excess)
+    limit = max(_OUTSTANDING * np.median(deviation), 1.0)
+    found: NDArray[np.int64] = np.flatnonzero(deviation > limit)
+    return found, excess
 
 
 def _defects(lines: Lines) -> NDArray[np.int64]:
     """Return the pixels that differ from the median of the pixels within 2 px, in every line."""
-    excess = _excess(lines)
-    deviation = np.abs(excess)
-    found = np.flatnonzero(deviation > max(_OUTSTANDING * float(np.median(deviation)), 1.0))
+    found, excess = _outstanding(lines)
     if len(found) == 0:
         return found
     near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, lines.shape[1] - 1)

@@ -193,7 +193,7 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     parts = np.zeros((highest - lowest + 1, 5))
     for block in range(len(cut.first) - 1):
         own = model.along[:, cut.line[cut.first[block] : cut.first[block + 1]]]
-        sums = _summed(space[:, cut.first[block] : cut.first[block + 1], :seen], own)
+        sums = _summed(space, cut.first[block], seen, own)
         for p in range(len(parts)):
             begin = ((p + lowest) * pixels / PLACES - cut.ground[block]) * scale
             i = max(0, math.ceil(begin))
@@ -206,27 +206,31 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
 
 
 @kernel
-def _summed(space: Floats, along: Doubles) -> Floats:
+def _summed(space: Floats, first: int, seen: int, along: Doubles) -> Floats:
     """Return the products of lines for `_places`, summed over the lines of a block, shape (5, g).
 
     Args:
-        space: whitened lines, slopes, weighted slopes and weighted lines, shape (4, m, g).
+        space: whitened lines, slopes, weighted slopes and weighted lines, shape (4, t, size).
+        first: row of the block's first line.
+        seen: number of grid points g that the lines cover.
         along: derivatives of the paths with respect to d and a, shape (2, m).
     """
     half = np.float32(0.5)
-    sums = np.zeros((5, space.shape[2]), np.float32)
+    sums = np.zeros((5, seen), np.float32)
     by_d, by_a, shared, whole, shift = sums
     for k in range(along.shape[1]):
-        white, slopes, energy, texture = space[:, k]
+        white, slopes = space[0, first + k], space[1, first + k]
+        energy, texture = space[2, first + k], space[3, first + k]
         d, a = np.float32(along[0, k] - along[0].mean()), np.float32(along[1, k] - along[1].mean())
-        for i in range(len(white)):
+        for i in range(seen):
             product = white[i] * slopes[i]
             by_d[i] += d * product
             by_a[i] += a * product
         if k > 0:
-            before, older = space[2, k - 1], space[3, k - 1]
-            for i in range(len(white)):
+            before, older = space[2, first + k - 1], space[3, first + k - 1]
+            for i in range(seen):
                 shared[i] += energy[i] * before[i]
                 whole[i] += half * (energy[i] * energy[i] + before[i] * before[i])
+            for i in range(seen):
                 shift[i] += half * (before[i] * texture[i] - energy[i] * older[i])
     return sums

@@ -199,10 +199,22 @@ def _marginalize(
 
 
 @kernel
-def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
+def _turned(cut: Cut, paths: Doubles) -> Spectrum:
+    """Return u of each row, see `_marginalize`, shape (t, F)."""
+    shift = paths[cut.line]
+    for block in range(len(cut.first) - 1):
+        i, j = cut.first[block], cut.first[block + 1]
+        shift[i:j] -= paths[cut.line[i]]
+    turn: Spectrum = phases(shift, cut.size, cut.spectra.shape[1])
+    return turn
+
+
+@kernel
+def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]:
     """Return the lines times T^-1, shape (t, F), and the gradient of the log-likelihood.
 
     The part of the pattern that is still unknown is subtracted from the lines, see `_marginalize`.
+    `turn` is from `_turned`.
     """
     rows, count = cut.spectra.shape
     white = np.zeros((rows, count), np.complex64)
@@ -210,8 +222,8 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
         own = cut.line[i:j]
-        turn = phases(model.paths[own] - model.paths[own[0]], cut.size, count)
-        slopes += _marginalize(cut.spectra[i:j], turn, model, model.along[:, own], white[i:j])
+        along = model.along[:, own]
+        slopes += _marginalize(cut.spectra[i:j], turn[i:j], model, along, white[i:j])
     for r in range(rows):
         by_d = np.float32(model.along[0, cut.line[r]])
         by_a = np.float32(model.along[1, cut.line[r]])
@@ -227,16 +239,16 @@ def _slopes(cut: Cut, model: _Model) -> tuple[Spectrum, Doubles]:
 
 
 @kernel
-def _information(cut: Cut, model: _Model) -> Doubles:
+def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
     """Return the Fisher information on d and a, shape (2, 2), evaluated at each band's center."""
     total = np.zeros((2, 2))
     for block in range(len(cut.first) - 1):
-        own = cut.line[cut.first[block] : cut.first[block + 1]]
-        along, path = model.along[:, own], model.paths[own] - model.paths[own[0]]
+        i, j = cut.first[block], cut.first[block + 1]
+        along = model.along[:, cut.line[i:j]]
         for b in range(len(model.edges) - 1):
             first, last = model.edges[b], model.edges[b + 1]
             middle = (first + last - 1) // 2
-            u = np.exp(-1j * model.rate[middle] * path)
+            u = turn[i:j, middle].astype(np.complex128)
             part = _information_at(model.bands[:, b], along, u, model.precision[middle])
             total += 0.5 * (model.rate[first:last] ** 2).sum() * part
     return total
@@ -342,9 +354,10 @@ def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
     known = _on_grid(precision, cut, n)
     model = _Model(edges, covariances, known, rate, along, paths)
-    white, slopes = _slopes(cut, model)
+    turn = _turned(cut, paths)
+    white, slopes = _slopes(cut, model, turn)
     slopes[1] -= motion[1] / spread**2
-    information = _information(cut, model)
+    information = _information(cut, model, turn)
     information[1, 1] += 1.0 / spread**2
     determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
     inverse = np.full((2, 2), math.nan)

@@ -146,7 +146,8 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
     whole = np.zeros(size // 2 + 1, np.complex64)
     whole[: len(pattern)] = pattern
     fixed = scipy.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
-    return logs - fixed.astype(np.float32)
+    rest: Floats = logs - fixed.astype(np.float32)
+    return rest
 
 
 @_fast
