@@ -47,7 +47,7 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
     """Return the pixels that differ from the median of the pixels within 2 px, in every line."""
     found, excess = _outstanding(lines)
     if len(found) == 0:
-        return found
+        return np.asarray(found)
     near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, lines.shape[1] - 1)
     in_lines = lines[:, found] - np.median(lines[:, near], axis=2)
     defective = (in_lines * np.sign(excess[found])).min(axis=0) > 0.0
