@@ -18,6 +18,7 @@ from linescan_odometry.joint.spectra import (
     Floats,
     Spectrum,
     bands,
+    correlated,
     covariance,
     phases,
     pivots,
@@ -240,85 +241,79 @@ def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]
 
 @kernel
 def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
-    """Return the Fisher information on d and a, shape (2, 2), evaluated at each band's center."""
+    """Return the Fisher information on d and a, shape (2, 2), evaluated at each band's center.
+
+    Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
+    information is ``-f^2 tr(C^-1 B C^-1 B)``. The marginalized pattern gives
+    ``C^-1 = T^-1 - q q' / c`` with ``q = T^-1 u``, where c is the sum of the pattern's precision
+    and ``u' q``, see `_marginalize`. All arrays below have one column for each band.
+    """
+    first, last = model.edges[:-1], model.edges[1:]
+    middle, (texture, rho, noise) = (first + last - 1) // 2, model.bands
+    weight = np.empty(len(first))
+    for b in range(len(first)):
+        weight[b] = 0.5 * (model.rate[first[b] : last[b]] ** 2).sum()
     total = np.zeros((2, 2))
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
-        along = model.along[:, cut.line[i:j]]
-        for b in range(len(model.edges) - 1):
-            first, last = model.edges[b], model.edges[b + 1]
-            middle = (first + last - 1) // 2
-            u = turn[i:j, middle].astype(np.complex128)
-            part = _information_at(model.bands[:, b], along, u, model.precision[middle])
-            total += 0.5 * (model.rate[first:last] ** 2).sum() * part
+        along, u = model.along[:, cut.line[i:j]], turn[i:j][:, middle].astype(np.complex128)
+        off, inverse = np.empty(len(first)), np.empty(u.shape)
+        pivot = np.empty(len(u))
+        for b in range(len(first)):
+            off[b] = pivots(model.bands[:, b], pivot)
+            inverse[:, b] = pivot
+        q = solve(off, inverse, noise, u)
+        c = model.precision[middle] + _inner(u, q).real
+        total += _trace(along, off, inverse, rho, 2.0 * weight * texture / noise)
+        turned, white = np.empty((2, *u.shape), u.dtype), np.empty((2, *u.shape), u.dtype)
+        for which in range(2):
+            by = along[which].copy().reshape(-1, 1)
+            turned[which] = texture * (by * correlated(rho, q) - correlated(rho, by * q))
+            white[which] = solve(off, inverse, noise, turned[which])
+        for one in range(2):
+            for other in range(2):
+                slopes = _inner(q, turned[one]).imag * _inner(q, turned[other]).imag / c
+                common = _inner(white[one], turned[other]).real
+                total[one, other] += (weight / c * (slopes - 2.0 * common)).sum()
     return total
 
 
 @kernel
-def _inner(one: Spectrum, other: Spectrum) -> complex:
-    total = 0j
-    for k in range(len(one)):
-        total += np.conj(one[k]) * other[k]
-    return total
+def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the inner product of each column, shape (B,)."""
+    return (np.conj(one) * other).sum(axis=0)
 
 
 @kernel
-def _information_at(band: Doubles, along: Doubles, u: Spectrum, c: float) -> Doubles:
-    """Return the Fisher information on d and a at one frequency, over its square, shape (2, 2).
+def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: Doubles) -> Doubles:
+    """Return ``-tr(T^-1 B T^-1 B)``, summed over the bands, shape (2, 2).
 
-    Let ``B = K T - T K``, where K is the diagonal matrix of the derivatives of the paths. The
-    information is ``-tr(C^-1 B C^-1 B)``. The marginalized pattern gives ``C^-1 = T^-1 - q q' / c``
-    with ``q = T^-1 u``, where c is the sum of the pattern's precision and ``u' q``.
+    It is the sum of ``-T^-1 T (K_k - K_j)^2`` over all pairs of lines, element by element.
 
     Args:
-        band: S, rho, N of the frequency.
         along: derivatives of the paths with respect to d and a, shape (2, m).
-        u: see `_marginalize`, shape (m,).
-        c: the scalar c of `_marginalize`.
+        off: off-diagonal element from `pivots`, shape (B,).
+        inverse: inverse pivots from `pivots`, shape (m, B).
+        rho: coherence of neighboring lines, shape (B,).
+        share: weight of each band, times 2 S / N, shape (B,).
     """
-    m, texture, rho, noise = len(u), band[0], band[1], band[2]
-    inverse = np.empty(m)
-    off = pivots(band, inverse)
-    q = solve(off, inverse, noise, u)
-    c += _inner(u, q).real
-    slope, part = np.zeros(2), np.zeros((2, 2))
-    diagonal = 0.0
-    for k in range(m - 1, -1, -1):
+    d_d = d_a = a_a = 0.0
+    diagonal, element = np.zeros(len(off)), np.empty(len(off))
+    for k in range(inverse.shape[0] - 1, -1, -1):
         # The elements of (1 + N A^-1)^-1, one row after the other.
-        diagonal = inverse[k] + (off * inverse[k]) ** 2 * diagonal
-        share = 2.0 * texture / noise * diagonal
+        for b in range(len(off)):
+            diagonal[b] = inverse[k, b] + (off[b] * inverse[k, b]) ** 2 * diagonal[b]
+            element[b] = share[b] * diagonal[b]
         for j in range(k - 1, -1, -1):
+            common = 0.0
+            for b in range(len(off)):
+                element[b] *= -off[b] * rho[b] * inverse[j, b]
+                common += element[b]
             by_d, by_a = along[0, k] - along[0, j], along[1, k] - along[1, j]
-            share *= -off * inverse[j] * rho
-            # tr(T^-1 B T^-1 B) = sum over k and j of T^-1 T (K_k - K_j)^2.
-            part[0, 0] += share * by_d * by_d
-            part[0, 1] += share * by_d * by_a
-            part[1, 1] += share * by_a * by_a
-    part[1, 0] = part[0, 1]
-    turned = np.empty((2, m), np.complex128)
-    for i in range(2):
-        turned[i] = texture * (
-            along[i] * _weighted_sums(q, rho) - _weighted_sums(along[i] * q, rho)
-        )
-    for i in range(2):
-        slope[i] = _inner(q, turned[i]).imag / c
-        white = solve(off, inverse, noise, turned[i])
-        for j in range(2):
-            part[i, j] -= 2.0 / c * _inner(white, turned[j]).real
-    return part + np.outer(slope, slope)
-
-
-@kernel
-def _weighted_sums(values: Spectrum, rho: float) -> Spectrum:
-    """Return for each line the sum of all values, weighted by rho to the power of the spacing."""
-    total = values.copy()
-    before = after = 0j
-    for k in range(1, len(values)):
-        before = rho * (before + values[k - 1])
-        after = rho * (after + values[-k])
-        total[k] += before
-        total[-1 - k] += after
-    return total
+            d_d += common * by_d * by_d
+            d_a += common * by_d * by_a
+            a_a += common * by_a * by_a
+    return np.array([[d_d, d_a], [d_a, a_a]])
 
 
 @kernel

@@ -249,23 +249,46 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 
 @_fast
 def solve(
-    off: float, inverse: Doubles, noise: float, values: NDArray[np.complex128]
+    off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return T^-1 times the values of the lines at one frequency, shape (m,); see `whiten`.
+    """Return T^-1 times the values of the lines in each band, shape (m, B); see `whiten`.
 
     Args:
-        off: off-diagonal element from `pivots`.
-        inverse: inverse pivots from `pivots`, shape (m,).
-        noise: noise power N.
-        values: value of each line, shape (m,).
+        off: off-diagonal element from `pivots`, shape (B,).
+        inverse: inverse pivots from `pivots`, shape (m, B).
+        noise: noise power N, shape (B,).
+        values: values of the lines, shape (m, B).
     """
     rest = values.copy()
-    for k in range(1, len(rest)):
-        rest[k] -= off * inverse[k - 1] * rest[k - 1]
-    rest[-1] *= inverse[-1]
-    for k in range(len(rest) - 2, -1, -1):
-        rest[k] = (rest[k] - off * rest[k + 1]) * inverse[k]
+    m, count = values.shape
+    for k in range(1, m):
+        for b in range(count):
+            rest[k, b] -= off[b] * inverse[k - 1, b] * rest[k - 1, b]
+    rest[m - 1] *= inverse[m - 1]
+    for k in range(m - 2, -1, -1):
+        for b in range(count):
+            rest[k, b] = (rest[k, b] - off[b] * rest[k + 1, b]) * inverse[k, b]
     return (values - rest) / noise
+
+
+@_fast
+def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the covariance of a texture of power 1, times the values, shape (m, B).
+
+    Args:
+        rho: coherence of neighboring lines, shape (B,).
+        values: values of the lines, shape (m, B).
+    """
+    total = values.copy()
+    m, count = values.shape
+    before, after = np.zeros_like(values[0]), np.zeros_like(values[0])
+    for k in range(1, m):
+        for b in range(count):
+            before[b] = rho[b] * (before[b] + values[k - 1, b])
+            after[b] = rho[b] * (after[b] + values[m - k, b])
+            total[k, b] += before[b]
+            total[m - 1 - k, b] += after[b]
+    return total
 
 
 @_fast
