@@ -86,7 +86,7 @@ def _noise(lines: Floats) -> float:
     contain hardly any ground texture, because the optics blur it.
     """
     m, n = lines.shape
-    square = np.zeros(n - 3)
+    square = np.zeros(n - 3, np.float32)
     for k in range(1, m):
         new, old = lines[k], lines[k - 1]
         for i in range(n - 3):
