@@ -281,7 +281,8 @@ def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
 @kernel
 def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return the inner product of each column, shape (B,)."""
-    return (np.conj(one) * other).sum(axis=0)
+    product: NDArray[np.complex128] = (np.conj(one) * other).sum(axis=0)
+    return product
 
 
 @kernel
