@@ -134,7 +134,16 @@ class BatchCollector:
         return group
 
     def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
-        """Return a follower's last measurement within a group, or the first one after the group."""
+        """Return the flow measurement that belongs to a group of batches, None if there is none.
+
+        This is the last measurement up to the newest batch, or else the first one after it.
+
+        Args:
+            name: name of the flow sensor.
+            from_ns: earliest stamp of the measurement [ns].
+            newest_ns: stamp of the newest batch of the group [ns].
+            until_ns: latest stamp of the measurement [ns].
+        """
         near = [flow for flow in self._following[name] if from_ns <= flow.stamp_ns <= until_ns]
         before = [flow for flow in near if flow.stamp_ns <= newest_ns]
         return before[-1] if before else (near[0] if near else None)

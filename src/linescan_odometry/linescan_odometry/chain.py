@@ -2,8 +2,8 @@
 
 The line period is computed from the stamps of the newest lines and the number of lines between
 them. If the period differs from the configured one, lines were lost or repeated, or the line rate
-is wrong. In each case the velocity has the same relative error as the period. A missing batch is no
-such fault, because the lines of the next batch are still consecutive.
+is wrong. In each case the velocity has the same relative error as the period. A missing batch does
+not cause this error, because the lines of the next batch are still consecutive.
 """
 
 from collections.abc import Callable
@@ -78,8 +78,8 @@ class LineChain:
     def join(self, batch: LineBatch) -> Lines:
         """Return the last line of the previous batch, followed by the lines of this batch.
 
-        The last line of the previous batch is omitted if the two are not consecutive: at the start
-        and after a missing batch.
+        The last line of the previous batch is omitted if this batch does not follow it without a
+        gap: at the start and after a missing batch.
 
         Args:
             batch: at least one line, with the configured number of pixels.

@@ -35,7 +35,7 @@ class OdometryConfiguration(Configuration):
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """Distance measure between lines (section 4.3.2)"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
-    """k: the search is limited to shifts of pixels / k"""
+    """k: the search is limited to shifts of n / k, with n pixels per line"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
     """Half width of the search range around the last displacement. The full search follows if
     the best match is outside the range or is poor; 0 to use the full search always"""

@@ -13,7 +13,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance of a velocity that was not measured, (1 km/s)^2."""
+"""Variance of a velocity that was not measured, (1 km/s)^2 [m^2/s^2]."""
 
 
 class Displacement(NamedTuple):
@@ -50,8 +50,8 @@ class SensorReading:
             none.
         reference_age: age of the earlier line that was compared with the newest one [s]; 0 for
             none.
-        persistence: correlation of these two shifted lines, divided by that of neighboring lines
-            [1].
+        persistence: correlation of the earlier line, shifted by the displacement since then, with
+            the newest line, divided by that of neighboring lines [1].
         unmatched: whether the lines have contrast but do not match, or the match contradicts the
             motion.
     """
@@ -134,8 +134,8 @@ class TwistEstimate:
         stamp_ns: exposure time of the newest line that was used [ns].
         twist: (v_x [m/s], v_y [m/s], yaw rate [rad/s]) of base_link in its own axes, mean over the
             lines of the batches, shape (3,); zero if not measured.
-        covariance: covariance of the twist, shape (3, 3); if not measured, the identity times
-            `UNMEASURED_VARIANCE`.
+        covariance: covariance of the twist in the squares of its units, shape (3, 3); if not
+            measured, the identity times `UNMEASURED_VARIANCE`.
         measured: whether enough sensors had a valid measurement.
         readings: reading of each camera by name, in the order of the configuration.
         assumed: whether the kinematic constraint was used. If the vehicle skids then, the twist

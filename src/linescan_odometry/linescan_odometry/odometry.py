@@ -37,10 +37,13 @@ _SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below, a weight is lo
 class _Solution:
     """A twist, and the data from which it was estimated.
 
+    An axle without sideways slip (kinematic constraint) can replace a sensor.
+
     Attributes:
         twist: (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        covariance: covariance of the twist, shape (3, 3).
-        measured: whether each camera, each flow sensor and, in the last place, the axle was used.
+        covariance: covariance of the twist in the squares of its units, shape (3, 3).
+        measured: whether each of the S sensors (cameras, then flow sensors) was used; then whether
+            the axle was used, if there is one.
         count: number of velocities that were used.
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
@@ -271,7 +274,8 @@ class LineScanOdometry:
     ) -> dict[str, SensorReading]:
         """Return occluded cameras, or else cameras over oblique textures, as unmeasured readings.
 
-        The twist must not contain faulty sensors, since other sensors would then seem occluded.
+        The twist must not be computed from faulty sensors, since fault-free cameras would then seem
+        occluded.
         """
         if self._covers is None or self._oblique is None:
             return {}
@@ -309,7 +313,14 @@ class LineScanOdometry:
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
-        """Describe a violation of the kinematic constraint; empty if there is none."""
+        """Describe a violation of the kinematic constraint; empty if there is none.
+
+        Args:
+            axle: position x of the axle without sideways slip [m].
+            twist: twist of the sensors alone (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+            covariance: covariance of this twist, shape (3, 3).
+            variance: variance of the axle's sideways velocity while its wheels grip [m^2/s^2].
+        """
         row = np.array([0.0, 1.0, axle])
         sideways = float(row @ twist)
         score = abs(sideways) / math.sqrt(max(float(row @ covariance @ row), 0.0) + variance)

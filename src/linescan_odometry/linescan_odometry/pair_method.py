@@ -1,9 +1,9 @@
-"""The method of section 4.4: full search for the shift of each line pair, then median filter.
+"""The method `pairs`: full search for the shift of each line pair, then a median filter.
 
-Each line is compared with the previous one at all shifts up to the limit, with one of six metrics,
-and the peak is refined to a fraction of a pixel. Displacements that are impossible for the
-platform, or far from the median of their neighbors (section 4.6), are excluded. The others are
-averaged.
+The method is that of section 4.4 of the dissertation. Each line is compared with the previous one
+at all shifts up to the limit, with one of six metrics, and the peak is refined to a fraction of a
+pixel. Displacements that are impossible for the platform, or far from the median of their neighbors
+(section 4.6), are excluded. The others are averaged.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
-"""Plausibility check of displacements by the largest acceleration (section 4.6).
+"""Plausibility check of displacements by the largest acceleration (dissertation, section 4.6).
 
-Since the last measurement, the velocity along an axis cannot have changed by more than ``a dt``.
-Other displacements are rejected. The permitted range grows with time, so a wrong last measurement
-or a shock excludes the sensor for a limited time only.
+In the time ``dt`` since the last measurement, the velocity along an axis cannot have changed by
+more than ``a dt``, where ``a`` is the largest acceleration. Other displacements are rejected. The
+permitted range grows with time, so a wrong last measurement or a shock excludes the sensor for a
+limited time only.
 """
 
 import numpy as np
@@ -33,11 +34,11 @@ class Plausibility:
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark implausible displacements as unusable; return the number of usable ones before.
+        """Mark implausible displacements as unusable; return how many usable ones were rejected.
 
         Args:
             stamp_ns: exposure of the newest line [ns].
-            pairs: displacements of consecutive lines, of which the last ends at the newest line.
+            pairs: displacements of consecutive lines; the last pair ends at the newest line.
         """
         off = pairs.usable & ~self.check(stamp_ns, pairs.displacement)
         pairs.usable[off] = False

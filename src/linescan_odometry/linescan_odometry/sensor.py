@@ -1,4 +1,4 @@
-"""Velocity of one line camera by one method, `joint` or the `pairs` of section 4.4.
+"""Velocity of one line camera by one of two methods, `joint` or `pairs`.
 
 `SensorOdometry.update` joins a batch to the previous one, passes the lines to the configured
 method, and returns velocity and variance. A stage without a measurement raises `Unmeasured` with

@@ -4,16 +4,18 @@ Line k of a batch of m lines is modeled as
 
     y_k(x) = b(x) + g_k(x + X_k) + e_k(x),    X_k = d kappa_k + a kappa_k^2 / 2,
 
-with kappa_k = k - (m - 1) / 2, a fixed pattern b of the camera, a ground texture g, and white noise
-e. As the line drifts sideways onto new ground, the texture loses its coherence from line to line,
-modeled as a first-order autoregressive process. The unknowns are the displacement d per line [px]
-and its change a [px per line^2]. The pattern is subtracted from the lines, and their spectra are
-shifted into the ground frame. At every spatial frequency f, the resulting vector over the lines is
-Gaussian:
+with the pixel x, kappa_k = k - (m - 1) / 2, a fixed pattern b of the camera, a ground texture g,
+and white noise e. As the line drifts sideways onto new ground, the texture loses its coherence from
+line to line, modeled as a first-order autoregressive process. The unknowns are the displacement d
+per line [px] and its change a [px per line^2]. The pattern is subtracted from the lines, and their
+spectra Y_k are shifted into the ground frame. At every spatial frequency f [cycles per pixel], the
+resulting vector over the lines is Gaussian with mean 0 and covariance T:
 
-    z_k = Y_k(f) exp(-2 pi i f X_k) ~ N(0, T),    T_kj = S rho^|k - j| + N delta_kj.
+    z_k = Y_k(f) exp(-2 pi i f X_k),    T_kj = S rho^|k - j| + N delta_kj.
 
-The pattern is Gaussian too. Each batch updates its mean and variance at every frequency. The mean
-is subtracted, and the variance is marginalized. The variance of the displacement therefore
-increases where a pattern could be mistaken for motion: in slow motion over coarse texture.
+S is the power of the texture, rho its coherence between neighboring lines, and N the power of the
+noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The pattern is Gaussian
+too. Each batch updates its mean and variance at every frequency. The mean is subtracted, and the
+variance is marginalized. The variance of the displacement therefore increases where a pattern could
+be mistaken for motion: in slow motion over coarse texture.
 """

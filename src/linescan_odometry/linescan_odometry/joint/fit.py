@@ -35,13 +35,14 @@ class Fit(NamedTuple):
 
     Attributes:
         variance: robust variance of the displacement [px^2].
-        white: variance of the displacement by the model [px^2], infinite without information.
+        white: variance of the displacement according to the model with white noise [px^2], infinite
+            without information.
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
         contrast: energy of the gradients that neighboring lines have in common, relative to that of
             the noise [1].
-        difference: difference between the displacement by neighboring lines and that by all lines
-            [px]; 0 if it is not significant.
+        difference: difference between the displacement per line estimated from neighboring lines
+            and that from all lines [px]; 0 if it is not significant.
     """
 
     variance: float
@@ -54,7 +55,7 @@ class Fit(NamedTuple):
 
 @summing
 def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients common to neighboring lines, in units of `_gain`."""
+    """Return the energy of the gradients common to neighboring lines, on the scale of `_gain`."""
     total, number = 0.0, 0
     for block in range(len(cut.first) - 1):
         for r in range(cut.first[block] + 1, cut.first[block + 1]):
@@ -138,7 +139,7 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     """Return the displacement's variance [px^2]; infinite if two segments contain all energy.
 
     Args:
-        parts: properties of the segments from `_places`, shape (p, 5).
+        parts: properties of the p segments from `_places`, shape (p, 5).
         inverse: row of the inverse information that belongs to d, shape (2,).
     """
     energy = np.maximum(parts[:, 2], 0.0)
@@ -163,10 +164,11 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
 
 @kernel
 def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
-    """Return properties of each ground segment, shape (p, 5).
+    """Return five properties of each of the p ground segments, shape (p, 5).
 
-    The properties are the derivatives of the log-likelihood with respect to d and a, the coherent
-    and the total energy, and the derivative with respect to d by neighboring lines alone.
+    The properties are the derivatives of the log-likelihood with respect to the displacement d per
+    line and its change a, the coherent and the total energy, and the derivative with respect to d
+    computed from neighboring lines alone.
 
     The products of lines are summed over positions, on a grid as coarse as the highest frequency
     allows. The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma. Its

@@ -6,6 +6,8 @@ and the present one are weighted by their information. The prior variance is the
 estimated pattern (empirical Bayes), so a camera without dirt loses little information. Candidates
 for the displacement are compared after subtraction of a shrunk mean, which is small where the
 estimate consists mostly of errors.
+
+In shapes, m is the number of lines, and F the number of spatial frequencies.
 """
 
 import math

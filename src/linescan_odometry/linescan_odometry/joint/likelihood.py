@@ -2,6 +2,10 @@
 
 The lines are cut to the ground that all of them show, so that no texture enters or leaves, and are
 then transformed again. The fixed pattern is marginalized.
+
+The package docstring defines the model: displacement d per line, its change a, displacement X_k of
+line k, and covariance T of the lines. In shapes, m is the number of lines, t that of the lines in
+all blocks, F that of spatial frequencies, and B that of frequency bands.
 """
 
 import math
@@ -35,7 +39,7 @@ class Precision(NamedTuple):
     """Precision of the fixed pattern (logarithm of the gains) at the frequencies of whole lines.
 
     Attributes:
-        before: precision by the prior and earlier batches, shape (F,); infinite if the pattern is
+        before: precision from the prior and earlier batches, shape (F,); infinite if the pattern is
             known.
         batch: precision that this batch adds, shape (F,).
     """

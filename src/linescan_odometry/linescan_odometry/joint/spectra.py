@@ -228,8 +228,10 @@ def covariance(
 def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
     """Write the inverse pivots of ``1 + N A^-1`` for one band; return its off-diagonal element.
 
+    A is the autoregressive part of the covariance, ``A_kj = S rho^|k - j|``.
+
     Args:
-        band: S, rho, N.
+        band: texture power S, coherence rho and noise power N.
         inverse: output, the inverse pivots, shape (m,).
     """
     texture, rho, noise = band[0], band[1], band[2]
@@ -295,8 +297,8 @@ def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.compl
 def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
     """Apply T^-1 to the lines of one block; the cost is proportional to the number of lines.
 
-    The inverse of the autoregressive part A is tridiagonal, and
-    ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
+    The covariance of the lines is ``T = A + N``: an autoregressive part A, and white noise of power
+    N. The inverse of A is tridiagonal, and ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.
 
     Args:
         spectra: spectra of the lines, shape (m, F).

@@ -1,5 +1,6 @@
 """Search with any of the distances (79)-(83), pair by pair, with an optional window and prior.
 
+Equations and sections are those of the dissertation.
 Each shift is evaluated with integers over the true overlap. The sum is divided by its number of
 pixels, since otherwise a sum over fewer pixels would win because it has fewer terms:
 
@@ -52,8 +53,8 @@ class _Batch(NamedTuple):
 
     Attributes:
         kind: number of the distance measure.
-        lines: one row per line.
-        codes: rank of each gray level among those that occur, one row per line.
+        lines: gray levels, shape (m, n).
+        codes: rank of each gray level among those that occur, shape (m, n).
         sums: sums of the first k pixels of each line and of their squares, see `running_sums`.
         ranks: working memory for each level that occurs, shape (2, levels).
     """
@@ -225,7 +226,10 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
 def correlation(
     lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
 ) -> float:
-    """Return Pearson's correlation (81) of a pair at a shift, bit-identical to `pearson`."""
+    """Return Pearson's correlation (81) of a pair at shift `s` [px], bit-identical to `pearson`.
+
+    If a line is constant in the overlap, the result is `undefined`.
+    """
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)
     s_x = sums[0, pair + 1, x + count] - sums[0, pair + 1, x]

@@ -1,4 +1,4 @@
-"""Median filter over groups of consecutive displacements (section 4.6, Enhancements).
+"""Median filter over consecutive displacements (dissertation, section 4.6, Enhancements).
 
 A point error is a single pair that matches at a wrong peak. Displacements that are far from the
 median of n consecutive ones count as point errors and are rejected. The others are averaged,

@@ -18,8 +18,9 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        errors: independent errors of each displacement from the parts of its match [px], shape
-            (m, parts).
+        errors: contribution of each part of the overlap to the error of each displacement [px],
+            shape (m, parts); the contributions are independent, and their squares add up to the
+            variance.
         similarity: correlation at the peak [1], shape (m,).
         usable: whether the peak of each pair is high enough, shape (m,).
     """

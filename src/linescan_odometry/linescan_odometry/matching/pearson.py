@@ -1,4 +1,4 @@
-"""Full search by Pearson's correlation (81) over the true overlap at each shift.
+"""Full search by Pearson's correlation, Eq. (81) of the dissertation, over the true overlap.
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
 deviations of the overlapping parts are computed from running sums. Each line shares these sums
@@ -35,7 +35,7 @@ _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 
 
 class _Ends(NamedTuple):
-    """Sums over the first and the last n - s pixels of each line, for each shift s.
+    """Sums over the first and the last N = n - s pixels of each line, for each shift s.
 
     Index 0 of the second axis is for the first pixels, index 1 for the last ones.
 
@@ -83,7 +83,7 @@ def _match(
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
-    """Compare some of the lines, each with the previous one; see `search.ShiftSearch`."""
+    """Compare each of these lines with the previous one; see `search.ShiftSearch`."""
     sums = running_sums(lines)
     padded, shape = np.zeros((len(lines), length), np.float32), (len(lines), 2, limit + 1)
     ends = _Ends(
@@ -144,13 +144,13 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
-    """Write upper bounds of the correlation of a pair at each shift; return the best lower one.
+    """Write upper bounds of a pair's correlation at each shift; return the largest lower bound.
 
     Args:
         product: products of both lines by shift, negative shifts at the end, shape (length,).
         ends: parts of the lines.
         pair: number of the pair.
-        pixels: n of a line.
+        pixels: number of pixels n of a line.
         upper: receives the bounds at shifts s and -s, shape (2, shifts).
     """
     slack = np.float32(_ROUNDING) * ends.norm[pair] * ends.norm[pair + 1]

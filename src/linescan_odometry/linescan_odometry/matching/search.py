@@ -3,7 +3,8 @@
 A search compares each line with the previous one at each shift up to the limit. At shift s only the
 overlapping part is used: pixel i of the newer line is compared with pixel i + s of the older one,
 ``n - |s|`` pixels in all. A positive shift means that the sensor moved along its +axis, so that
-ground features moved towards smaller pixel indices (sections 4.3.2 and 4.4).
+ground features moved towards smaller pixel indices. Sections 4.3.2 and 4.4 of the dissertation
+describe the search.
 """
 
 from collections.abc import Callable, Mapping
@@ -49,7 +50,7 @@ METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
 
 
 def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:
-    """Return a search that follows the motion from pair to pair, or the full one.
+    """Return a search near the last displacement if a window or prior is given, else a full one.
 
     Args:
         metric: one of `METRICS`.

@@ -126,7 +126,7 @@ def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -> None:
-    """Write smoothing and slope for the new line, then for the old one, shape (4, taps)."""
+    """Write smoothing and derivative for the new line, then for the old one, shape (4, taps)."""
     for side in range(2):
         offset = fraction * (side - 0.5)
         for k in range(_TAPS):
@@ -151,7 +151,12 @@ def _filter(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
-    """Write the errors of a Gauss-Newton step [px]; return it, infinite without a gradient."""
+    """Return a Gauss-Newton step [px], infinite without a gradient; write the parts of its error.
+
+    Args:
+        filtered: both lines, smoothed and differentiated, shape (4, N).
+        errors: output, error of the step from each part of the overlap [px], shape (parts,).
+    """
     new, new_slope, old, old_slope = filtered
     count = filtered.shape[1]
     parts = min(_BLOCKS, count // _SHORTEST_BLOCK)

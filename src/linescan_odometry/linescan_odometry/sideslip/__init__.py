@@ -1,1 +1,1 @@
-"""Sideslip angles of wheels, each measured by a camera next to the wheel (section 4.6)."""
+"""Sideslip angles of wheels, each measured by a camera next to the wheel."""

@@ -1,4 +1,4 @@
-"""Sideslip angle of a wheel from a line camera next to it (section 4.6).
+"""Sideslip angle of a wheel from a line camera next to it (dissertation, section 4.6).
 
 The camera is aligned with the wheel's axis of rotation and measures the wheel's sideways velocity
 v_s, positive to the left. With the wheel's velocity v_f along its rolling direction, the angle is
@@ -14,13 +14,17 @@ velocity. Taken literally, a wheel that rolls straight ahead would have an angle
 names are exchanged: a camera parallel to the axis of rotation measures v_par, the sideways
 velocity.
 
-v_f must be the velocity of the wheel's center over the ground. It equals omega R only without
-longitudinal slip. On a braked wheel omega R is smaller, so the angle would be too large.
+v_f must be the velocity of the wheel's center over the ground. The rim speed omega R (wheel speed
+times radius) equals v_f only without longitudinal slip. On a braked wheel omega R is smaller, so
+the angle would be too large.
 
 If a camera is not at the wheel's center, or not exactly parallel to its axis, it also measures a
-part of the yaw rate and of v_f. Both are removed: ``v_s sin d = u - Omega cross(r_s - r_w, a) - v_f
-cos d``, where u is the velocity along the camera's axis a, and d the angle of this axis from the
-rolling direction.
+part of the yaw rate and of v_f. Both are removed:
+
+    v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos d,
+
+where u is the velocity along the camera's axis a, d the angle of this axis from the rolling
+direction, Omega the yaw rate, and r_s and r_w are the positions of camera and wheel.
 """
 
 from __future__ import annotations
@@ -51,7 +55,7 @@ class SideslipWheel(Configuration):
     steering_deg: float = parameter(0.0, unit="deg", minimum=-180.0, maximum=180.0)
     """Rolling direction, counter-clockwise from the forward direction"""
     minimum_speed: float = parameter(0.5, unit="m/s", above=0.0, maximum=100.0)
-    """Forward velocity of the wheel below which the angle is undefined"""
+    """Speed of the wheel along its rolling direction below which the angle is undefined"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -61,7 +61,7 @@ class SideslipMeter:
         Args:
             batch: the lines.
             forward_velocity: mean velocity of the wheel's center along its rolling direction during
-                the batch [m/s], equal to omega R without longitudinal slip.
+                the batch [m/s]; wheel speed times radius if there is no longitudinal slip.
             yaw_rate: yaw rate [rad/s]; required if the camera is not at the wheel's center.
             forward_deviation: standard deviation of the forward velocity [m/s].
             yaw_rate_deviation: standard deviation of the yaw rate [rad/s].
@@ -87,5 +87,5 @@ class SideslipMonitor:
 
 
 def angles(wheels: Mapping[str, SideslipEstimate]) -> FloatArray:
-    """Return the angles of wheels in their order [rad], NaN where not measured, shape (N,)."""
+    """Return the sideslip angles of N wheels [rad], NaN where not measured, shape (N,)."""
     return np.array([w.angle if w.measured else math.nan for w in wheels.values()], dtype=float)

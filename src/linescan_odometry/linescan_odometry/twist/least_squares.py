@@ -1,10 +1,12 @@
 """Weighted least squares from velocities along sensor axes to the body twist.
 
-Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23), which is one row of `sensor_matrix`.
-Three rows determine the twist unless all axes are parallel or pass through one point, because no
-sensor then measures a rotation about this point. Whether the yaw rate is observable does not depend
-on the position of base_link. It depends on the part of the lever arms that no translation can
-explain.
+Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23) of the dissertation, where ``a_i`` is
+the unit vector of its axis and ``r_i`` its position in the body frame, ``v_c`` the velocity of
+base_link, ``Omega`` the yaw rate, and ``k`` the unit vector upwards. This is one row of
+`sensor_matrix`. Three rows determine the twist unless all axes are parallel or pass through one
+point, because no sensor then measures a rotation about this point. Whether the yaw rate is
+observable does not depend on the position of base_link. It depends on the part of the lever arms
+that no translation can explain.
 
 A flow sensor measures the velocity of one position along two axes. It adds two rows, whose errors
 may be correlated.
@@ -12,14 +14,18 @@ may be correlated.
 If the sensors alone do not suffice, an axle without sideways slip (`kinematics`) may add the row
 (0, 1, axle x) with the velocity 0.
 
-Remaining calibration errors of a camera in its pixel pitch p, axis angle phi and lever arm l cause
-a systematic error of the velocity. To first order, for the twist (v_x, v_y, Omega), this error is
+Remaining calibration errors dp, dphi and dl of a camera's pixel pitch p, axis angle phi and lever
+arm l cause a systematic error of the measured velocity v. To first order, for the twist (v_x, v_y,
+Omega), this error is
 
-    v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl,
+    v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl.
 
 Its variance is added to that of the match. A pitch error scales the speed, an axis error adds
 motion across the axis, and a position error adds yaw rate. A flow sensor has one scale error and
 one axis error for both of its velocities.
+
+In shapes, S is the number of sensors, and R the number of velocities: one for each line camera and
+for the axle, two for each flow sensor.
 """
 
 import math
@@ -214,8 +220,9 @@ class TwistSolver:
     ) -> FloatArray:
         """Return the normalized residual of each sensor against the twist of all sensors.
 
-        The variance of a residual is ``s_i^2 - a_i C a_i^T``, because the twist depends on the
-        sensor itself.
+        The variance of a residual is ``s_i^2 - a_i C a_i^T``, with the sensor's variance ``s_i^2``,
+        its row ``a_i`` of the matrix, and the covariance ``C`` of the twist. The second term is
+        subtracted because the twist depends on the sensor itself.
 
         Args:
             velocity: as in `solve`.

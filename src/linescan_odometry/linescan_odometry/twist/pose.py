@@ -30,8 +30,9 @@ class PoseIntegrator:
 
     Between two stamps the platform moves on an arc with the twist of the newer stamp, since this
     twist is the mean over the batch that ends there. An unmeasured twist is integrated as zero. In
-    a gap of duration t, the vehicle may have moved by ``v_max t``, so the variance grows by
-    ``v_max^2 (t^2 - t_before^2)`` from stamp to stamp.
+    a time t without a measurement, the vehicle may have moved by ``v_max t``, where ``v_max`` is
+    its largest speed. The variance of the position is therefore increased to ``v_max^2 t^2`` over
+    the gap, at each stamp by the difference to the stamp before.
     """
 
     def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:

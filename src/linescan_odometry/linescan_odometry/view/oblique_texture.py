@@ -32,7 +32,7 @@ _SEARCHED = 3  # px searched on each side of the expected shift, besides a share
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # smallest number of pixels for a comparison
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
-_FAR_ENOUGH = 0.5  # share of this sum after which the test is possible
+_FAR_ENOUGH = 0.5  # share of the view's width plus _PIECE after which the test is possible
 _EXCESS = 0.35  # excess correlation that chance does not cause in two comparisons
 _CLEAR_EXCESS = 0.65  # excess correlation that chance does not cause in one comparison
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
@@ -106,7 +106,7 @@ class Keyframe:
 
 @njit(cache=True)
 def _differentiate(line: Lines | Floats, step: int, gradient: Floats) -> None:
-    """Write the differences of neighboring sums of `step` pixels each."""
+    """Write the gradient of a line: differences of neighboring sums of `step` pixels each."""
     ahead, behind = 0.0, 0.0
     for i in range(step):
         behind += line[i]
@@ -136,7 +136,8 @@ def _compare(
         shift: shift of the newest line against the earlier one [px].
         displacement: displacement per line [px].
         abort_below: correlation below which the comparison is aborted.
-        gradient: gradient of the earlier line, with working memory for two more, shape (3, n').
+        gradient: gradient of the earlier line, with working memory for two more gradients, shape
+            (3, length of a gradient).
 
     Returns:
         The largest correlation of the two newest lines near their shift, and the smallest

@@ -104,7 +104,14 @@ class Covers:
         return covered
 
     def _would_show(self, name: str, along: float, across: float, duration: float) -> bool:
-        """Return whether a motion over some time [s] would have changed the view."""
+        """Return whether a motion would have changed the view of a camera.
+
+        Args:
+            name: name of the camera.
+            along: velocity along the camera's axis [m/s].
+            across: velocity across the camera's axis [m/s].
+            duration: duration of the motion [s].
+        """
         sensor = self._sensors[name]
         return (
             abs(across) * duration > _STILL_SHARE * sensor.width
