@@ -33,13 +33,14 @@ _RECKONED_SHARE = 0.15
 def assist_step(
     constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Decide which brakes act, as in section 3.3.
+    """Decide which brakes act in one step.
 
     Args:
         constants: from `assist_state.make_constants`.
         memory: from `assist_state.new_memory`, changed in place.
         inputs: inputs of this step.
-        error: output, ``s_i`` [m/s], shape (N,); zeros while not braking or without a valid motion.
+        error: output, error of each wheel in the control law [m/s], shape (N,); zeros while not
+            braking or without a valid motion.
         enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
     Returns:
@@ -279,7 +280,11 @@ def _outcome(
 
 @lean
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
-    """Return the first fault in the order of the table, GOOD if none is present."""
+    """Return the first fault in the order of `conditions.CONDITIONS`, GOOD if there is none.
+
+    If `replans`, the condition of a failed brake is REPLANNED, because `allocation` controls the
+    rest of the stop; otherwise it is FAILED_BRAKE.
+    """
     fault = min(outside, cause)
     if step.no_effect:
         fault = min(fault, conditions.NO_EFFECT)

@@ -1,4 +1,6 @@
-"""Brake assistant that decides at each control step which brakes act; Eqs. (44)-(46), section 3.3.
+"""Brake assistant that decides at each control step which brakes act.
+
+Source: dissertation, section 3.3, Eqs. (44)-(46).
 
 With the law `sliding_mode` and the pedal down, the brake of wheel i acts while the error ``s_i`` of
 the wheel is negative. A valve that has just switched keeps its state for the minimum dwell time
@@ -13,7 +15,8 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
 
 The line of motion is stored from the first valid feedback with the pedal down. All brakes act until
 this feedback arrives. If a gap in the feedback leaves the heading unknown, a new line is stored
-after the gap. A vehicle that only spins at that moment has no line of motion, so ``s_perp = 0``.
+after the gap. A vehicle that only spins at that moment has no line of motion; the component
+``s_perp`` of the errors, which keeps the vehicle on this line, is then zero.
 """
 
 import dataclasses

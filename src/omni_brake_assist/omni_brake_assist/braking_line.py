@@ -1,8 +1,9 @@
-"""Line of motion that the vehicle should keep, fixed in the world frame: ``p`` of Eq. (51).
+"""Line of motion that the vehicle should keep, fixed in the world frame.
 
-The velocity at the start of braking is stored as a direction in the world frame. Only the rotation
-after that matters, so the body axes at the start of braking serve as world axes. The rotation is
-the integral of the measured yaw rate, by the trapezoidal rule between stamps.
+Eq. (51) of the dissertation describes the line by the unit vector ``p`` across it. The velocity at
+the start of braking is stored as a direction in the world frame. Only the rotation after that
+matters, so the body axes at the start of braking serve as world axes. The rotation is the integral
+of the measured yaw rate, by the trapezoidal rule between stamps.
 """
 
 import math

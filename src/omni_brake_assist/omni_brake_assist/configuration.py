@@ -37,9 +37,10 @@ class AllocationConfiguration(Configuration):
     """Time constant with which the law corrects heading and direction of motion, as a share of the
     time left until rest"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the QP of the control allocation: cost of a lack of
-    yaw or lateral acceleration as large as all capacities together could cause, relative to the
-    cost of no deceleration"""
+    """Weight of heading and line of motion in the quadratic program of the control allocation. No
+    deceleration costs 1; a missing yaw or lateral acceleration costs this weight if it is as large
+    as the friction capacities of all wheels together could cause, and proportionally less if it is
+    smaller"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """A wheel counts as locked, because the motion does not drive it, if along its active direction
     both its hub and the vehicle are slower than this share of the vehicle's speed"""
@@ -53,9 +54,9 @@ class BrakeAssistConfiguration(Configuration):
     enabled: bool = parameter(True)
     """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")
-    """Control law: sliding_mode is the law of 2013; allocation distributes the braking between
-    the wheels by their friction capacities; my_module:MyLaw names your own class, see
-    docs/extending.md"""
+    """Control law: sliding_mode is the law of the dissertation (2013); allocation distributes the
+    braking between the wheels by their friction capacities; my_module:MyLaw names your own class,
+    see docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
     """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
     the shortest distance, enhanced is between them, depending on k"""

@@ -48,8 +48,9 @@ class Decision:
         stamp_ns: stamp of the demand that this decision answers [ns].
         enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
             freely.
-        error: ``s_i`` of Eq. (44), or the error of another law [m/s], shape (N,); zeros while the
-            pedal is up or the feedback is invalid.
+        error: error of each wheel in the control law [m/s], shape (N,); with the law
+            `sliding_mode`, ``s_i`` of Eq. (44) of the dissertation. Zeros while the pedal is up or
+            the feedback is invalid.
         state: state of the assistant.
         reason: description on one line; for a fault, with the measured value and its limit.
         fault: fault of an input, None if there is none. It is reported even if it has no effect yet

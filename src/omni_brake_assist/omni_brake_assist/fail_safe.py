@@ -115,7 +115,7 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
         check: violated condition, a row of `conditions.CONDITIONS`.
         value: measured value.
         limit: limit of the value.
-        within: time over which a change is limited [s].
+        within: time in which the value changed, if it is a change [s]; otherwise 0.
     """
     gate.cause = check
     gate.value = value

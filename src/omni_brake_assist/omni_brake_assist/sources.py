@@ -1,9 +1,9 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
-The test ratio is the normalized innovation squared divided by `GATE`; above 1, a source is
-rejected. In the filter that uses all sources, the twist's velocity is compared with the
-accelerometer and its yaw rate with the gyro. The test ratio of the twist is the sum of both. Each
-rolling wheel is compared with the most probable filter.
+The test ratio is the normalized innovation squared divided by `GATE`, the limit of the chi-square
+gate; above 1, a source is rejected. In the filter that uses all sources, the twist's velocity is
+compared with the accelerometer and its yaw rate with the gyro. The test ratio of the twist is the
+sum of both. Each rolling wheel is compared with the most probable filter.
 """
 
 import math

@@ -22,8 +22,9 @@ def psi(kind: int, k: int, delta: float) -> float:
     """Return the weight of a wheel [1].
 
     ``zero`` is Solution 1 of section 3.4.3: only orientation and line of motion count. ``cosine``
-    prefers a short stop to a constant orientation. ``enhanced`` is between the two: its base
-    falls steadily from 1 to 0, so a larger k is closer to ``zero``.
+    prefers a short stop to a constant orientation. ``enhanced`` is between the two: it is the k-th
+    power of a function that falls steadily from 1 to 0, so with a larger k it is closer to
+    ``zero``.
 
     Args:
         kind: number of the weighting, its index in `WEIGHTINGS`.

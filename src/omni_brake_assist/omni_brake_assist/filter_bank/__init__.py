@@ -10,11 +10,16 @@ velocity without the angular acceleration:
 
     u' = R(-Omega dt) u + R(-Omega dt / 2) (f - b) dt
 
-Without an accelerometer the velocity is modeled as a random walk. The measurements are
+where ``u'`` is the velocity after a step ``dt``, ``R(a)`` the rotation by an angle ``a``, ``b`` the
+bias ``(b_x, b_y)``, and ``k`` the unit vector upwards. Without an accelerometer the velocity is
+modeled as a random walk. The measurements are
 
     gyro           Omega + b_g
     twist          v = u - Omega k x p, Omega + o
-    rolling wheel  R omega n_w . u_w = (1 + s) (n_w . u + (lever + n_wx p_y - n_wy p_x) Omega)
+    rolling wheel  roll omega = (1 + s) (n_w . u + (lever + n_wx p_y - n_wy p_x) Omega)
+
+For a wheel with the active direction ``n_w``, ``omega`` is the wheel speed, ``roll`` the speed of
+its rim along ``n_w`` per wheel speed, and ``lever`` the lever arm of ``n_w`` about base_link.
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the

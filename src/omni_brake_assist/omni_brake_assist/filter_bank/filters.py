@@ -10,7 +10,14 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Propagate the velocity by a yaw rate [rad/s] and, if it is valid, by the specific force."""
+    """Propagate the velocity by a yaw rate and, if it is valid, by the specific force.
+
+    Args:
+        state: state of a filter, changed in place, shape (8,).
+        rate: yaw rate [rad/s].
+        dt: length of the step [s].
+        force: whether the specific force is valid, and its components along x and y [m/s^2].
+    """
     known, f_x, f_y = force
     u_x, u_y = state[U_X], state[U_Y]
     cos, sin = math.cos(rate * dt), math.sin(rate * dt)
@@ -30,7 +37,15 @@ def predict(
     force: tuple[bool, float, float],
     braking: bool,
 ) -> None:
-    """Predict all filters over a step, with the specific force in those filters that use it."""
+    """Predict all filters over a step, with the specific force in those filters that use it.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        dt: length of the step [s].
+        force: whether the specific force is valid, and its components along x and y [m/s^2].
+        braking: whether the pedal is down.
+    """
     product = memory.product
     for k in range(bank.FILTERS):
         state, covariance = memory.state[k], memory.covariance[k]
@@ -87,7 +102,8 @@ def correct(
         k: number of the filter.
         innovation: measurement minus its prediction [unit of the measurement].
         variance: variance of the measurement [square of its unit].
-        learned: indices of the first and last constant state that the measurement may correct.
+        learned: indices of the first and last of the constant states (biases, scale, offset) that
+            the measurement may correct.
     """
     state, covariance, h, gain = memory.state[k], memory.covariance[k], memory.h, memory.gain
     record = memory.record[0]

@@ -94,7 +94,7 @@ def _twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
 
 @lean
 def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> float:
-    """Return the variance of a component of a fault-free twist."""
+    """Return the variance of component `j` of a fault-free twist [square of its unit]."""
     value = twist.value
     if j == RATE:
         return float(twist.variance[j] + constants.rate**2 + (0.01 * value[RATE]) ** 2)
@@ -239,7 +239,7 @@ def fuse_wheels(
 def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
-    """Correct a filter with one wheel; return the likelihood of a fault-free encoder [s/m]."""
+    """Correct filter `k` with wheel `i`; return the likelihood of a fault-free encoder [s/m]."""
     rolls, faulty, own, push, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
@@ -276,7 +276,11 @@ def _fuse_wheel(
 
 @lean
 def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: float) -> None:
-    """Update the probability that the encoder of a wheel is faulty by Bayes' rule."""
+    """Update the probability that the encoder of wheel `i` is faulty by Bayes' rule.
+
+    `odds` is the ratio of the reading's likelihoods with a fault-free and with a faulty encoder
+    [1].
+    """
     faulty = memory.faulty[i]
     faulty /= faulty + (1.0 - faulty) * odds
     memory.faulty[i] = faulty + constants.transition * (bank.PRIOR - faulty)
@@ -284,7 +288,14 @@ def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: 
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Reduce the likelihood of filters whose loss of speed is impossible for brakes and tires."""
+    """Reduce the likelihood of filters whose loss of speed is impossible for brakes and tires.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        now_ns: time of validity of the filters [ns].
+        pedal: the driver's brake demand, 0 to 1.
+    """
     loss = memory.loss
     for row in range(bank.LOSS_STEPS):
         for k in range(bank.FILTERS + 1):

@@ -116,7 +116,8 @@ class BankConstants(NamedTuple):
         twist_wait: longest time for which the filters wait for a late twist [ns].
         longest: longest time step; after a longer one the filters are initialized again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
-        initial: standard deviations of the states at the start, shape (8,).
+        initial: standard deviations of the states at the start, each in the unit of its state,
+            shape (8,).
         nothing: an empty record, for a reset.
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
         walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
@@ -127,8 +128,8 @@ class BankConstants(NamedTuple):
         rebound_time: duration of this excess [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
-        drift: random walk of the constant states while the pedal is up, per standard deviation at
-            the start [1/sqrt(s)].
+        drift: random walk of the constant states (biases, scale, offset) while the pedal is up,
+            per standard deviation at the start [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
         rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
@@ -182,7 +183,8 @@ class BankMemory(NamedTuple):
             shape (2,).
         loss: speed of each of the 5 filters after the last steps [m/s], and their times [ns] in the
             last column, shape (11, 6).
-        rows: readings of the past steps, a ring buffer, shape (64, 4 + 2 N).
+        rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
+            specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
         newest: row of the newest reading, and of the newest one that the filters have used,
             shape (2,).

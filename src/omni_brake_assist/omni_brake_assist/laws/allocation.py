@@ -7,11 +7,11 @@ not explain (`disturbance_observer`), and solves an optimization problem (`braki
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``
 
-for the forces ``f = c x``. The solution has the largest deceleration ``b_0 x`` whose yaw moment
-``b_1 x`` and side force ``b_2 x`` are those demanded, ``g``, to keep heading and line of motion.
-Finally the law converts the forces to brake forces or to a pattern of on-off valves
-(`slip_control`). Mass, loads and tire properties need not be known. docs/allocation.md derives the
-equations.
+for the forces ``f = c x``, with the weight ``W`` of heading and line of motion. The solution has
+the largest deceleration ``b_0 x`` whose yaw moment ``b_1 x`` and side force ``b_2 x`` are the
+demands ``g_1`` and ``g_2`` that keep heading and line of motion. Finally the law converts the
+forces to brake forces or to a pattern of on-off valves (`slip_control`). Mass, loads and tire
+properties need not be known. docs/allocation.md derives the equations.
 """
 
 import math

@@ -54,9 +54,10 @@ class Constants(NamedTuple):
     Attributes:
         n_x: active directions, x component [1], shape (N,).
         n_y: active directions, y component [1], shape (N,).
-        lever: ``cross(r_i, n_wi)`` [m], shape (N,).
-        rim: speed of the rim along the active direction per wheel speed, ``r_i n_wi . u_i`` [m],
-            shape (N,).
+        lever: lever of the active direction about base_link, ``cross(r_i, n_wi)`` with the wheel's
+            position ``r_i`` and active direction ``n_wi`` [m], shape (N,).
+        rim: speed of the rim along the active direction per wheel speed, ``R_i n_wi . u_i`` with
+            the wheel's radius ``R_i`` and rolling direction ``u_i`` [m], shape (N,).
         peak_slip: ratio of sliding speed to rim speed at the target slip [1], shape (N,).
         wheel_mass: inertia of a wheel as a mass at its rim [kg], shape (N,).
         most: brake force with the pedal fully down [N], shape (N,).

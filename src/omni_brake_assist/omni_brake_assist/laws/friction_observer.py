@@ -1,8 +1,9 @@
 """Observer of each wheel's friction force and capacity, and estimator of the brakes' dead time.
 
-The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` from the speed of
-the rim and the nominal brake force. The force of a sliding wheel is its friction capacity. The
-estimated capacity is raised if a wheel uses all of it without sliding.
+The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` from the speed
+``u`` of the rim and the nominal brake force ``B``, with the wheel's moment of inertia ``I`` and the
+lever ``g`` of the friction force about the axle. The force of a sliding wheel is its friction
+capacity. The estimated capacity is raised if a wheel uses all of it without sliding.
 """
 
 import math

@@ -29,12 +29,12 @@ class Motion(NamedTuple):
     Attributes:
         first: whether this is the first step of a stop or of a new line of motion.
         dt: time since the twist of the previous step [s]; 0 only in the first step.
-        v_x: velocity ``v_cx`` in the body frame [m/s].
-        v_y: velocity ``v_cy`` in the body frame [m/s].
-        yaw_rate: ``Omega`` [rad/s].
-        across_x: x component of the unit vector ``p`` across the line of motion, Eq. (51), in the
-            present body frame [1]; 0 if there is no line to keep.
-        across_y: y component of ``p`` [1].
+        v_x: velocity of base_link along x in the body frame [m/s].
+        v_y: velocity of base_link along y in the body frame [m/s].
+        yaw_rate: yaw rate [rad/s].
+        across_x: x component of the unit vector across the line of motion, ``p`` of Eq. (51) of the
+            dissertation, in the present body frame [1]; 0 if there is no line to keep.
+        across_y: y component of this vector [1].
         pedal: the driver's brake demand, 0 to 1.
         wheel_speed: wheel speeds about the axes [rad/s], NaN where unknown, shape (N,).
         failed_brake: index of the wheel whose brake has failed, NO_WHEEL if all brakes work.

@@ -1,4 +1,7 @@
-"""Control law of 2013: a brake acts while the error of its wheel is negative; Eqs. (44)-(46)."""
+"""Sliding-mode law: a brake acts while the error of its wheel is negative.
+
+Source: dissertation (2013), Eqs. (44)-(46).
+"""
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion

@@ -69,7 +69,16 @@ def _at_effect(law: Constants, memory: Memory, i: int, dt: float) -> tuple[Brake
 def _brake_force(
     law: Constants, memory: Memory, i: int, model: BrakedWheel, rim: Rim, slowing: float
 ) -> float:
-    """Return the brake force of wheel `i` for its demand [N]; `rim` is its state at effect."""
+    """Return the brake force of wheel `i` for its demand [N].
+
+    Args:
+        law: constants.
+        memory: state of the law, with the solution of the QP.
+        i: index of the wheel.
+        model: assumed properties of the wheel.
+        rim: state of the wheel when the command begins to act.
+        slowing: deceleration of the vehicle divided by its speed [1/s].
+    """
     wheel, share = memory.wheel[i], memory.qp.solution[i]
     # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
     push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
@@ -91,6 +100,15 @@ def _predict_pulses(
 
     With a brake lag, the prediction ends one time constant later. The observed force is low-passed
     like the measured one. A force that alternates between periods therefore counts as its mean.
+
+    Args:
+        law: constants.
+        memory: state of the law; `forces` and `slides` are written.
+        i: index of the wheel.
+        model: assumed properties of the wheel.
+        start: state of the wheel when the command begins to act.
+        most: brake force with the valve open [N].
+        dt: control period [s].
     """
     horizon = 1 + math.ceil(law.brake.time_constant / dt - 1e-9)
     for state in range(2):

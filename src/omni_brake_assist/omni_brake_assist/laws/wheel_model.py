@@ -80,7 +80,14 @@ def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
 
 @lean
 def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tuple[float, float]:
-    """Return the brake force after a step with a command, and its mean [N]."""
+    """Return the brake force after a step, and its mean over the step [N].
+
+    Args:
+        brake: nominal lag of the brake; its dead time has passed.
+        force: brake force before the step [N].
+        command: commanded brake force [N].
+        dt: length of the step [s].
+    """
     if brake.time_constant <= 0.0:
         return command, command
     ratio = dt / brake.time_constant
@@ -100,8 +107,9 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
 def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tuple[float, float]:
     """Advance the speed of a braked wheel by one step, implicitly because the tire is stiff.
 
-    With the speed ``u_p`` of the rim at the peak, the force is ``c (1 - q^2)`` with the share ``q =
-    (u - u_p)/(hub - u_p)``, limited to 0 to 1. The equation of the step is quadratic in ``q``.
+    With the friction capacity ``c``, the speed ``u`` of the rim, and its speed ``u_p`` at the peak,
+    the friction force is ``c (1 - q^2)`` with the share ``q = (u - u_p)/(hub - u_p)``, limited to 0
+    to 1. The equation of the step is quadratic in ``q``.
 
     Args:
         wheel: assumed properties of the wheel.

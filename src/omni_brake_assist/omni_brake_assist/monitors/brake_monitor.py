@@ -1,10 +1,10 @@
 """Detection of failed brakes: a wheel that rolls freely although its brake should act.
 
-A working brake makes its wheel slide: the rim is slower than the ground, ``R n_w . u_w w < n_w .
-v_i``. A brake counts as failed if its wheel rolls without slip while another wheel slides under the
-same or less pressure. A law that assumes that the failed brake works would release the wrong
-brakes. After a failure, until the pedal is released, either `allocation` controls the on-off valves
-of the other brakes, or all brakes act if they are proportional.
+A working brake makes its wheel slide: along the active direction, the rim is slower than the center
+of the wheel. A brake counts as failed if its wheel rolls without slip while another wheel slides
+under the same or less pressure. A law that assumes that the failed brake works would release the
+wrong brakes. After a failure, until the pedal is released, either `allocation` controls the on-off
+valves of the other brakes, or all brakes act if they are proportional.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -35,7 +35,7 @@ class BrakeConstants(NamedTuple):
     Attributes:
         n_x: active directions, x component [1], shape (N,).
         n_y: active directions, y component [1], shape (N,).
-        lever: ``cross(r_i, n_wi)`` [m], shape (N,).
+        lever: levers of the active directions about base_link [m], shape (N,).
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         time: duration of free rolling after which a brake counts as failed [s].
     """
