@@ -41,7 +41,7 @@ def draw_ground(axes: Axes, scene: Scene) -> None:
 
 
 def draw_paths(axes: Axes, history: RunHistory) -> None:
-    """Draw the path of `base_link`, and the line through the start of braking along v_c0."""
+    """Draw the path of `base_link`, and the line of motion at the start of braking."""
     axes.plot(*history.pose[:, :2].T, zorder=8, **_TRAIL)
     start = history.brake_start
     if start is not None:

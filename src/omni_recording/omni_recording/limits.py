@@ -5,16 +5,16 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Largest sizes and counts.
+    """Largest sizes and counts; a length is a number of characters.
 
     Attributes:
         record: size of a record, and of an unpacked chunk [B].
         description: total size of all schemas and channels of a file [B].
-        definition: length of the definition of a type; the largest of ROS 2 has 20 KiB.
+        definition: length of the definition of a type; the longest of ROS 2 has 20 KiB.
         chunks: number of chunks in an index.
         metadata: size of ``metadata.yaml`` [B].
         note: size of another file stored with the recording [B].
-        qos: length of the quality of service of a channel.
+        qos: length of the text that gives the quality of service of a channel.
         waiting: total size of the messages that are buffered to sort them by time [B].
         columns: number of columns of a table.
         label: length of a joint name that becomes part of a column name.

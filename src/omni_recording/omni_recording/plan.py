@@ -34,11 +34,12 @@ class RecorderConfiguration(Configuration):
     compression: str = parameter("none", choices=tuple(COMPRESSIONS))
     """Compression of the chunks"""
     chunk_size: int = parameter(1 << 20, unit="B", minimum=1, maximum=1 << 27)
-    """Size after which a chunk ends without a flush"""
+    """Size of the messages after which a chunk ends, even before the next flush"""
     flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
     """Longest time until a message is written to the file"""
     synchronize: bool = parameter(False)
-    """Wait for the disk at every flush, so that a power failure loses no more than a crash"""
+    """Wait for the disk at every flush, so that a power failure loses no more messages than a crash
+    of the recorder"""
     transforms_from: str = parameter("")
     """Topic of an odometry whose poses are also recorded on /tf; empty for none"""
     fixed_frames: tuple[str, ...] = parameter(())

@@ -1,8 +1,9 @@
 """Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
 The accelerometer gives the mean over a control period, like an IMU that averages its samples. Let
-``V`` be the velocity of the mounting position in the ground plane and ``g`` the component of
-gravity along this (sloping) plane. Then the specific force is
+``V`` be the velocity of the mounting position in the ground plane, ``T`` the control period,
+``psi`` the yaw, and ``g`` the component of gravity along this (sloping) plane. Then the specific
+force is
 
     f = R(psi)^T ((V - V_before) / T - g)
 

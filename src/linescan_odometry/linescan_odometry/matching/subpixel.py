@@ -16,7 +16,7 @@ along the line, by the filter and, in sideways motion, by texture that enters an
 e g is summed over blocks longer than this correlation:
 ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, each block's errors are first
 summed over the pairs: the noise of a line cancels in the pairs before and after it, and a strip of
-ground that enters or leaves disturbs several pairs alike (cluster-robust variance).
+ground that enters or leaves causes correlated errors in several pairs (cluster-robust variance).
 
 The width of the Gaussian is a compromise. A wide Gaussian loses the information of fine texture. A
 narrow one is undersampled, which biases displacements towards integer shifts: by 0.006 px at a

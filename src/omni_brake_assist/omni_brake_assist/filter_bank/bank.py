@@ -139,8 +139,8 @@ def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
     If fewer than two encoders seem to work, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. Without the twist, an IMU is required and, while brakes
-    are released, a rolling wheel too.
+    encoders do not fail at the same time. If the twist is isolated, an IMU must have been received
+    since the start of the bank and, while brakes are released, a released wheel must roll.
     """
     record, left = memory.record[0], 0
     for probability in memory.faulty:

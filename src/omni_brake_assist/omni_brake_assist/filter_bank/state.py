@@ -167,7 +167,7 @@ class BankMemory(NamedTuple):
     """State of the filter bank between steps.
 
     Attributes:
-        state: state of each filter, shape (5, 8).
+        state: state of each filter, columns `U_X` to `OFFSET`, shape (5, 8).
         covariance: covariance of each filter, shape (5, 8, 8).
         posterior: log probabilities of the hypotheses, shape (6,).
         evidence: log likelihoods of the readings of a step, shape (6,).

@@ -10,11 +10,11 @@ with the speed ``v_0`` at the start of the stop and the constants of `EffectCons
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
 stop, and the speed before the stop minus the integral of the specific force. A scale error that all
 encoders and the twist share therefore does not shorten the computed distance. Without an IMU such
-an error cannot be observed, and ``v`` falls by `loss` at most. While all brakes act, nothing is
-added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed specific force,
-and as the difference between ``v`` and its low-pass. The larger of the two ratios ``a / c`` is
-used. The possible deceleration ``c`` is the largest one observed in this stop, scaled by the pedal
-position. It is at least `LEAST_LOSS`, which is possible even with little friction.
+an error cannot be observed, and ``v`` decreases at most at the rate `loss`. While all brakes act,
+nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
+specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
+``a / c`` is used. The possible deceleration ``c`` is the largest one observed in this stop, scaled
+by the pedal position. It is at least `LEAST_LOSS`, which is possible even with little friction.
 
 Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
 deceleration `least`. The other, used only with an IMU, is the time at the end of a stop in which

@@ -44,7 +44,7 @@ class PlayerConfiguration(Configuration):
     round_timeout: float = parameter(0.5, unit="s", above=0.0, maximum=3600.0)
     """Time to wait for the result of a round before the next round is sent"""
     most_ahead: int = parameter(100, minimum=1, maximum=100_000)
-    """Largest number of rounds without a result, half of the nodes' queue size"""
+    """Largest number of rounds without a result; the default is half of the nodes' queue size"""
     most_ahead_first: int = parameter(20, minimum=1, maximum=100_000)
     """Largest number of rounds without a result before the first result"""
 

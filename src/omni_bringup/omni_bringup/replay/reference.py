@@ -20,7 +20,7 @@ _SPREAD = 3  # number of samples before and after, for the acceleration
 def read_reference(
     bag: folder.Bag, configuration: experiment.ExperimentConfiguration, kind: str
 ) -> tuple[FloatArray, FloatArray, str]:
-    """Return times [s], twists (v_x, v_y, yaw rate), and a description of the reference.
+    """Return times and twists of the reference, and its description.
 
     Wheel speeds are used only while they are nearly constant, because accelerated wheels slip.
 
@@ -29,6 +29,10 @@ def read_reference(
         configuration: configuration of the vehicle.
         kind: one of `REFERENCES`; `AUTO` is the true motion if it was recorded, otherwise the
             wheels.
+
+    Returns:
+        Times [s], shape (K,); twists (v_x, v_y, yaw rate) in the body frame [m/s, m/s, rad/s],
+        shape (K, 3); description of the reference.
 
     Raises:
         BagError: the recording does not contain the reference.

@@ -23,7 +23,7 @@ class TopicComparison:
         unpaired: number of messages whose stamp does not occur in the other recording.
         different_texts: number of message pairs that differ in a text, in column names, or in which
             values are NaN.
-        largest_difference: largest absolute difference of two values, in the unit of `worst`.
+        largest_difference: largest absolute difference of two values, in the unit of its column.
         worst: column and stamp [ns] of the largest difference; empty if all values agree.
     """
 

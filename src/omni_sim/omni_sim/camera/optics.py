@@ -50,8 +50,8 @@ def transmission(
     """Return the share of light that reaches each pixel, shape (pixels,); None without any loss.
 
     The loss by shading is proportional to the squared distance from the middle. Specks of dirt are
-    out of focus
-    and cast shadows with the profile ``(1 - r^2)^2`` and 0.5 to 1.5 times the mean diameter.
+    out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance from
+    the center divided by the radius, and 0.5 to 1.5 times the mean diameter.
 
     Args:
         sensor: the camera.

@@ -4,10 +4,11 @@ One implicit step solves the equation of motion of the wheel together with the f
 
     I (omega' - omega) / dt = -g F + tau_drive(omega') + tau_brake(omega')
 
-with the lever ``g = r_D (n_w . u)`` by which the tire turns the wheel. The drive follows its speed
-command through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a disengaged
-clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and
-holds the wheel at exactly zero speed if a smaller torque suffices. It never reverses a wheel.
+with the inertia ``I`` of the wheel, its speed ``omega'`` at the end of the step, and the lever ``g
+= r_D (n_w . u)`` by which the tire force ``F`` turns the wheel. The drive follows its speed command
+through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a disengaged clutch,
+``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and holds the
+wheel at exactly zero speed if a smaller torque suffices. It never reverses a wheel.
 
 A velocity drive without friction brake brakes by reducing ``omega_cmd`` to zero along a ramp. Like
 a speed controller, it also accelerates a wheel that is slower than its command, so it does not lock

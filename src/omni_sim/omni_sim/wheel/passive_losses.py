@@ -12,6 +12,8 @@ the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the spin of the wheel:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
 
+Here ``f_r`` and ``f_b`` are rolling resistance and bearing friction per load, ``F_z`` is the load,
+``m_r`` the mass of the roller, and ``C``, ``D`` and ``h_t / w_t`` are the constants of Eq. (19).
 Rolling resistance and bearing friction hold a roller at rest up to the same force. The roller is a
 solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected are the acceleration
 of a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
@@ -36,7 +38,7 @@ class PassiveLossConfiguration(Configuration):
     roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
     """D of Eq. (19)"""
     section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
-    """h_t / w of Eq. (19), height over width of the rollers' tread"""
+    """h_t / w_t of Eq. (19), height divided by width of the rollers' tread"""
     bearing_friction: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Friction of the rollers' bearings per load, at the rollers' surface"""
     roller_mass: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e3)

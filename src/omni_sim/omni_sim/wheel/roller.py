@@ -11,7 +11,9 @@ The slips of both directions are normalized and added as vectors. They give one 
 sliding velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System
 Dynamics 45 (S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` for an ordinary tire,
 becomes the speed of the rubber through the contact, to which wheel and roller contribute: ``V = |R
-omega u + h omega_r u_w| + v_num``.
+omega u + h omega_r u_w| + v_num``. Here ``R`` and ``omega`` are the radius and speed of the wheel,
+``u`` its rolling direction, ``h`` and ``omega_r`` the surface radius and spin of the roller, and
+``u_w`` the direction across the roller's axis.
 
 Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel whose
 levers and mobilities are projected on ``q``. Each step therefore calls `drivetrain.wheel_step` and

@@ -126,7 +126,7 @@ def ablations() -> dict[str, str]:
 
 
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return the cost of each law relative to the first one, in two independent sets of stops.
+    """Return the changes of distance and rotation against the first law, in two sets of stops.
 
     Args:
         trials: trials of an even number of whole seeds, in the order of `LawTrials`.

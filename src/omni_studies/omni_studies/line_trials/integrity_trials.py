@@ -42,7 +42,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the times [s] that the initial twist would need for the paths up to `time` [s]."""
+        """Return the time in which the initial twist would cover the path up to each `time` [s]."""
         return time + 0.5 * self.growth * time**2
 
 
@@ -208,7 +208,7 @@ class _Exposed(NamedTuple):
 
     Attributes:
         time: times of the lines from the start of the drive [s], shape (t,).
-        path: times that the paths up to the lines would take with the initial twist [s], (t,).
+        path: time in which the initial twist would cover the path up to each line [s], shape (t,).
         exposures: exposures of each camera, shape (t, pixels).
     """
 

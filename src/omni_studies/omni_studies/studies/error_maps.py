@@ -99,7 +99,7 @@ OPTIONS = {
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """Condition in addition to the ground: title of its maps, axis [rad] and noise."""
+    """Condition in addition to the ground: title of its maps, axis [rad], noise [gray levels]."""
 
     title: str = ""
     axis: float = 0.0

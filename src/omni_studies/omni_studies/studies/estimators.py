@@ -148,8 +148,9 @@ def errors_of(
 def batch_bound(kind: str, speed: float, options: Options) -> float:
     """Return the Cramer-Rao bound of the velocity of one batch, as a standard deviation [mm/s].
 
-    A point of the ground that appears in K consecutive lines adds the information of a known point
-    times K (K^2 - 1) / 12, the sum of the squared distances of K lines from their mean.
+    A point of the ground that appears in K consecutive lines contributes the information of one
+    pixel on a known ground, times K (K^2 - 1) / 12. This factor is the sum of the squared distances
+    of the K lines from their mean, in line periods.
     """
     _, rig, start = Scene.of(kind, options.seed, 0)
     lines, shift = batch_lines(_EYE.line_rate) + 1, speed / _SCALE

@@ -60,7 +60,8 @@ class Options(CampaignOptions):
     named: bool = parameter(False)
     """also run the named experiments, each with its own vehicle and speed"""
     without_imu: bool = parameter(False)
-    """remove the IMU, which the assistant otherwise uses to bridge gaps and to detect faults"""
+    """remove the IMU, with which the assistant estimates the motion while the twist is missing, and
+    detects faults"""
 
 
 class Stop(NamedTuple):

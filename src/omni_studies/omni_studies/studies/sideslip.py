@@ -1,8 +1,8 @@
 """Sideslip angle of a wheel, measured by one line camera along its axis (section 4.6).
 
 A wheel rolls over two grounds with constant sideslip angles from -15 to 15 deg at several speeds.
-The camera measures the sideways velocity. The forward velocity is either the true one, or omega R
-of a wheel with 1 % longitudinal slip.
+The camera measures the sideways velocity. The forward velocity is either the true one, or the
+rim speed of a wheel with 1 % longitudinal slip.
 """
 
 import dataclasses

@@ -63,13 +63,18 @@ class SpinTranslate:
     yaw_rate: float
 
     def pose(self, time: FloatArray) -> FloatArray:
-        """Return x, y [m], yaw [rad] in the world frame at times [s] (T,), shape (T, 3)."""
+        """Return x, y [m] and yaw [rad] in the world frame at T times [s], shape (T, 3)."""
         wave = 2.0 * math.pi / self.period
         y = self.amplitude / wave * (1.0 - np.cos(wave * time))
         return np.column_stack((self.speed * time, y, self.yaw_rate * time))
 
     def twist(self, time: FloatArray, yaw: FloatArray) -> FloatArray:
-        """Return the twist at times [s] in the frame of a body with `yaw` [rad], shape (T, 3)."""
+        """Return the twist in the axes of a body [m/s, m/s, rad/s], shape (T, 3).
+
+        Args:
+            time: times [s], shape (T,).
+            yaw: yaw of the body in the world frame [rad], shape (T,).
+        """
         v_x = np.full(time.shape, self.speed)
         v_y = self.amplitude * np.sin(2.0 * math.pi / self.period * time)
         cos, sin = np.cos(yaw), np.sin(yaw)

@@ -58,7 +58,15 @@ class Options(Configuration):
 
 
 class Difference(NamedTuple):
-    """Relative differences between individual rollers and a single roller."""
+    """Relative differences between individual rollers and a single roller.
+
+    Attributes:
+        vehicle: name of the vehicle.
+        trial: name of the trial.
+        rollers: number of rollers of each wheel.
+        motion: difference of the motions [1], see `trials.motion_difference`.
+        force: difference of the forces [1], see `trials.force_difference`.
+    """
 
     vehicle: str
     trial: str

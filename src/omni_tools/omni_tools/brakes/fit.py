@@ -1,19 +1,21 @@
 """Fit of the brakes' torque, dead time and lag to recorded stops, without a tire model.
 
-While a wheel turns under its brake, its speed gives the tire force. ``I d(omega)/dt = g F -
-sign(omega) T`` with ``g = R cos(gamma)`` yields the force ``F`` on the vehicle along the roller's
-axis. The changes of momentum and angular momentum between two samples then depend only on the brake
-torques and wheel speeds:
+While a wheel turns under its brake, its speed ``omega`` gives the tire force. With the inertia
+``I`` of the wheel, the torque ``T`` of its brake and the lever ``g = R cos(gamma)`` (radius R,
+roller angle gamma), ``I d(omega)/dt = g F - sign(omega) T`` yields the force ``F`` on the vehicle
+along the roller's axis. The changes of momentum and angular momentum between two samples then
+depend only on the brake torques and wheel speeds:
 
-    sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v, m v, J Omega) - sum_i a_i I d(omega_i) / g_i
+    sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v_x, m v_y, J Omega) - sum_i a_i I d(omega_i) / g_i
 
-where ``a_i`` is the wrench of a unit force of wheel i about the center of gravity. The mean
-pressure ``p_i`` follows the command with dead time and first-order lag, in closed form. The tire
-force of a locked or reversing wheel is unknown, so the equations are projected onto the directions
-that such wheels cannot affect. The fit needs masses and the inertia of the wheels, but neither
-wheel loads nor tires. The rolling radius is estimated before the pedal is pressed. It depends on
-the load of a wheel, which braking changes. The standard errors of the torques therefore include the
-scatter of the wheels' radii.
+with the mass ``m``, the yaw inertia ``J``, the velocity ``v`` and the yaw rate ``Omega``. Here
+``a_i`` is the wrench of a unit force of wheel i about the center of gravity. The mean pressure
+``p_i``, as a share of the full pressure, follows the command with dead time and first-order lag, in
+closed form. The tire force of a locked or reversing wheel is unknown, so the equations are
+projected onto the directions that such wheels cannot affect. The fit needs masses and the inertia
+of the wheels, but neither wheel loads nor tires. The rolling radius is estimated before the pedal
+is pressed. It depends on the load of a wheel, which braking changes. The standard errors of the
+torques therefore include the scatter of the wheels' radii.
 
 While the same wheels turn, the equations are summed over the intervals. The error of a measured
 speed then occurs in one row, instead of in two rows with opposite signs.
@@ -284,7 +286,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the sum of squares with the best torque for given times, and all three."""
+        """Return the sum of squares with the best torque for given times, then torque and times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)

@@ -163,7 +163,7 @@ def signals_of(
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return the topics without data in a motion or in all stops, with what cannot be checked."""
+    """Return topics without data in a motion or in all stops, each with the parts not checked."""
     needs = {
         _TWIST: (motions.twist, drive.twist[motions.stop], "twist sensor and brakes"),
         _IMU: (motions.gyro, drive.imu[motions.stop], "IMU"),

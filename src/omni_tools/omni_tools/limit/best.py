@@ -54,11 +54,14 @@ class Plan(NamedTuple):
 
 
 class _Tire(NamedTuple):
-    """``F = P(N) sin(C atan(B x - E (B x - atan B x)))``, where ``x`` is slip over peak slip.
+    """Tire force at the load N: ``F = P(N) sin(C atan(B x - E (B x - atan B x)))``.
+
+    Here ``P`` is the peak force, and ``x`` is the slip divided by the slip at the peak.
 
     Attributes:
-        peak: polynomial of the peak force in the load, highest power first [N].
-        peak_slip: polynomial of the slip at the peak in the load, highest power first [1].
+        peak: coefficients of ``P(N)`` [N], a polynomial of the load [N], highest power first.
+        peak_slip: coefficients of the slip at the peak [1], a polynomial of the load [N], highest
+            power first.
         shape: B, C, E.
     """
 

@@ -293,8 +293,9 @@ class _Straight(_Cases):
     def near(self) -> list[float]:
         """Deviations of the direction of motion for which the bound is computed [rad].
 
-        They are the limits, and the directions in which the motion does not drive some wheel. A
-        locked wheel may then exert a force of either sign, but not in a slightly different
+        They are the ends of the range (heading and direction of motion may each deviate by `KEPT`),
+        and the directions within the range in which the motion does not drive some wheel. Such a
+        wheel may exert a force of either sign if it is locked, but not in a slightly different
         direction.
         """
         d, active = self._direction, self.limit.active

@@ -144,7 +144,10 @@ class LimitVehicle:
         return rows, np.append(self._weight, np.zeros(len(rows) - 1))
 
     def _zero_moment_point(self, lag: float = 0.0) -> FloatArray:
-        """Return the zero-moment point ``z = -h a / g`` per wheel force [m/N], shape (2, 2 N)."""
+        """Return the shift of the zero-moment point per force of a wheel [m/N], shape (2, 2 N).
+
+        The first N columns belong to the active directions, the others to the passive ones.
+        """
         directions = np.vstack((self.active, self._passive)).T
         return -(1.0 - lag) * self.masses.height / self._weight * directions
 

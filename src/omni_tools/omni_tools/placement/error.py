@@ -1,9 +1,11 @@
 """Mean twist error of a placement of line cameras.
 
 The twist estimated by weighted least squares has an error ``e`` with the covariance ``C = (A^T W
-A)^-1``. The velocity of a point p of the platform then has the error ``P_p e`` with ``P_p =
-[[1, 0, -y], [0, 1, x]]``. The *mean twist error* E is the RMS of this velocity error over all
-points of the platform and over an expected mix of motions m,
+A)^-1``. ``A`` is the sensor matrix, whose rows ``a`` map the twist to the velocities along the axes
+of the cameras, and ``W`` contains the inverse variances ``1 / s^2`` of these velocities. The
+velocity of a point p of the platform then has the error ``P_p e`` with ``P_p = [[1, 0, -y], [0, 1,
+x]]``. The *mean twist error* E is the RMS of this velocity error over all points of the platform
+and over an expected mix of motions m,
 
     E^2 = mean_m mean_p trace(P_p C_m P_p^T) = mean_m (var v_x + var v_y + g^2 var yaw rate),
 
