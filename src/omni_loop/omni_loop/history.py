@@ -40,8 +40,9 @@ class RunHistory:
         wheel_names: names of the wheels, in the order of the columns.
         stamp_ns: control stamps from the start of the run [ns], strictly increasing, shape (T,).
         pose: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw without jumps, shape (T, 3).
-        orientation: quaternion components (q_z, q_w) of the heading, shape (T, 2).
-        twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], (T, 3).
+        orientation: quaternion components (q_z, q_w) of the heading [1], shape (T, 2).
+        twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], shape (T,
+            3).
         wheel_angle: rotation of each wheel [rad], shape (T, N).
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
         brake_torque: torque of each brake [N m], shape (T, N).

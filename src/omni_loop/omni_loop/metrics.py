@@ -64,11 +64,11 @@ class Metric:
     """One measured quantity.
 
     Attributes:
-        value: measured value; NaN if it is undefined.
+        value: measured value, in `unit`; NaN if it is undefined.
         unit: SI symbol, ``deg`` or ``1``.
-        reference: value in the dissertation; None if there is none.
-        at_most: upper limit of the value; None if there is none.
-        at_least: lower limit of the value; None if there is none.
+        reference: value in the dissertation, in `unit`; None if there is none.
+        at_most: upper limit of the value, in `unit`; None if there is none.
+        at_least: lower limit of the value, in `unit`; None if there is none.
         note: reason why the value is NaN, or a remark for the reader; otherwise empty.
     """
 

@@ -181,7 +181,7 @@ def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
 
 
 def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
-    """Return the body twist, shape (3,), and its covariance, shape (3, 3), of a message."""
+    """Return a message's body twist [m/s, m/s, rad/s], (3,), and its covariance, (3, 3)."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
     matrix = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)

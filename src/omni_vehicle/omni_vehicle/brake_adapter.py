@@ -54,7 +54,7 @@ class WheelDemand:
 
     Attributes:
         pedal: braking demand, 0 to 1; NaN if it is unknown.
-        enable: share of the demand that passes to each wheel, NaN where unknown, shape (N,).
+        enable: share of the demand that passes to each wheel [1], NaN where unknown, shape (N,).
         speed: speed of the wheels [rad/s], NaN where unknown, shape (N,).
         drive: command of the vehicle's own drive [N m] or [rad/s], passed on while the pedal is up,
             shape (N,).
@@ -77,7 +77,7 @@ class BrakeAdapter:
         self._command = np.zeros(wheels)  # speed command while braking [rad/s]
 
     def step(self, demand: WheelDemand, dt: float) -> FloatArray:
-        """Return the command of each wheel, shape (N,).
+        """Return the command of each wheel, in the unit of its kind of brake, shape (N,).
 
         Args:
             demand: demand of the driver and of the assistant.

@@ -68,7 +68,7 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the mean twists between successive poses, on which short shocks have little effect."""
+    """Return times [s], and mean twists between poses, on which short shocks have little effect."""
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)

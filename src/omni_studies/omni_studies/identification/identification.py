@@ -35,9 +35,9 @@ class Quantity:
     Attributes:
         name: name of the parameter.
         unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
-        low: smallest value.
-        high: largest value.
-        step: step for the sensitivity analysis.
+        low: smallest value, in `unit`.
+        high: largest value, in `unit`.
+        step: step for the sensitivity analysis, in `unit`.
         decimals: number of decimals in a configuration file.
     """
 

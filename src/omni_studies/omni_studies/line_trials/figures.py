@@ -48,7 +48,7 @@ def draw_error_maps(
             shape (y, x).
         overlap: overlap of consecutive lines, 0 to 1, shape (y, x).
         scales: axes along x and y; the axes of `view_grid` by default.
-        levels: overlaps at which contour lines are drawn.
+        levels: overlaps at which contour lines are drawn, 0 to 1.
         grounds: ground whose picture is drawn at the start of a row, by row title.
     """
     if scales is None:

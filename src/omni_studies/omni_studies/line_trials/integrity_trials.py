@@ -209,7 +209,7 @@ class _Exposed(NamedTuple):
     Attributes:
         time: times of the lines from the start of the drive [s], shape (t,).
         path: time in which the initial twist would cover the path up to each line [s], shape (t,).
-        exposures: exposures of each camera, shape (t, pixels).
+        exposures: exposures of each camera [gray levels of 8 bit], shape (t, pixels).
     """
 
     time: FloatArray

@@ -38,9 +38,9 @@ def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) 
     """Return the smallest overlap above which all views reach the required share of right pairs.
 
     Args:
-        overlap: overlap of each view.
-        right: share of right pairs of each view.
-        share: required share.
+        overlap: overlap of each view, 0 to 1, any shape.
+        right: share of right pairs of each view, 0 to 1, same shape.
+        share: required share, 0 to 1.
 
     Returns:
         The smallest overlap; NaN if there is none.

@@ -46,7 +46,7 @@ class Case:
         ground: kind of the ground.
         fraction: fractional part of the true displacements [px], shape (m,).
         error: unrounded error [px], shape (m,).
-        wrong: share of pairs whose error is a pixel or more, Eq. (84).
+        wrong: share of pairs whose error is a pixel or more, Eq. (84), 0 to 1.
         bound: smallest possible variance [px^2], shape (m,).
         variance: variance computed by the refinement [px^2], shape (m,).
     """

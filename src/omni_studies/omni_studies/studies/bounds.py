@@ -129,7 +129,7 @@ def _bound(
 
 
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
-    """Return the poses after the start of braking, shape (T, 3)."""
+    """Return x, y [m], yaw [rad] of base_link from the start of braking on, shape (T, 3)."""
     ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
     return run.pose[run.brake_start - int(ramp) :]
 

@@ -30,11 +30,11 @@ class Trial(NamedTuple):
     """Results of one width.
 
     Attributes:
-        shape: ratio of width to length of the field of view.
+        shape: ratio of width to length of the field of view [1].
         overlap: overlap of two lines, 0 to 1.
         contrast: standard deviation along the line without noise [gray levels].
-        correlation: correlation at the true displacement, rounded to pixels, without noise.
-        right_share: share of pairs whose error is at most a pixel.
+        correlation: correlation at the true displacement, rounded to pixels, without noise [1].
+        right_share: share of pairs whose error is at most a pixel, 0 to 1.
         rmse: root mean square error of the refined displacements of these pairs [px].
     """
 

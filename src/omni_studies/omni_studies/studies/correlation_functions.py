@@ -43,7 +43,7 @@ class Curve:
 
     Attributes:
         shift: shifts [px], shape (m,).
-        distance: distance at each shift, shape (m,).
+        distance: distance measure at each shift, in its own unit, shape (m,).
         truth: true displacement [px].
     """
 
@@ -115,8 +115,8 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
     """Return a distance measure of two lines per overlapping pixel, at all shifts.
 
     Args:
-        old: first line, shape (n,).
-        new: next line, shape (n,).
+        old: first line [gray levels], shape (n,).
+        new: next line [gray levels], shape (n,).
         truth: displacement between them [px].
         metric: name of the distance measure.
         limit: largest shift [px].

@@ -126,7 +126,7 @@ def _speeds(
         name: name of the camera.
         sensor: the camera.
         speeds: simulated sideways speeds [m/s], shape (V,).
-        right: share of correct medians at each speed, by ground, shape (V,) each.
+        right: share of correct medians at each speed, 0 to 1, by ground, shape (V,) each.
         needed: share from which a speed counts as measurable [1].
     """
     preset, computed = _PRESETS[name], sensor.sideways_speed
@@ -217,7 +217,7 @@ class Tried(NamedTuple):
     Attributes:
         computed: speed at 60 % overlap [m/s].
         speeds: tested speeds [m/s], shape (n,).
-        right: share of correct measurements at each speed, by ground.
+        right: share of correct measurements at each speed, 0 to 1, by ground, shape (n,) each.
     """
 
     computed: float
@@ -230,7 +230,7 @@ def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
 
     Args:
         sensors: tested speeds, by title of the sensor.
-        needed: required share.
+        needed: required share, 0 to 1.
     """
     title = "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)"
     size, x, y = (5.2 * len(sensors), 4.2), "speed [m/s]", "right medians"

@@ -282,7 +282,7 @@ def zero_crossing(
 
     Args:
         vehicle: the vehicle.
-        direction: unit body twist, shape (3,).
+        direction: direction of the body twist, a unit vector [1], shape (3,).
         speed: initial commanded speed [m/s or rad/s]; the command reaches its negative after 2 s.
 
     Returns:

@@ -206,7 +206,7 @@ def movement(
         configuration: the vehicle.
         trial: inputs, without its duration.
         settling: time until the vehicle has come to rest [s].
-        wheel_angle: initial angle of the wheels [rad].
+        wheel_angle: initial angle of the wheels [rad], a number or shape (N,).
 
     Returns:
         Distance from the start to the place of rest [m]; largest displacement in the following

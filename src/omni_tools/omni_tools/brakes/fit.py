@@ -50,8 +50,8 @@ class BrakeFit(NamedTuple):
 
     Attributes:
         values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
-        standard_errors: standard errors of the values, NaN for a time at a bound of the search,
-            shape (3,).
+        standard_errors: standard errors of `values` [N m, s, s], NaN for a time at a bound of the
+            search, shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
         residual: root mean square difference between fitted and measured changes of speed [m/s].
@@ -314,8 +314,8 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     zero (White 1980, Bartlett 1946).
 
     Args:
-        jacobian: Jacobian matrix of the differences, shape (K, 3, P).
-        left: residuals, shape (K, 3).
+        jacobian: derivatives of the residuals with respect to the unknowns, shape (K, 3, P).
+        left: residuals [m/s], shape (K, 3).
     """
     rows, _, unknowns = jacobian.shape
     bread = np.linalg.pinv(np.einsum("kcp,kcq->pq", jacobian, jacobian))

@@ -310,7 +310,7 @@ def _response(
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
-    """Return the demand of each brake after the described dead time, release time and lag."""
+    """Return the demand of each brake after its described delays and lag [1], shape (T, N)."""
     applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
     if brake.kind == ON_OFF:
         demand = np.round(demand)
@@ -431,7 +431,7 @@ def _brake_mistakes(
 
 
 def _earlier(values: FloatArray, rows: IntArray, by: int) -> FloatArray:
-    """Return the values some rows before the given rows."""
+    """Return the values `by` rows before the given rows."""
     return np.asarray(values[np.clip(rows - by, 0, len(values) - 1)])
 
 

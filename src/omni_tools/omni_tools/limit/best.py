@@ -59,10 +59,11 @@ class _Tire(NamedTuple):
     Here ``P`` is the peak force, and ``x`` is the slip divided by the slip at the peak.
 
     Attributes:
-        peak: coefficients of ``P(N)`` [N], a polynomial of the load [N], highest power first.
+        peak: coefficients of ``P(N)`` [N], a polynomial of the load [N], highest power first, shape
+            (3,).
         peak_slip: coefficients of the slip at the peak [1], a polynomial of the load [N], highest
-            power first.
-        shape: B, C, E.
+            power first, shape (2,).
+        shape: the constants B, C and E [1].
     """
 
     peak: FloatArray
@@ -223,7 +224,7 @@ class OptimalStop:
         )
 
     def _start_of(self, maneuver: bounds.Maneuver) -> FloatArray:
-        """Return the state at the start of braking, with rolling wheels."""
+        """Return the state (as in `Plan.state`) at the start of braking, with rolling wheels."""
         geometry = self._geometry
         sliding = geometry.active @ maneuver.twist[:2] + maneuver.twist[2] * geometry.lever
         spin = sliding / geometry.rim

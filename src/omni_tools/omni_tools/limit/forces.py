@@ -132,7 +132,7 @@ class LimitVehicle:
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return matrix rows and right-hand sides of the equations between loads and forces."""
+        """Return matrix and right-hand side of the equations between wheel forces and loads [N]."""
         wheels = len(self.active)
         z = self._zero_moment_point(lag)
         if model == PLANE:

@@ -67,8 +67,9 @@ class Calibration(NamedTuple):
         mirrored: whether the direction of the lines is opposite to the configured axis.
         unseen: descriptions of the quantities that the drives do not determine.
         drives: drives in which this camera was recorded.
-        residual: residuals of the velocity along the axis, by drive and batch [m/s].
-        before: residuals with the configured values, by drive and batch [m/s].
+        residual: residuals of the velocity along the axis [m/s], an array of shape (m,) for each
+            drive.
+        before: residuals with the configured values [m/s], in the form of `residual`.
     """
 
     nominal: sensors.LineSensor
@@ -94,7 +95,8 @@ def observe(
         sensor: camera as configured.
         batches: batches of the camera's lines, oldest first.
         reference_time: stamps of the reference [s], ascending, shape (k,).
-        reference_twist: known twist at these stamps, NaN where unknown, shape (k, 3).
+        reference_twist: known twist at these stamps [m/s, m/s, rad/s], NaN where unknown, shape (k,
+            3).
         configuration: odometry with which the lines are matched.
 
     Raises:
@@ -238,10 +240,10 @@ def _fit(
     """Return the coefficients and their covariance, from a robust fit.
 
     Args:
-        twist: twist of the reference, shape (m, 3).
+        twist: twist of the reference [m/s, m/s, rad/s], shape (m, 3).
         pixels: displacement [px/s], shape (m,).
-        start: configured coefficients, shape (3,).
-        prior: standard deviations of the configured coefficients, shape (3,).
+        start: configured coefficients c [1/m, 1/m, 1], shape (3,).
+        prior: standard deviations of `start` [1/m, 1/m, 1], shape (3,).
         huber: residual above which a batch has a smaller weight, in robust standard deviations [1].
         stretches: number of parts of the drives whose errors are assumed to be independent.
     """

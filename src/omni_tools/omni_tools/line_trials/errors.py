@@ -39,8 +39,8 @@ def error_values(
     """Return the mean error as defined in the dissertation, and the RMS error in three units.
 
     Args:
-        pixel_error: pixel error in whole pixels, Eq. (84).
-        error: error of the refined displacements, not rounded [px].
+        pixel_error: pixel error in whole pixels, Eq. (84) [px], shape (m,).
+        error: error of the refined displacements, not rounded [px], shape (m,).
         pitch: length of a pixel on the ground [m].
         line_rate: lines per second [1/s].
         speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].

@@ -28,7 +28,7 @@ class Matches(NamedTuple):
         shift: integer shift with the smallest distance measure [px], shape (m,).
         displacement: refined shift [px], shape (m,).
         variance: variance computed by the refinement [px^2], infinite if it failed, shape (m,).
-        similarity: Pearson's correlation at the shift, shape (m,).
+        similarity: Pearson's correlation at the shift [1], shape (m,).
     """
 
     truth: FloatArray
@@ -163,7 +163,7 @@ def path(
     generator: np.random.Generator,
     axis: float = 0.0,
 ) -> FloatArray:
-    """Return the poses of consecutive lines from a random start, shape (lines, 3).
+    """Return x, y [m], yaw [rad] of consecutive lines from a random start, shape (lines, 3).
 
     Args:
         view: field of view of the camera.
@@ -188,7 +188,7 @@ def match(
 
     Args:
         view: field of view of the camera.
-        poses: poses of the lines, all with the same axis, shape (m + 1, 3).
+        poses: x, y [m] and yaw [rad] of the lines, all with the same axis, shape (m + 1, 3).
         lines: gray values of the lines, shape (m + 1, pixels).
         metric: similarity metric of the search.
     """
@@ -225,7 +225,7 @@ def cramer_rao_bound(
     Args:
         view: field of view of the camera.
         eye: camera that renders the lines.
-        poses: poses of the older line of each pair, shape (m, 3).
+        poses: x, y [m] and yaw [rad] of the older line of each pair, shape (m, 3).
         truth: displacement of each pair [px], shape (m,).
         noise: standard deviation [gray levels].
         step: step of the numerical gradient [px].

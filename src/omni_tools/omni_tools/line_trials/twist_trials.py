@@ -16,8 +16,9 @@ class TwistTrial(NamedTuple):
 
     Attributes:
         twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
-        estimate: estimated twist of each measured batch, shape (m, 3).
-        covariance: covariance that the odometry states for each estimate, shape (m, 3, 3).
+        estimate: estimated twist of each measured batch [m/s, m/s, rad/s], shape (m, 3).
+        covariance: covariance that the odometry states for each estimate, in the squares of its
+            units, shape (m, 3, 3).
         measured: share of the batches with a measurement, 0 to 1.
         ratio: ratio of the error of a camera's velocity to the stated standard deviation [1], for
             all cameras and batches with a measurement, shape (k,).
@@ -31,7 +32,7 @@ class TwistTrial(NamedTuple):
 
     @property
     def error(self) -> FloatArray:
-        """Estimated minus true twist, shape (m, 3)."""
+        """Estimated minus true twist [m/s, m/s, rad/s], shape (m, 3)."""
         return self.estimate - self.twist
 
     @property

@@ -13,11 +13,11 @@ from omni_tools.placement.mounting_area import MountingArea
 
 
 def ring(count: int, radius: float, turn: float, start: float = 0.0) -> FloatArray:
-    """Return cameras at equal angles on a circle about base_link, shape (count, 3).
+    """Return x, y [m], heading [rad] of cameras at equal angles on a circle, shape (count, 3).
 
     Args:
         count: number of cameras.
-        radius: radius of the circle [m].
+        radius: radius of the circle about base_link [m].
         turn: angle from the radial direction to each camera's axis [rad]; a right angle makes the
             axes tangential.
         start: direction of the first camera [rad].
@@ -42,7 +42,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 
 def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
-    """Return poses at equal angles on the largest circle on which tangential cameras fit.
+    """Return camera poses at equal angles on the largest circle on which tangential ones fit.
 
     Args:
         area: mounting area of the chassis.

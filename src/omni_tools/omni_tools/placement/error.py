@@ -42,7 +42,7 @@ class MotionMix(NamedTuple):
     Attributes:
         names: names of the M motions; a motion that has a mirror image is listed twice.
         twist: (v_x, v_y, yaw rate) of each motion [m/s, m/s, rad/s], shape (M, 3).
-        share: share of time of each motion, with the sum 1, shape (M,).
+        share: share of time of each motion [1], with the sum 1, shape (M,).
     """
 
     names: tuple[str, ...]
@@ -56,7 +56,7 @@ class MotionMix(NamedTuple):
         Args:
             speed: speed of base_link [m/s].
             yaw_rate: yaw rate of the turning motion, which also moves forward [rad/s].
-            weights: weights of the four motions, not all 0.
+            weights: weights of the four motions [1], not all 0.
         """
         slant = speed * math.sqrt(0.5)
         rows = (
@@ -133,8 +133,8 @@ class MeanError(NamedTuple):
         """Return the RMS velocity error of points of the platform [m/s].
 
         Args:
-            poses: poses of the cameras, shape (N, 3).
-            x: coordinate x of the points [m].
+            poses: x, y [m] and heading [rad] of the cameras, shape (N, 3).
+            x: coordinate x of the points [m], any shape.
             y: coordinate y of the points [m], same shape.
         """
         c = np.einsum("m,mij->ij", self.mix.share, self.covariance(poses))
@@ -179,7 +179,7 @@ def total_variance(information: FloatArray) -> FloatArray:
     """Return the trace of the inverse of matrices, given their elements; infinite if singular.
 
     Args:
-        information: shape (..., 6).
+        information: elements (xx, xy, xw, yy, yw, ww) of each matrix, shape (..., 6).
     """
     xx, xy, xw, yy, yw, ww = (information[..., i] for i in range(6))
     minor_x, minor_y, minor_w = yy * ww - yw * yw, xx * ww - xw * xw, xx * yy - xy * xy

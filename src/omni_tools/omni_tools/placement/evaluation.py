@@ -30,7 +30,7 @@ class EvaluatedPlacement(NamedTuple):
         by_motion: E of each motion [m/s].
         without: E after the failure of each camera [m/s], shape (N,); infinite if the placement of
             the other cameras is singular.
-        condition: condition number of the sensor matrix in SI units.
+        condition: condition number of the sensor matrix in SI units [1].
         spread_deg: angle by which the axes spread, see `error.closeness` [deg].
         lever: effective lever arm for the yaw rate [m].
         singular: reason why the odometry rejects the placement; empty if it does not.

@@ -75,7 +75,7 @@ class MountingArea:
         """Return whether cameras at `poses`, shape (..., 3), keep clear of a camera at `other`.
 
         Args:
-            poses: poses of the cameras.
+            poses: x, y [m] and heading [rad] of the cameras, shape (..., 3).
             other: pose of one other camera, shape (3,), or of one for each of `poses`.
         """
         return ~_overlap(poses, self._grown(), other, self.half)
@@ -106,7 +106,7 @@ class MountingArea:
 
     @functools.cached_property
     def _wheels(self) -> list[tuple[FloatArray, tuple[float, float]]]:
-        """Return the pose and the half sizes of each wheel's rectangle."""
+        """Return pose (x, y [m], heading [rad]) and half sizes [m] of each wheel's rectangle."""
         geometry = PlatformGeometry.from_wheels(self.scene.wheels)
         poses = np.column_stack((geometry.position, np.arctan2(*geometry.rolling.T[::-1])))
         sides = np.diff(self.scene.wheel_outlines, axis=1)[:, :2]

@@ -65,7 +65,7 @@ class _Unit(NamedTuple):
     """One camera, or two cameras that are symmetric to each other.
 
     Attributes:
-        images: factors of x, y and heading for each camera of the unit.
+        images: factors of x, y and heading for each camera of the unit, 1 or -1.
         free: whether x, y and heading are free; a fixed x or y is 0.
         heading: the fixed heading [rad].
     """
@@ -84,7 +84,7 @@ class FoundPlacement(NamedTuple):
 
     Attributes:
         poses: x, y [m] and heading [rad] of the cameras, after rounding, shape (N, 3).
-        value: value of the criterion.
+        value: value of the criterion: E [m/s], or the condition number [1].
         rounding: relative increase of the criterion caused by rounding [1].
         symmetry: description of the symmetry, empty without one.
     """
@@ -276,9 +276,9 @@ class _Search:
 
         Args:
             units: units of the placement.
-            current: positions of the units, shape (units, 3).
+            current: x, y [m] and heading [rad] of the first camera of each unit, shape (units, 3).
             index: index of the unit to place.
-            places: positions to try, shape (K, 3).
+            places: x, y [m] and heading [rad] to try, shape (K, 3).
             own: information of each of the unit's cameras at these positions, shape (K, g, M, 6).
         """
         rest = [i for i in range(len(units)) if i != index]
@@ -328,7 +328,7 @@ class _Search:
 
 @functools.cache
 def _cloud(free: tuple[bool, bool, bool], reach: int) -> FloatArray:
-    """Return all combinations of integer steps in the free coordinates, shape (K, 3)."""
+    """Return all combinations of up to `reach` steps in each free coordinate, shape (K, 3)."""
     steps = np.arange(-reach, reach + 1.0)
     axes = [steps if may else np.zeros(1) for may in free]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -57,7 +57,7 @@ class SensorError(NamedTuple):
 
         Args:
             view: field of view of the camera.
-            along: velocity of the camera along its axis [m/s].
+            along: velocity of the camera along its axis [m/s], any shape.
             across: velocity of the camera across its axis [m/s], same shape.
         """
         q = np.abs(across) / (view.line_rate * view.width)

@@ -21,8 +21,8 @@ class PlacementTrial(NamedTuple):
     Attributes:
         error: estimated minus true twist of each batch [m/s, m/s, rad/s], shape (b, 3), one array
             for each motion of the mix.
-        share: share of time of each motion.
-        unmeasured: share of the batches without a twist.
+        share: share of time of each motion [1], shape (M,).
+        unmeasured: share of the batches without a twist, 0 to 1.
     """
 
     error: tuple[FloatArray, ...]
