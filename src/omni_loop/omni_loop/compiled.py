@@ -48,7 +48,7 @@ class Record(NamedTuple):
         wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
         brake_torque: torque of each brake [N m], shape (T, N).
         enable: share of the brake pressure that passes [1], shape (T, N).
-        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
+        error: error of each wheel in the control law [m/s], shape (T, N).
     """
 
     motion: FloatArray
@@ -136,20 +136,25 @@ class _Loop(NamedTuple):
 
     period_ns: int
     steps: int
-    pedal: FloatArray  # (T,)
-    command: FloatArray  # commanded twist in body axes: of the start, then present ones, (T, 3)
-    hold_world: bool
-    start_yaw: float
-    brake_torque: float
-    clutch_threshold: float
-    clutch_stiffness: float
+    pedal: FloatArray  # brake demand, 0 to 1, (T,)
+    # Commanded twist [m/s, m/s, rad/s] in the body axes of the start, rotated in place to the
+    # present body axes when its stamp is reached, (T, 3).
+    command: FloatArray
+    hold_world: bool  # whether the commanded velocity keeps its direction in the world
+    start_yaw: float  # [rad]
+    brake_torque: float  # torque of a brake with the pedal fully down [N m]
+    clutch_threshold: float  # pedal position at which the clutch opens [1]
+    clutch_stiffness: float  # torque of the engaged clutch per speed difference [N m s/rad]
     measures: bool  # whether IMU and encoders are simulated, because they are used or faulty
     enabled: bool
     end: run_progress.End
 
 
 class _Sensors(NamedTuple):
-    """Sensors with their state and noise; a chunk of the run has K stamps."""
+    """Sensors with their state and noise.
+
+    The noise is drawn for chunks of K stamps, with D values per stamp; T is as in `_Loop`.
+    """
 
     velocity: velocity_sensor.SensorConstants
     held: NDArray[np.void]  # last sample of the velocity sensor
@@ -366,7 +371,11 @@ def _listen(run: _Run, stamp: int) -> assist_state.Inputs:
 
 @lean
 def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop from stamp `first`; fill the records, return the next stamp and the outcome."""
+    """Run the loop from stamp `first` up to, not including, stamp `last`, and fill the records.
+
+    Returns:
+        Next stamp; outcome of the run, see `run_progress.run_outcome`.
+    """
     for stamp in range(first, last):
         inputs = _listen(run, stamp)
         assist_step.assist_step(

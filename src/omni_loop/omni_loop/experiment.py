@@ -284,11 +284,11 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the file in a folder of ``./omni new-vehicle``; other names are not changed.
+        """Return the file of a kind in a vehicle's own folder; other names are not changed.
 
         Args:
             kind: kind of the file, such as ``vehicles``.
-            name: name or path.
+            name: folder made by ``./omni new-vehicle``, or another name or path.
         """
         file = Path(name) / _IN_FOLDER.get(kind, "")
         known = name.endswith(".yaml") or name in self.parts(kind)
@@ -401,7 +401,14 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the true value, unless the tree already contains the value."""
+    """Set a value of a node to that of the simulator, unless the tree already contains the value.
+
+    Args:
+        tree: experiment, changed in place.
+        node: section of the node, such as ``odometry``.
+        name: key in this section.
+        truth: value of the simulator.
+    """
     configured = tree.get(node, {})
     if isinstance(configured, Mapping) and truth is not None:
         tree[node] = merge({name: truth}, configured)

@@ -48,7 +48,8 @@ class RunHistory:
         brake_torque: torque of each brake [N m], shape (T, N).
         enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a freely rolling
             wheel, shape (T, N).
-        error: sliding-manifold values s_i, Eqs. (50)-(59) [m/s], shape (T, N).
+        error: error of each wheel in the control law [m/s], shape (T, N); with the sliding-mode
+            law, ``s_i`` of Eq. (44) of the dissertation.
         pedal: brake demand of the driver, 0 to 1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
         estimate_variance: variances of `estimate` [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).

@@ -12,7 +12,7 @@ quantities, in the order of the result, are
 stopping_distance    m     straight line from the start of braking to the final position
 path_length          m     length of the path from the start of braking to the final position
 orientation_change   deg   magnitude of the total change of yaw, full turns counted
-lateral_deviation    m     largest distance from the line through the start along v_c0
+lateral_deviation    m     largest distance from the line along the initial direction of motion
 stopping_time        s     time from the start of braking until the vehicle comes to rest
 peak_yaw_rate        rad/s largest magnitude of the yaw rate from the start of braking on
 brake_switchings     1     changes of the enables while stopping, all wheels together
@@ -231,7 +231,13 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
 
 
 def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) -> float:
-    """Return the largest distance [m] of a path (T, 2) from the line along v_c0 [m/s]."""
+    """Return the largest distance of a path from the line along its initial velocity [m].
+
+    Args:
+        path: positions from the start of braking on [m], shape (T, 2).
+        v_c0: velocity at the start of braking [m/s], shape (2,).
+        rest: definition of a vehicle at rest.
+    """
     speed = math.hypot(*v_c0)
     if speed <= rest.speed:
         return math.nan
@@ -253,7 +259,11 @@ def _fail_safe_share(states: tuple[str, ...]) -> Metric:
 
 
 def _switchings(enable: FloatArray) -> FloatArray:
-    """Return how often each wheel's enable changes (T, N); NaN without enables."""
+    """Return how often each wheel's enable changes, shape (N,); NaN without enables.
+
+    Args:
+        enable: brake enables [1], shape (T, N).
+    """
     counts = np.full(enable.shape[1], np.nan)
     for wheel in range(enable.shape[1]):
         known = enable[np.isfinite(enable[:, wheel]), wheel]

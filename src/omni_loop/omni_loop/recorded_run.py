@@ -1,9 +1,9 @@
 """Reading of a run from its rosbag2 folder, without ROS.
 
 Only the small topics are decoded, not the line batches, which make up nearly all of a recording.
-`ground_truth/odom` gives the control stamps. Every other message belongs to the control stamp t_k
-with ``t_{k-1} < stamp <= t_k``. The stamp of the odometry is that of its newest line, which is up
-to one line period before the control stamp.
+`ground_truth/odom` gives the control stamps. Every other message belongs to the first control stamp
+that is not before the stamp of the message. The stamp of the odometry is that of its newest line,
+which is up to one line period before the control stamp.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Single background thread for numba kernels that release the GIL.
+"""Single background thread for numba kernels that release Python's global interpreter lock (GIL).
 
 A thread that waits for the GIL loses about ten microseconds. Background work should therefore be
 one kernel that takes a few tenths of a millisecond, with little Python code around it. Two

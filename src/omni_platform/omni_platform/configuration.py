@@ -86,6 +86,15 @@ class ParameterInfo:
 
     The description is the one given in the declaration or, without one, the string below the field,
     which is read from the source when it is shown.
+
+    Attributes:
+        given: description given in the declaration, None without one.
+        unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
+        minimum: smallest permitted value.
+        maximum: largest permitted value.
+        above: bound that the value must exceed.
+        choices: permitted words of a str.
+        field: class and name of the field; None before the class is complete.
     """
 
     given: str | None

@@ -1,8 +1,9 @@
-"""Positions and directions of the wheels, Figures 13 and 14.
+"""Positions and directions of the wheels.
 
-Frames follow REP-103: the body frame `base_link` is at the geometric center of the platform,
-x forward, y left, z up. `k` is the unit ground normal, so that for vectors in the ground plane
-``a x k = (a_y, -a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
+Figures and equations are those of the dissertation; Figures 13 and 14 show the symbols. Frames
+follow REP-103: the body frame `base_link` is at the geometric center of the platform, x forward, y
+left, z up. `k` is the unit ground normal, so that for vectors in the ground plane ``a x k = (a_y,
+-a_x)`` and ``cross(a, b) = a_x b_y - a_y b_x``.
 
 The roller angle gamma is the angle from the rolling direction to the axis of the roller on the
 ground: 0 for the kiwi drive, +45 or -45 deg for a Mecanum wheel. The sign of the active direction

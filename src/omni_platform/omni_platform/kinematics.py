@@ -119,7 +119,7 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the smallest singular value of ``M``, with lengths in platform radii [1]."""
+    """Return the smallest singular value of ``M`` with lengths divided by the platform's radius."""
     return float(_singular_values(matrix, geometry)[-1])
 
 

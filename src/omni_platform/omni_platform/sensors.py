@@ -3,7 +3,7 @@
 A line camera measures the velocity of its position along its axis. A flow sensor measures this
 velocity and the velocity to the left of the axis. The footprint of a line camera is a rectangle:
 `length` along the axis, divided into `pixels`, and `width` across it, over which each pixel
-integrates (section 4.3.2).
+integrates (dissertation, section 4.3.2).
 """
 
 import math
@@ -15,7 +15,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Smallest share of a line's field of view that the next line shows again [1] (section 4.4)."""
+"""Smallest share of a line's field of view that the next line shows again [1], section 4.4."""
 
 
 class Mount(Configuration):
@@ -114,10 +114,11 @@ def velocity_row(x: float, y: float, direction: float) -> tuple[float, float, fl
     Args:
         x: coordinate x of the point, forward of base_link [m].
         y: coordinate y of the point, left of base_link [m].
-        direction: counter-clockwise from forward [rad].
+        direction: direction ``d``, counter-clockwise from forward [rad].
 
     Returns:
-        ``(cos d, sin d, cross(r, a))`` with the unit vector ``a = (cos d, sin d)``: [1], [1], [m].
+        ``(cos d, sin d, cross(r, a))`` with the point ``r = (x, y)`` and the unit vector ``a = (cos
+        d, sin d)``: [1], [1], [m].
     """
     a_x, a_y = math.cos(direction), math.sin(direction)
     return a_x, a_y, x * a_y - y * a_x

@@ -291,9 +291,10 @@ def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArra
 
 @kernel
 def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: Doubles) -> Doubles:
-    """Return ``-tr(T^-1 B T^-1 B)``, summed over the bands, shape (2, 2).
+    """Return ``-tr(T^-1 B T^-1 B)`` of `_information`, summed over the bands, shape (2, 2).
 
-    It is the sum of ``-T^-1 T (K_k - K_j)^2`` over all pairs of lines, element by element.
+    The trace equals the sum of ``(T^-1)_kj T_kj (K_k - K_j)^2`` over all lines k and j, where
+    ``K_k`` is the derivative of the path of line k.
 
     Args:
         along: derivatives of the paths with respect to d and a, shape (2, m).

@@ -1,4 +1,10 @@
-"""Spectra of lines, and the covariance between lines of a texture that loses its coherence."""
+"""Spectra of lines, and the covariance between lines of a texture that loses its coherence.
+
+The package docstring defines the model: displacement X_k of line k, and covariance T of the lines
+with texture power S, coherence rho and noise power N. In shapes, m is the number of lines, n that
+of pixels per line, t that of the lines in all blocks, F that of frequencies, and B that of
+frequency bands.
+"""
 
 import math
 
@@ -275,7 +281,7 @@ def solve(
 
 @_fast
 def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the covariance of a texture of power 1, times the values, shape (m, B).
+    """Return the product of the covariance of a texture of power 1 and the values, shape (m, B).
 
     Args:
         rho: coherence of neighboring lines, shape (B,).

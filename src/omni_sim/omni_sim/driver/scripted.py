@@ -166,10 +166,10 @@ class ScriptedDriver:
         return self.configuration.pedal * share
 
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link; it is zero once the pedal is fully down.
+        """Return the commanded twist of base_link.
 
-        Until then the command is constant, so that the drive does not brake before its clutch
-        opens.
+        Without a table of demands, the command is constant until the pedal is fully down, so that
+        the drive does not brake before its clutch opens, and zero from then on.
 
         Args:
             stamp_ns: time since the start of the run [ns].
