@@ -2,7 +2,8 @@
 
 The channels are the velocity sensor, the gyro, the accelerometer and the wheel encoders. A fault
 affects one axis (or wheel) of a channel, or all of them, from its onset on for a limited time. With
-the fault-free reading ``y`` and the time ``tau`` since the onset, the faulty reading is
+the fault-free reading ``y``, the time ``tau`` since the onset, the amplitude ``a``, the period
+``T`` and a standard normal value ``N(0, 1)``, the faulty reading is
 
     offset   y + a                   drop_out     NaN
     drift    y + a tau               zero         0
@@ -67,12 +68,13 @@ class FaultConfiguration(Configuration):
 
 
 class Faults(NamedTuple):
-    """Faults of a run, with their state.
+    """Faults of a run, with their state: K faults, and W values in the widest channel.
 
     Attributes:
-        table: one row per fault, shape (K, 7).
+        table: one row per fault: channel, kind, axis, onset and end [ns], amplitude [unit of the
+            channel], period [s]; shape (K, 7).
         held: reading at the onset of each fault, shape (K, W).
-        begun: whether the onset of each fault has passed, shape (K,).
+        begun: 1 if the onset of a fault has passed, else 0, shape (K,).
         past: latest readings before each fault is applied, a ring buffer by stamp,
             shape (K, 64, W).
     """

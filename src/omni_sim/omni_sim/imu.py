@@ -1,9 +1,9 @@
 """Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
 The accelerometer gives the mean over a control period, like an IMU that averages its samples. Let
-``V`` be the velocity of the mounting position in the ground plane, ``T`` the control period,
-``psi`` the yaw, and ``g`` the component of gravity along this (sloping) plane. Then the specific
-force is
+``V`` and ``V_before`` be the velocities of the mounting position in the ground plane at the end and
+at the start of the period ``T``, ``R(psi)`` the rotation by the yaw angle, and ``g`` the component
+of gravity along this (sloping) plane. Then the specific force is
 
     f = R(psi)^T ((V - V_before) / T - g)
 
@@ -71,7 +71,8 @@ class Imu(NamedTuple):
         force: bias of x and y [m/s^2], noise [m/s^2] and scale error [1] of the accelerometer,
             shape (4,).
         memory: yaw [rad] and velocity of the mounting position [m/s] at the last stamp, shape (3,).
-        late: the latest readings, a ring buffer by stamp, shape (L, 3).
+        late: the latest readings, a ring buffer by stamp, shape (latency in control periods + 1,
+            3).
     """
 
     enabled: bool

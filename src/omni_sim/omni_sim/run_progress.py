@@ -49,7 +49,11 @@ def rest_memory() -> NDArray[np.void]:
 
 @lean
 def rim_speed(twist: NDArray[np.float64]) -> float:
-    """Return the speed of a body twist (v_x, v_y, yaw rate) at the platform's rim [m/s]."""
+    """Return the largest speed of a point 1 m from base_link [m/s].
+
+    Args:
+        twist: body twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+    """
     speed: float = math.hypot(twist[0], twist[1]) + _REACH * abs(twist[2])
     return speed
 

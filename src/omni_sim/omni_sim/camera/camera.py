@@ -1,10 +1,10 @@
-"""Line cameras on a moving vehicle that view a ground texture (sections 4.3.2 and 4.4).
+"""Line cameras on a moving vehicle that view a ground texture.
 
-Each line is rendered at the pose that the vehicle has at the time of exposure. The value of a pixel
-is the mean of the texture over the pixel's rotated footprint, which is a pixel pitch long and as
-wide as the field of view. White noise is added, and the sum is quantized to 8 or 16 bits. By
-default the exposure is instantaneous and the optics are ideal; `configuration` describes the other
-effects.
+Source: dissertation, sections 4.3.2 and 4.4. Each line is rendered at the pose that the vehicle has
+at the time of exposure. The value of a pixel is the mean of the texture over the pixel's rotated
+footprint, which is a pixel pitch long and as wide as the field of view. White noise is added, and
+the sum is quantized to 8 or 16 bits. By default the exposure is instantaneous and the optics are
+ideal; `configuration` describes the other effects.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Exposure, optics and noise of the line cameras (section 4.4)."""
+"""Exposure, optics and noise of the line cameras (dissertation, section 4.4)."""
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 
@@ -71,7 +71,10 @@ class CameraConfiguration(Configuration):
 
     @property
     def magnification(self) -> float:
-        """Ratio of visible to configured length of ground [1]: 1 + h / d for an ordinary lens."""
+        """Ratio of visible to configured length of ground [1].
+
+        For an ordinary lens, this is 1 + height error / working distance.
+        """
         if self.lens == TELECENTRIC:
             return 1.0
         return 1.0 + self.height_error / self.working_distance

@@ -7,10 +7,11 @@ point that is shifted by
     h (p, r)
 
 forward and to the left compared with rest, independent of the mounting position. All fields of view
-therefore move over the ground at h (p', r'), which a ground sensor cannot distinguish from a motion
-of the vehicle. Between two control stamps, p and r are cubics with the values and derivatives at
-both stamps. Heave changes only the magnification. The slant of the view and the cosine of the tilt
-are second-order effects and are neglected.
+therefore move over the ground with the velocity h (p', r'), the time derivative of this shift,
+which a ground sensor cannot distinguish from a motion of the vehicle. Between two control stamps, p
+and r are cubics with the values and derivatives at both stamps. Heave changes only the
+magnification. The slant of the view and the cosine of the tilt are second-order effects and are
+neglected.
 """
 
 import numpy as np

@@ -7,7 +7,9 @@ Each part is an analytic function ``z(x, y)``. It is smooth enough for the local
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
     bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
 
-Without any part the ground is flat, and no height is computed.
+with the grade ``g``, the direction ``a`` of rise or across the crests, the amplitude ``A``, length
+``L`` and phase ``p`` of a wave, and the height ``h`` of a bump at the distance ``r`` from its
+center. Without any part the ground is flat, and no height is computed.
 """
 
 import math

@@ -47,12 +47,15 @@ class Plain:
 class Cells:
     """Voronoi cells of constant gray around points, with soft dark borders between them.
 
+    Lengths are in cells of a grid that has c x c cells per period.
+
     Attributes:
-        points: one point in every cell of a grid, by its position in the cell, shape (c, c, 2).
-        gray: gray level of each point's cell, shape (c, c).
+        points: position of one point within each cell of the grid [cells], shape (c, c, 2).
+        gray: gray level of each point's Voronoi cell, shape (c, c).
         border_gray: gray level of a border, halfway between two points.
         border: distance from the middle of a border at which the border has faded [cells].
-        warp: displacement of x and y that bends the borders [cells], shape (2, w, w).
+        warp: displacement of x and y that bends the borders [cells], at the nodes of a lattice,
+            shape (2, w, w).
         darken: whether to draw only where the pattern is darker than the layers below.
     """
 
@@ -101,8 +104,9 @@ class Leaves:
     """Ellipses painted on top of each other.
 
     Attributes:
-        leaves: rows of center x, y [periods], long semi-axis [periods], ratio of the semi-axes,
-            direction of the long axis [rad], gray level; the first ellipse is lowest.
+        leaves: rows of center x, y [periods], long semi-axis [periods], ratio of the semi-axes [1],
+            direction of the long axis [rad] and gray level, shape (n, 6); the first ellipse is
+            lowest.
         softness: width of the transition at the edge [periods].
     """
 
@@ -189,6 +193,8 @@ class Added:
 @dataclasses.dataclass(frozen=True, eq=False)
 class Studs:
     """Square studs with rounded corners and beveled edges on a grid, lit from the upper left.
+
+    The grid has c x c cells per period, one for each stud.
 
     Attributes:
         gray: gray level of the top of each stud, shape (c, c).

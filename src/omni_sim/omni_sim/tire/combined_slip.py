@@ -6,10 +6,11 @@ Eqs. (1), (2) are normalized by factors for the two directions and added as vect
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
 
-One curve in the direction ``q`` gives the force ``(F cos phi, F sin phi)``. The five numbers of
-this curve change smoothly with ``q`` from those of the curve ``x`` to those of ``y``, so no further
-parameters are needed. Along an axis, the result is exactly the curve of that axis. A friction
-factor scales both curves and therefore the result.
+where ``s`` is the combined slip and ``phi`` its direction. One curve in the direction ``q`` gives
+the force ``(F cos phi, F sin phi)``. The five numbers of this curve change smoothly with ``q`` from
+those of the curve ``x`` to those of ``y``, so no further parameters are needed. Along an axis, the
+result is exactly the curve of that axis. A friction factor scales both curves and therefore the
+result.
 """
 
 import math

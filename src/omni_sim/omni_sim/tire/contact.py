@@ -1,9 +1,10 @@
 """Solution of the contact equation of `wheel.single` for tire curves that fall beyond their peak.
 
-``R(s) = D V s + kappa F(s) = |A|`` has one solution if ``R`` increases everywhere. If the curve
-falls faster than the first term grows, ``R`` has a maximum beyond the peak and a minimum at a
-larger slip. If ``|A|`` is between these two values, two stable solutions exist, and the contact
-patch keeps its state, adhering or sliding.
+The equation is ``R(s) = D V s + kappa F(s) = |A|`` for the slip ``s`` of the contact patch, with
+the force ``F`` of the curve; `solve_contact` names the other symbols. It has one solution if ``R``
+increases everywhere. If the curve falls faster than the first term grows, ``R`` has a maximum
+beyond the peak and a minimum at a larger slip. If ``|A|`` is between these two values, two stable
+solutions exist, and the contact patch keeps its state, adhering or sliding.
 """
 
 from typing import Any
@@ -61,10 +62,10 @@ def solve_contact(
     """Solve the contact equation; arguments and result as `model.contact_friction`.
 
     Args:
-        demand: ``|A|`` [N].
-        damping: ``D`` [N s/m].
-        gain: ``kappa`` [1].
-        speed: ``V`` [m/s].
+        demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
+        damping: ``D``, damping of the tire with its stiffness over a step [N s/m].
+        gain: ``kappa``, effect of the wheel's mobility within the step [1].
+        speed: ``V``, denominator of the slip [m/s].
         curve: a curve with two fields more than `model.Curve`: ``steepest_slip`` [1], at which the
             force falls fastest beyond its peak, and ``steepest_fall`` [N], the value of ``-dF/ds``
             there.

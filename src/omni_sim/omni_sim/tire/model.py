@@ -170,15 +170,15 @@ def contact_friction(
     Also callable in kernels; `wheel.single` derives the equation.
 
     Args:
-        demand: ``|A|`` [N].
-        damping: ``D = d + c dt`` [N s/m].
-        gain: ``kappa = 1 + D m`` [1].
-        speed: ``V = r_D |omega| + v_num`` [m/s].
+        demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
+        damping: ``D = d + c dt``, damping of the tire with its stiffness over a step [N s/m].
+        gain: ``kappa = 1 + D m`` with the mobility ``m`` of wheel and vehicle [1].
+        speed: ``V = r_D |omega| + v_num``, denominator of the slip [m/s].
         curve: curve from `curve_at`.
         sliding: whether the patch slid in the previous step.
 
     Returns:
-        ``F`` [N], ``w`` [m/s] and whether the patch slides now.
+        Force ``F`` [N], sliding speed ``w`` of the patch [m/s], and whether the patch slides now.
     """
     return _model_of(type(curve)).contact(demand, damping, gain, speed, curve, sliding)
 

@@ -1,15 +1,17 @@
 """Planar motion of a vehicle on omni-wheels: a compiled kernel that advances many steps.
 
 `move` advances the body in the plane, and the rest of the module computes the forces. Eqs. (39),
-(40) are formulated for the center of gravity, ``m v_dot = sum f_i`` and ``J Omega_dot = sum
-cross(r_i - r_g, f_i)``, with the wheels of `drivetrain`. Quantities are evaluated at the middle of
-the step, but velocities are implicit: the force of each wheel is computed for the velocity that its
-hub will have at the end of the step. This velocity is predicted from all forces of the previous
-step and corrected by ``W (F - F_before)``, where ``W`` is the sum of the absolute mobilities that
-couple the wheel to all wheels. A single pass over the wheels is therefore stable for any tire
-stiffness, without iteration. The coupling between wheels lags by one step. This is a second-order
-error, which tests of the energy balance show only with very stiff tires. On uneven ground the
-motion is in the path plane of `uneven_ground`, and gravity is an additional force.
+(40) of the dissertation are formulated for the center of gravity ``r_g``, ``m v_dot = sum f_i`` and
+``J Omega_dot = sum cross(r_i - r_g, f_i)``, with the forces ``f_i`` of the wheels (`drivetrain`) at
+the positions ``r_i``. Quantities are evaluated at the middle of the step, but velocities are
+implicit: the force of each wheel is computed for the velocity that its hub will have at the end of
+the step. This velocity is predicted from all forces of the previous step and corrected by ``W (F -
+F_before)``, where ``F`` and ``F_before`` are the forces of the wheel in this step and in the
+previous one, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels. A
+single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
+coupling between wheels lags by one step. This is a second-order error, which tests of the energy
+balance show only with very stiff tires. On uneven ground the motion is in the path plane of
+`uneven_ground`, and gravity is an additional force.
 
 Kernels with one caller are inlined, because passing their many arguments would take more than a
 third of the computing time. Kernels with several callers are not inlined, which keeps the

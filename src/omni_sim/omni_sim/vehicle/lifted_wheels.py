@@ -44,7 +44,11 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return half the sum of a plane's squared loads, minus the work of a unit weight at z."""
+    """Return the energy that the load plane of the balance minimizes, for springs of stiffness 1.
+
+    It is half the sum of the squared loads, minus the work of a unit weight at the zero-moment
+    point.
+    """
     energy = -(a + b * z_x + c * z_y)
     for i in range(position.shape[0]):
         load = a + b * position[i, 0] + c * position[i, 1]

@@ -3,13 +3,13 @@
 Body and load are separate rigid masses. The wheels are modeled as equal vertical springs under a
 rigid chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the
 load plane. It balances the weight and the moments, including those of inertia at the height of the
-center of gravity; the loads are balanced about the zero-moment point ``z = r_g - h a / g``, with
-the center of gravity ``r_g``, its height ``h`` and its acceleration ``a``. Loads cannot be
-negative: wheels with a negative load in the plane lift off, and the others carry the weight. If the
-zero-moment point leaves the support polygon, no such balance exists, and a real vehicle would tip
-over. The nearest edge of the polygon then carries the vehicle, and `tipping` is reported, because
-the planar model is no longer valid. Neglected: the product of inertia of masses at different
-heights under yaw acceleration.
+center of gravity: the resultant of the loads acts at the zero-moment point ``r_g - h v_dot / g``,
+with the position ``r_g`` and height ``h`` of the center of gravity and its acceleration ``v_dot``.
+Loads cannot be negative: wheels with a negative load in the plane lift off, and the others carry
+the weight. If the zero-moment point leaves the support polygon, no such balance exists, and a real
+vehicle would tip over. The nearest edge of the polygon then carries the vehicle, and `tipping` is
+reported, because the planar model is no longer valid. Neglected: the product of inertia of masses
+at different heights under yaw acceleration.
 """
 
 from __future__ import annotations
@@ -98,6 +98,9 @@ def support_polygon(position: FloatArray) -> IntArray:
 
 def load_plane(position: FloatArray) -> FloatArray:
     """Return the rows ``P_i`` with ``F_i = m g P_i . (1, z_x, z_y)`` while no wheel lifts off.
+
+    ``F_i`` is the load of wheel i, and ``(z_x, z_y)`` the zero-moment point relative to the center
+    of gravity.
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).

@@ -1,7 +1,8 @@
 """Monitor of wheel loads above the range of the tire model.
 
-Above the largest permissible load, the parabola (3) has no physical meaning (section 2.3.1), so the
-dynamics use the force at this limit. This module reports such overloads to the user.
+Above the largest permissible load, the parabola of Eq. (3) has no physical meaning (dissertation,
+section 2.3.1), so the dynamics use the force at this limit. This module reports such overloads to
+the user.
 """
 
 from collections.abc import Sequence

@@ -56,7 +56,7 @@ def place(
 
 
 def rolling_radius(state: State) -> FloatArray:
-    """Return ``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
+    """Return the rolling radius ``r_D`` of Eq. (1) under the wheel loads [m], shape (N,)."""
     return np.asarray(state.plant.radius - state.wheels["load"] / state.plant.vertical_stiffness)
 
 

@@ -188,7 +188,9 @@ def _mobility(
     active: FloatArray,
     moment: FloatArray,
 ) -> FloatArray:
-    """Return the sums over the rows of the mobility, or bounds of them, shape (N,).
+    """Return the sum of absolute values in each row of the mobility matrix [1/kg], shape (N,).
+
+    If the contacts move, the result is an upper bound of this sum.
 
     Args:
         configuration: configuration of the vehicle.

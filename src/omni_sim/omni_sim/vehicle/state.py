@@ -27,13 +27,15 @@ def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
 
 
 BODY = _floats("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "a_x", "a_y", "tilt_x", "tilt_y")
-"""State of the body: position of the center of gravity and its velocity in the world frame
-[m, rad, m/s, rad/s]; low-passed acceleration by the tires in the body frame [m/s^2]; horizontal
-components of the path plane's normal [1]. Yaw and velocity are given in the path plane."""
+"""State of the body: x, y [m] and yaw [rad] of the center of gravity in the world frame; velocity
+[m/s, m/s, rad/s] in the world frame; low-passed acceleration by the tires in the body frame
+[m/s^2]; horizontal components of the path plane's normal [1]. Yaw and velocity are given in the
+path plane (`uneven_ground`)."""
 
 CONTACT = _floats("r_x", "r_y", "n_x", "n_y", "moment", "rim")
-"""Contact of a wheel: position relative to the center of gravity [m], active direction ``n_w``
-[1], lever ``cross(r_i - r_g, n_w)`` [m], ``n_w . u`` [1]."""
+"""Contact of a wheel in the body frame: position ``r_i - r_g`` relative to the center of gravity
+[m], active direction ``n_w`` [1], lever ``cross(r_i - r_g, n_w)`` [m], and ``n_w . u`` with the
+rolling direction ``u`` [1]."""
 
 WHEEL = _floats(
     *("speed", "angle", "deflection", "force", "load", "brake", "command", "slip", "limit"),
@@ -164,7 +166,7 @@ class Rollers(NamedTuple):
         overlap: overlap of the rollers, see `roller_configuration.RollerConfiguration`.
         constant: friction at a roller's surface per load that does not depend on the load [1].
         growing: increase of the friction per load with the load, Eq. (19) [1/N].
-        state: state of the rollers, `ROLLER`, shape (N, n).
+        state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
             body frame, shape (N, 3).
     """

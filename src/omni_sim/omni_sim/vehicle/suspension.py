@@ -7,13 +7,14 @@ according to
     m z'' = sum F_i - m g,    I_p p'' = sum F_i x_i + h f_x,    I_r r'' = sum F_i y_i + h f_y,
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
-where ``z`` is the height of the center of gravity, ``p`` and ``r`` are the small gradients of the
-chassis forward and to the left, ``f`` is the force of the wheels along the ground, and ``h`` is the
-height at which inertia opposes it. ``s_i`` is the height of the road under a wheel above the plane
-that the vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by
-which it sinks into a gap between two rollers. The wheel loads therefore depend on the mounting
-heights and on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers
-with gaps excite vibrations.
+where ``F_i`` is the load of wheel i, ``e_i`` the compression of its spring, ``c`` and ``d`` are
+stiffness and damping, ``(x_i, y_i)`` is the position of the wheel, ``z`` is the height of the
+center of gravity, ``p`` and ``r`` are the small gradients of the chassis forward and to the left,
+``f`` is the force of the wheels along the ground, and ``h`` is the height at which inertia opposes
+it. ``s_i`` is the height of the road under a wheel above the plane that the vehicle follows
+(`uneven_ground`), minus the mounting height of the wheel and the depth by which it sinks into a gap
+between two rollers. The wheel loads therefore depend on the mounting heights and on twisted ground,
+for which the loads of a rigid vehicle are indeterminate. Rollers with gaps excite vibrations.
 
 Neglected: the separate mass of the wheels, gyroscopic moments, the displacement of the center of
 gravity by a tilt of the chassis, and the work of the forces along the ground on pitch and roll.

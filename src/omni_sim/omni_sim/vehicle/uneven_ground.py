@@ -1,19 +1,20 @@
 """Motion on uneven ground: heave, roll, pitch, tilt of the path, and gravity along it.
 
-The vehicle does not leave the ground. Under each wheel is a road plane, Eq. (5), with the height
-``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`), with the
-shares ``w_i`` at rest. Heave, roll and pitch are therefore those of a plane fitted to the heights
-``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The center of
-gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path plane* and
-has the unit normal ``n``.
+The vehicle does not leave the ground. Under each wheel is a road plane (`road_plane`) with the
+height ``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`),
+with the shares ``w_i`` at rest. Heave, roll and pitch are therefore those of a plane fitted to the
+heights ``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The
+center of gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path
+plane* and has the unit normal ``n``.
 
 The planar dynamics are computed in the path plane, in the world frame after the smallest rotation
 that turns the vertical to ``n``. On an even slope this frame is constant, and the motion is exactly
 that on flat ground with the component ``g (n_x, n_y)`` of gravity and the load ``m g n_z``. On
 curved ground the frame moves without rotation about ``n``; the normal force is ``m (g n_z - n_dot .
-v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z``. Yaw is the angle
-about ``n`` in this frame, whereas positions are in the horizontal plane of the world. If the
-vehicle would take off, the normal force is zero and the vehicle counts as tipping.
+v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z`` with the kinetic
+energy ``T``. Yaw is the angle about ``n`` in this frame, whereas positions are in the horizontal
+plane of the world. If the vehicle would take off, the normal force is zero and the vehicle counts
+as tipping.
 
 Neglected are:
 

@@ -4,11 +4,13 @@ One implicit step solves the equation of motion of the wheel together with the f
 
     I (omega' - omega) / dt = -g F + tau_drive(omega') + tau_brake(omega')
 
-with the inertia ``I`` of the wheel, its speed ``omega'`` at the end of the step, and the lever ``g
-= r_D (n_w . u)`` by which the tire force ``F`` turns the wheel. The drive follows its speed command
-through a stiff clutch of limited torque, ``tau = k (omega_cmd - omega')``; for a disengaged clutch,
-``k = 0``. The brake is Coulomb friction: it opposes rotation with its full torque, and holds the
-wheel at exactly zero speed if a smaller torque suffices. It never reverses a wheel.
+where ``omega`` and ``omega'`` are the wheel speeds before and after the step, ``F`` is the force of
+the tire on the vehicle, and ``g = r_D (n_w . u)`` the lever by which the tire turns the wheel, with
+the rolling radius ``r_D``, the active direction ``n_w`` and the rolling direction ``u``. The drive
+follows its speed command through a stiff clutch of limited torque, ``tau = k (omega_cmd -
+omega')``; for a disengaged clutch, ``k = 0``. The brake is Coulomb friction: it opposes rotation
+with its full torque, and holds the wheel at exactly zero speed if a smaller torque suffices. It
+never reverses a wheel.
 
 A velocity drive without friction brake brakes by reducing ``omega_cmd`` to zero along a ramp. Like
 a speed controller, it also accelerates a wheel that is slower than its command, so it does not lock
@@ -27,7 +29,7 @@ class Hub(NamedTuple):
     """Coupling of tire and wheel in a step.
 
     Attributes:
-        lever: ``g = r_D (n_w . u)`` [m].
+        lever: lever ``g`` by which the tire turns the wheel [m].
         velocity: velocity of the wheel center along the active direction at the end of the step,
             without the force of this tire [m/s].
         mobility: change of this velocity per force [m/s per N].

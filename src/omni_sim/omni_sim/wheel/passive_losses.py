@@ -1,24 +1,26 @@
-"""Losses along the passive direction: rolling resistance (19), bearing friction, roller inertia.
+"""Losses along the passive direction: rolling resistance, bearing friction, roller inertia.
 
 Section 2.4.2 of the dissertation lists these losses and neglects them; here they are off by
 default. The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity in
 this direction,
 
-    w = u_w . v_i - omega r_D (u_w . u_i).
+    w = u_w . v_i - omega r_D (u_w . u_i),
 
-If a wheel with rollers at 0 deg rolls in its own direction, or a Mecanum wheel rolls straight
-ahead, no roller turns and there are no losses. The force ``f`` along ``u_w`` acts on the vehicle at
-the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the spin of the wheel:
+with the velocity ``v_i``, speed ``omega``, rolling radius ``r_D`` and rolling direction ``u_i`` of
+the wheel. If a wheel with rollers at 0 deg rolls in its own direction, or a Mecanum wheel rolls
+straight ahead, no roller turns and there are no losses. The force ``f`` along ``u_w`` acts on the
+vehicle at the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the spin of the wheel:
 
-    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt.
+    f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt,
 
-Here ``f_r`` and ``f_b`` are rolling resistance and bearing friction per load, ``F_z`` is the load,
-``m_r`` the mass of the roller, and ``C``, ``D`` and ``h_t / w_t`` are the constants of Eq. (19).
-Rolling resistance and bearing friction hold a roller at rest up to the same force. The roller is a
-solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. Neglected are the acceleration
-of a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
-rollers (`vehicle.roller_dynamics`) have their own inertia, and each loaded roller has the same
-resistance.
+with the parts ``f_r`` (rolling resistance) and ``f_b`` (bearing friction) of the friction per load
+that do not depend on the load, the wheel load ``F_z``, the mass ``m_r`` of the roller, and the part
+of Eq. (19) that grows with the load: elasticity ``C``, roller diameter ``D``, height ``h_t`` and
+width ``w_t`` of the tread. Rolling resistance and bearing friction hold a roller at rest up to the
+same force. The roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter.
+Neglected are the acceleration of a roller that comes into contact, and the rolling resistance of
+the wheel as a whole. Individual rollers (`vehicle.roller_dynamics`) have their own inertia, and
+each loaded roller has the same resistance.
 """
 
 import math

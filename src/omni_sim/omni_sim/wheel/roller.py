@@ -1,19 +1,26 @@
-"""Omni-wheel with individual rollers, section 2.4.1, in which each roller is a small tire.
+"""Omni-wheel with individual rollers, in which each roller is a small tire.
+
+Section, table and equations are those of the dissertation, which describes this wheel in section
+2.4.1.
 
 Contact: the envelope of the wheel is a circle, so the wheel's axis keeps its height, and the lowest
-roller carries the wheel (`roller_geometry`). Rollers overlap: from the angle ``(1 - overlap) pi/n``
-on, the load passes smoothly to the neighbor, half of it at ``pi/n``, so forces are continuous. A
-roller that leaves the ground keeps its spin and loses its deflection.
+roller carries the wheel (`roller_geometry`). Rollers overlap: with n rollers, from the angle ``(1 -
+overlap) pi/n`` of a roller from its lowest position on, the load passes smoothly to the neighbor,
+half of it at ``pi/n``, so forces are continuous. A roller that leaves the ground keeps its spin and
+loses its deflection.
 
 Tire: the curve ``x`` of Table 1 acts along the roller's axis, as in the single-roller wheel, so
 that the two wheels can be compared. The curve ``y`` acts along the roller's own rolling direction.
 The slips of both directions are normalized and added as vectors. They give one force against the
 sliding velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System
 Dynamics 45 (S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` for an ordinary tire,
-becomes the speed of the rubber through the contact, to which wheel and roller contribute: ``V = |R
-omega u + h omega_r u_w| + v_num``. Here ``R`` and ``omega`` are the radius and speed of the wheel,
-``u`` its rolling direction, ``h`` and ``omega_r`` the surface radius and spin of the roller, and
-``u_w`` the direction across the roller's axis.
+becomes the speed of the rubber through the contact, to which wheel and roller contribute:
+
+    V = |R omega u + h omega_r u_w| + v_num,
+
+with the wheel's rolling radius ``R``, speed ``omega`` and rolling direction ``u``, the roller's
+radius ``h`` at the contact, spin ``omega_r`` and rolling direction ``u_w``, and a small constant
+``v_num``.
 
 Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel whose
 levers and mobilities are projected on ``q``. Each step therefore calls `drivetrain.wheel_step` and
@@ -76,7 +83,8 @@ class RollerHub(NamedTuple):
         velocity: velocity of the contact, fixed to the vehicle, at the end of the step without the
             force of this roller, in the same components [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].
-        spin: spin of the roller at the start of the step [rad/s].
+        spin: spin of the roller after its dry friction of this step, without the force of the
+            ground [rad/s].
         inertia: inertia of the roller [kg m^2].
         spin_lever: surface speed of the roller per spin, across its axis [m].
     """

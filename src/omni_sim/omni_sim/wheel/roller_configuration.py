@@ -12,10 +12,10 @@ class RollerConfiguration(Configuration):
     """The rollers of every wheel of a vehicle.
 
     A roller is undeflected when it reaches the ground. It develops its full force only if its
-    relaxation length ``dF0 / c`` is short compared with the distance that it rolls under the wheel.
-    The default stiffness is that of solid rubber: with the slope at zero slip of Table 1, the
-    relaxation length is 25 mm, about the length of a roller's contact patch. The relaxation
-    length of the single-roller wheel's tire is 250 mm.
+    relaxation length, the slope dF/ds at zero slip divided by the stiffness, is short compared with
+    the distance that it rolls under the wheel. The default stiffness is that of solid rubber: with
+    the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length of a
+    roller's contact patch. The relaxation length of the single-roller wheel's tire is 250 mm.
     """
 
     count: int = parameter(12, minimum=4, maximum=64)

@@ -83,7 +83,7 @@ class RollerGeometry:
         distance: distance ``d`` between the axes, ``R_0`` of Eq. (17) [m].
         radius: radius ``r`` of the wheel over its rollers [m].
         rollers: number n of rollers.
-        center: ``(a_x, a_y)``, wheel center [m].
+        center: ``(a_x, a_y)``, wheel center in ``S_1`` [m].
     """
 
     alpha: float

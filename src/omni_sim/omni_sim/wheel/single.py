@@ -1,10 +1,12 @@
 """Single-roller omni-wheel: a tire that acts only along the active direction, Eqs. (18)-(22).
 
 The contact patch is connected to the wheel by a spring and a damper, Eq. (4), whose deflection
-``e`` is a state. If the rim slides with the velocity ``v_s = n_w . v_i - omega r_D (n_w . u_i)``,
-the patch slides with ``v_p = v_s + e_dot``. The friction of the patch is the steady characteristic
-at the slip of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the
-implicit Euler rule,
+``e`` is a state. The rim slides with the velocity ``v_s = n_w . v_i - omega r_D (n_w . u_i)``,
+where the wheel has the active direction ``n_w``, the velocity ``v_i`` of its center, the speed
+``omega``, the rolling radius ``r_D`` and the rolling direction ``u_i``. The patch slides with ``v_p
+= v_s + e_dot``. The friction of the patch is the steady characteristic ``F`` of the tire at the
+slip of the patch, Eq. (20): ``s = |v_p| / V`` with ``V = r_D |omega| + v_num``. By the implicit
+Euler rule with the step ``dt``, stiffness ``c`` and damping ``d``,
 
     c (e + dt e_dot) + d e_dot = -sign(v_p) F(|v_p| / V).
 
@@ -30,8 +32,8 @@ class TireConstants(NamedTuple):
     """Spring and damper of a tire, and the physics step.
 
     Attributes:
-        stiffness: ``c`` [N/m].
-        damping: ``d`` [N s/m].
+        stiffness: ``c``, horizontal stiffness of the tire [N/m].
+        damping: ``d``, horizontal damping of the tire [N s/m].
         dt: physics step [s].
     """
 
@@ -45,7 +47,7 @@ class Patch(NamedTuple):
 
     Attributes:
         deflection: ``e`` along the active direction [m].
-        speed: ``V = r_D |omega| + v_num`` [m/s].
+        speed: ``V = r_D |omega| + v_num``, denominator of the slip [m/s].
         sliding: whether the patch slid in the previous step.
     """
 

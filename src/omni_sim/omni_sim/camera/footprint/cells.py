@@ -34,11 +34,16 @@ class Edges(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
-    """Merge the classes into quarter-texel cells: ``cells[q, c]`` at s = origin + c + (2 + q)/4.
+    """Merge the row sums of the four classes into cells of a quarter texel.
 
-    Class k of column c begins at quarter k of a column that starts half a texel early. Cell q
-    therefore contains classes 0 to q of its own column, and the other classes of the previous
-    column.
+    Column c of class k (`rows`) begins at ``c + (k - 2)/4`` on the axis of the columns [texels],
+    and cell ``cells[q, c]`` at ``c + (2 + q)/4``. The cell therefore contains column c + 1 of the
+    classes 0 to q, and column c of the other classes.
+
+    Args:
+        totals: sum of the rows of each class in each column, shape (4, at least count + 1).
+        count: number of columns of cells.
+        cells: output, shape (4, at least count).
     """
     t_0, t_1, t_2, t_3 = totals[0], totals[1], totals[2], totals[3]
     into = cells[0]
@@ -52,7 +57,7 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
-    """Compensate for the averaging within each texel.
+    """Compensate for the averaging within each texel of a coarse texture.
 
     The integral along the line, interpolated linearly between texel edges, is smoothed where the
     gray level changes. The weights (-9, 16, 50, 16, -9) / 64 are applied to the cells that are -4,

@@ -1,11 +1,11 @@
 """Integral of the ground texture over the footprints of a line camera's pixels, at any heading.
 
 A footprint is a rectangle of `length` (along the camera's axis) by `width` (across), and each pixel
-is a slice of it (section 4.3.2, Figure 57). Tables of strip sums at quantized headings would be
-fast at a constant heading, but slow while the vehicle turns. This integral needs no tables. The
-texture is transposed if necessary, so that its x axis is within 45 deg of the line. Then ``s = x +
-y tan(heading)`` is a coordinate along the line, and in each row of texels it differs from x only by
-a constant shift. A line is computed in three steps:
+is a slice of it (dissertation, section 4.3.2, Figure 57). Tables of strip sums at quantized
+headings would be fast at a constant heading, but slow while the vehicle turns. This integral needs
+no tables. The texture is transposed if necessary, so that its x axis is within 45 deg of the line.
+Then ``s = x + y tan(heading)`` is a coordinate along the line, and in each row of texels it differs
+from x only by a constant shift. A line is computed in three steps:
 
 1. Each row is one contiguous 8-bit run, which is added to columns over `s` (SIMD, four rows at a
    time). Its shift is rounded to a quarter texel. The integer part moves the run, and the fraction
@@ -37,15 +37,15 @@ _MARGIN = 8  # columns and rows added beyond the footprint
 
 
 class _Scratch(NamedTuple):
-    """Buffers for the computation of one line; `rows` explains the classes.
+    """Buffers for the computation of one line; the module `rows` explains the classes.
 
     Attributes:
-        sums: sums of the rows of one class, shape (c,).
+        sums: sums of the rows of one class in each of c columns, shape (c,).
         totals: totals of the classes, shape (4, c).
         cells: result of `cells.merge_classes`, shape (4, c).
         refined: result of `cells.refine`, shape (4, c).
         integral: result of `cells.sum_cells`, shape (4, c).
-        values: values at the edges of the pixels.
+        values: integral at the edges of the pixels, shape (pixels + 1,).
         rows: rows of texels.
     """
 

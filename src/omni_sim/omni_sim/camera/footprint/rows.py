@@ -121,7 +121,10 @@ def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> No
 
 @njit(cache=True, nogil=True, inline="always")
 def _rounding(row: int) -> int:
-    """Return 1/8, 5/8, 3/8 and 7/8 for successive rows, as a fixed-point number."""
+    """Return the offset with which the shift of a row is rounded to a quarter texel.
+
+    Successive rows have the offsets 1/8, 5/8, 3/8 and 7/8 (dithering), as fixed-point numbers.
+    """
     return (1 + 4 * (row & 1) + (row & 2)) << (POINT - 3)
 
 
