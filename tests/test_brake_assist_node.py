@@ -159,7 +159,7 @@ def test_unknown_wheel_names_put_all_brakes_on(vehicle: Vehicle) -> None:
     "a command of a second publisher acts",
     "a second publisher of pedal, twist, wheel states or enables",
     "the assistant detects the publisher, puts all brakes on, and reports an error",
-    within="an event of the graph",
+    within="the discovery of the publisher",
 )
 @pytest.mark.parametrize("vehicle", [False], indirect=True, ids=["real_time"])
 def test_two_publishers_of_a_topic_put_all_brakes_on(vehicle: Vehicle) -> None:

@@ -134,7 +134,7 @@ def test_missing_enables_apply_all_brakes(assistant: Assistant) -> None:
     "a command of a second publisher acts",
     "a second publisher of enables",
     "the valves apply all brakes while two publishers are matched",
-    within="an event of the graph",
+    within="the discovery of the publisher",
 )
 def test_two_publishers_of_enables_put_all_brakes_on(assistant: Assistant) -> None:
     assistant.wait(lambda: not assistant.torque.any())
