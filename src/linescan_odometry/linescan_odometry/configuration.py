@@ -30,8 +30,8 @@ class OdometryConfiguration(Configuration):
     """Optical-flow sensors on the platform; each of them replaces two cameras"""
     method: str = parameter("joint", choices=METHODS)
     """Method that estimates displacements: `joint` is the maximum likelihood of whole batches,
-    together with the camera's fixed pattern; `pairs` uses only line pairs and the median of
-    section 4.4"""
+    together with the camera's fixed pattern; `pairs` uses only line pairs and the median filter of
+    section 4.6"""
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """Distance measure between lines (section 4.3.2)"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)

@@ -66,7 +66,10 @@ def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
 def estimate_messages(
     estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]
 ) -> dict[str, Any]:
-    """Return sideslip angles and twist by topic; the twist is last, because nodes wait for it."""
+    """Return the messages with sideslip angles and twist, by topic.
+
+    The twist is last, because other nodes wait for it.
+    """
     stamp_ns, messages = estimate.stamp_ns, {}
     if sideslip:
         angle = joint_state(stamp_ns, list(sideslip), position=angles(sideslip))

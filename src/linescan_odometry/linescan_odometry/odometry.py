@@ -47,8 +47,8 @@ class _Solution:
         count: number of velocities that were used.
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
-        leverage: largest normalized squared error of the twist that one wrong velocity can cause,
-            divided by its squared score [1].
+        leverage: largest ratio of the twist's squared error, normalized by its covariance, to the
+            squared score of the single faulty velocity that causes it [1].
         last_variance: variance of the last velocity [m^2/s^2]: that of the axle if there is one.
     """
 

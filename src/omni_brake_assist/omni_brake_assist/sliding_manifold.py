@@ -141,7 +141,7 @@ class SlidingManifold:
 
     Attributes:
         geometry: positions and active directions of the N wheels.
-        constants: the same data in the form that the kernels use.
+        constants: geometry and weighting in the form that the kernels use.
     """
 
     def __init__(self, geometry: PlatformGeometry, weighting: Weighting) -> None:

@@ -20,6 +20,7 @@ Use it to look up the keys of experiments and of the nodes' ROS parameters.
 It is generated from the code by `python -m omni_bringup.parameter_reference`; do not edit it.
 `<name>` stands for the name of a wheel, sensor or patch. As ROS parameters the names themselves
 are listed in `wheels.names`, `sensors.names` and so on.
+Sections, equations and tables are those of the dissertation.
 """
 
 

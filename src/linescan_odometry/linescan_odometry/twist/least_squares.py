@@ -194,7 +194,7 @@ class TwistSolver:
     def leverage(
         self, variance: FloatArray, measured: tuple[bool, ...], covariance: FloatArray
     ) -> float:
-        """Return the largest normalized squared error that one wrong velocity can cause [1].
+        """Return the largest normalized squared error that one faulty velocity can cause [1].
 
         If the error of a velocity with leverage h gives a normalized residual of 1, the squared
         error of the twist, normalized by its covariance, is ``h / (1 - h)``.

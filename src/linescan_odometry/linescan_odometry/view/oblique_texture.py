@@ -204,14 +204,18 @@ class ObliqueTextures:
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return all readings as unmeasured if a camera has no match and its motion is unknown.
+        """Reject all readings if a camera has no match and the motion across its axis is unknown.
 
-        Without a twist the motion across the axis is unknown, so the texture may be oblique. A
-        twist that was measured shortly before can give this motion.
+        Without a twist this motion is unknown, so the texture may be oblique. If a twist was
+        measured shortly before, it gives the motion, and only cameras over oblique textures are
+        rejected.
 
         Args:
             stamp_ns: stamp of the readings [ns].
             readings: readings of all cameras by name, too few for a twist.
+
+        Returns:
+            Rejected readings, as unmeasured, by the names of their cameras.
         """
         blind = [
             name for name, reading in readings.items() if reading.unmatched and not reading.measured

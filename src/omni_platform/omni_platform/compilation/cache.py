@@ -72,7 +72,10 @@ class KernelCache(FunctionCache):
             fcntl.lockf(file, operation, 1, place)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return a stored kernel, without the registries of types that compilation needs."""
+        """Return a stored kernel without loading numba's registries of types.
+
+        Only compilation needs these registries.
+        """
         rtsys.initialize(target_context)
         return self._load_overload(sig, target_context)
 

@@ -96,10 +96,17 @@ def stand(
 
 @lean
 def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> float:
-    """Return by how much fixed directions rotate in the path plane as ``n`` changes [rad].
+    """Return the rotation of a fixed direction relative to the frame of the path plane [rad].
 
-    The frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x) / (1 + n_z)``. A direction that does
-    not rotate therefore turns relative to the frame by the opposite angle.
+    If the normal ``n`` changes by ``dn``, the frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x)
+    / (1 + n_z)``. A direction that does not rotate turns relative to the frame by the opposite
+    angle.
+
+    Args:
+        tilt_x: ``n_x`` before the change [1].
+        tilt_y: ``n_y`` before the change [1].
+        new_x: ``n_x`` after the change [1].
+        new_y: ``n_y`` after the change [1].
     """
     normal = math.sqrt(1.0 - new_x * new_x - new_y * new_y)
     return (tilt_x * new_y - tilt_y * new_x) / (1.0 + normal)

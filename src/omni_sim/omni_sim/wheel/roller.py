@@ -80,8 +80,8 @@ class RollerHub(NamedTuple):
 
     Attributes:
         lever: ``r_D u`` in components along the roller's axis and across it [m].
-        velocity: velocity of the contact, fixed to the vehicle, at the end of the step without the
-            force of this roller, in the same components [m/s].
+        velocity: velocity of the contact, as a point of the vehicle, at the end of the step without
+            the force of this roller, along the roller's axis and across it [m/s].
         mobility: change of this velocity per force, in any direction [m/s per N].
         spin: spin of the roller after its dry friction of this step, without the force of the
             ground [rad/s].

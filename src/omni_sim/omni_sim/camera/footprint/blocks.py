@@ -3,9 +3,9 @@
 The runs of line cameras are short. For the ends of a run, which do not fill a vector, a compiler
 uses a scalar loop that takes longer than the middle of the run. Blocks of columns are therefore
 written with LLVM vectors, which are compiled to the instructions of the processor. Integer sums are
-the same on all processors. Plain Python loops over whole blocks with masked ends took 46 % more CPU
-time (mean over the cameras and headings of `benchmarks/render_lines.py`). The later steps use plain
-loops, because vectors would save only 15 % there.
+the same on all processors. Plain loops over whole blocks with masked ends take considerably longer
+(`benchmarks/render_lines.py`). The later steps use plain loops, because vectors would save little
+time there.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
 for 0 <= i < 32. The texture must be readable up to the end of a block. Offsets and bounds of the

@@ -30,7 +30,8 @@ class Coarsening(NamedTuple):
 
     Attributes:
         sufficient: smallest number of texels per pixel along the axis, and across the footprint.
-        wide: the same two numbers for a wide footprint.
+        wide: alternative for a wide footprint: smallest number of texels per pixel along the axis,
+            and across the footprint.
         most: largest number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
         worth: smallest ratio of coarse to fine texel size for which coarse texels are used [1].
         whole: largest factor on the number of coarse texels that is accepted so that each of them
