@@ -77,7 +77,17 @@ def _mark(
     reach: tuple[float, float],
     plausible: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements within a range around the expected one [px]."""
+    """Mark the displacements within a range around the expected one.
+
+    Args:
+        displacement: displacements of consecutive pairs of lines [px], shape (m,).
+        newest_ns: exposure of the newest line [ns].
+        period_ns: line period [ns].
+        measured_ns: time of the last measurement [ns].
+        expected: displacement of the last measurement [px].
+        reach: half width of the range at that time [px], and its growth with time [px/ns].
+        plausible: output, whether each displacement is within the range, shape (m,).
+    """
     tolerance, rate = reach
     for i in range(len(displacement)):
         end_ns = newest_ns - period_ns * (len(displacement) - 1 - i)

@@ -96,7 +96,15 @@ def wheel_error(
 
 @lean
 def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
-    """Return the speed of the fastest wheel center [m/s], Eq. (38); see `wheel_error`."""
+    """Return the speed of the fastest wheel center [m/s], Eq. (38).
+
+    Args:
+        r_x: wheel positions, x [m], shape (N,).
+        r_y: wheel positions, y [m], shape (N,).
+        v_x: velocity of the platform center, x [m/s].
+        v_y: velocity of the platform center, y [m/s].
+        omega: yaw rate [rad/s].
+    """
     largest = 0.0
     for i in range(r_x.size):
         w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]

@@ -268,7 +268,7 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the correlation of the ranks of two line parts."""
+    """Return the correlation of the ranks of two line parts, given as codes (see `_Batch`)."""
     count = np.int64(x.shape[0])
     # Ranks are doubled, so that tied ranks are integers; their mean is count + 1.
     variance_x = _rank(x, ranks[0])
@@ -283,7 +283,7 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Write twice the centered mean rank of each gray level; return the sum of squares."""
+    """Write twice the centered mean rank of each code; return the sum of squares over the part."""
     count = part.shape[0]
     ranks[:] = 0
     for i in range(count):

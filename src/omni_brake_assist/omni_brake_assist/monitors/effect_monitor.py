@@ -165,7 +165,15 @@ def watch_effect(
 def _share_of_wheels(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, seen: bool
 ) -> float:
-    """Return the achieved share of the possible deceleration, measured by the fastest rim."""
+    """Return the achieved share of the possible deceleration, measured by the fastest rim.
+
+    Args:
+        constants: constants of the vehicle.
+        ledger: memory, changed in place.
+        dt: length of the step [s].
+        pedal: the driver's brake demand, 0 to 1.
+        seen: whether the speed of the fastest rim is the speed ``v``.
+    """
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
@@ -180,7 +188,15 @@ def _share_of_wheels(
 def _share_of_force(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
-    """Return the achieved share of the possible deceleration, measured by the specific force."""
+    """Return the achieved share of the possible deceleration, measured by the specific force.
+
+    Args:
+        constants: constants of the vehicle.
+        ledger: memory, changed in place.
+        dt: length of the step [s].
+        pedal: the driver's brake demand, 0 to 1.
+        force: specific force along x and y [m/s^2], shape (2,).
+    """
     time = constants.force_time
     follow = 1.0 - math.exp(-dt / time)
     ledger.force_time += dt
@@ -195,7 +211,14 @@ def _share_of_force(
 
 @lean
 def _share(loss: float, pedal: float, best: float, best_pedal: float) -> float:
-    """Return a deceleration divided by the possible one at this pedal position, 0 to 1."""
+    """Return a deceleration divided by the possible one, 0 to 1.
+
+    Args:
+        loss: deceleration [m/s^2].
+        pedal: pedal position, above 0 [1].
+        best: largest deceleration in this stop [m/s^2].
+        best_pedal: pedal position at which it was measured [1], 0 before the first measurement.
+    """
     possible = LEAST_LOSS * pedal
     if best_pedal > 0.0:
         possible = max(possible, best * min(pedal / best_pedal, 1.0))

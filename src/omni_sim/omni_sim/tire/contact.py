@@ -21,7 +21,17 @@ _TURN_ITERATIONS = 40
 def _root(
     demand: float, viscous: float, gain: float, curve: Any, low: float, high: float, start: float
 ) -> tuple[float, float]:
-    """Solve ``R(s) = demand`` by Newton's method within a bracket; return ``s`` and ``F``."""
+    """Solve ``R(s) = demand`` by Newton's method; return slip ``s`` [1] and force ``F`` [N].
+
+    Args:
+        demand: ``|A|`` [N].
+        viscous: ``D V`` [N].
+        gain: ``kappa`` [1].
+        curve: curve of any tire model.
+        low: lower end of the bracket [1].
+        high: upper end of the bracket [1].
+        start: initial slip; outside the bracket, its middle is used [1].
+    """
     slip = start if low < start < high else 0.5 * (low + high)
     force, gradient = force_at(curve, slip)
     for _ in range(_MAXIMUM_ITERATIONS):
@@ -45,7 +55,15 @@ def _root(
 
 @lean
 def _turning_point(viscous: float, gain: float, curve: Any, falling: float, rising: float) -> float:
-    """Return the slip at the minimum of ``R`` between `falling` and `rising`."""
+    """Return the slip [1] at an extremum of ``R``, by bisection.
+
+    Args:
+        viscous: ``D V`` [N].
+        gain: ``kappa`` [1].
+        curve: curve of any tire model.
+        falling: a slip at which ``R`` falls [1].
+        rising: a slip at which ``R`` rises [1].
+    """
     for _ in range(_TURN_ITERATIONS):
         middle = 0.5 * (falling + rising)
         if viscous + gain * force_at(curve, middle)[1] < 0.0:

@@ -92,7 +92,7 @@ class WheelStep(NamedTuple):
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a freely spinning wheel, given the angular impulse of all other torques."""
+    """Advance a freely spinning wheel, given the angular impulse of all other torques [N m s]."""
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(

@@ -64,6 +64,12 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
     -2, 0, 2, 4 quarters away. They remove the steps of a texel's width, for which their gain is 0.
     Their second moment is that of two boxes, negated, which compensates for the loss by averaging
     and by steps in a curved profile. Sums over 655 rows times all weights fit into 32 bits.
+
+    Args:
+        cells: result of `merge_classes`; changed in place if the footprint is high.
+        refined: output, the weighted cells, in the layout of `cells`.
+        n: number of columns of cells.
+        height: height of the footprint across the line [rows, fixed point].
     """
     spare = 0
     while height >> (POINT + spare) > _NARROW_ROWS:

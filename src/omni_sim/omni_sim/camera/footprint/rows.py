@@ -237,6 +237,12 @@ def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32
 
     The weights of a column add up to the height regardless of rounding, so that a uniform ground
     gives uniform lines.
+
+    Args:
+        texture: texels.
+        cover: rows that each column covers.
+        offsets: index in the texture of column 0 of each row.
+        totals: totals of the class, changed in place, one for each column.
     """
     low, climb, height = cover
     climbed = (_EDGE_COLUMNS - 1) * climb
