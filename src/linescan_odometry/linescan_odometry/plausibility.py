@@ -2,7 +2,7 @@
 
 In the time ``dt`` since the last measurement, the velocity along an axis cannot have changed by
 more than ``a dt``, where ``a`` is the largest acceleration. Other displacements are rejected. The
-permitted range grows with time, so a wrong last measurement or a shock excludes the sensor for a
+permitted range grows with time, so a faulty last measurement or a shock excludes the sensor for a
 limited time only.
 """
 

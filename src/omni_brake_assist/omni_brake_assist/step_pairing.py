@@ -69,7 +69,7 @@ class StepPairing:
         return BrakeDemand(*pedal, twist, wheels, self.newest(ImuSample))
 
     def _is_of(self, twist_ns: int, stamp_ns: int) -> bool:
-        """Return whether the demand at `stamp_ns` waits for the twist at `twist_ns` [ns]."""
+        """Return whether a twist at `twist_ns` [ns] belongs to the demand at `stamp_ns` [ns]."""
         period_ns = self._twist_period_ns
         if period_ns == 0:
             return twist_ns > self._answered_ns

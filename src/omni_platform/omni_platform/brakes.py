@@ -61,7 +61,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def pressure_step(self) -> float:
-        """Resolution of the brake pressure [1], 0 for a continuous brake."""
+        """Resolution of the brake pressure [1]: 1 for on-off valves, 0 for a continuous brake."""
         return 1.0 if self.kind == ON_OFF else self.resolution
 
     @property
@@ -70,11 +70,11 @@ class BrakeConfiguration(Configuration):
         return self.dead_time + 2.0 * self.time_constant
 
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return brake torques [N m], limited to the largest power; arguments of the same shape.
+        """Return brake torques [N m], limited to the largest power.
 
         Args:
-            torque: torques before the limitation [N m].
-            speed: rotational speeds of the wheels [rad/s].
+            torque: torques before the limitation [N m], shape (N,).
+            speed: rotational speeds of the wheels [rad/s], shape (N,).
         """
         power = self.max_power or math.inf
         return np.asarray(np.minimum(torque, power / np.maximum(np.abs(speed), 1e-9)))

@@ -10,7 +10,7 @@ the fault-free reading ``y``, the time ``tau`` since the onset, the amplitude ``
     ramp     y + a min(tau / T, 1)   stuck        y at the onset
     scale    (1 + a) y               stuck_noise  y at the onset plus 1e-9 N(0, 1)
     sine     y + a sin(2 pi tau / T) delay        y at the time T ago
-    noise    y + a N(0, 1)           swap         reading of the other axis
+    noise    y + a N(0, 1)           swap         reading of the other axis or next wheel
     sign     -y                      echo         a y + (1 - a) times y at the onset
 
 Several faults of one channel are applied one after another.

@@ -53,7 +53,7 @@ class PaddedTexture(NamedTuple):
 
     Attributes:
         rows: gray level minus `middle`, row by row, each continued periodically to `stride` texels.
-        columns: transposed texture in the same layout.
+        columns: transposed texture in the layout of `rows`.
         middle: gray level stored as 0; it is near the mean, so that errors of the weights are
             small.
         texels: texels per period.
