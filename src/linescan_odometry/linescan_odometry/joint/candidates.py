@@ -3,8 +3,8 @@
 Whitened correlations at several line spacings are summed along straight lines of constant
 displacement, as a sensor array sums its channels for each direction of arrival.
 
-In shapes, m is the number of lines, n that of pixels per line, F that of spatial frequencies, and
-c that of candidates.
+In shapes, m is the number of lines, n that of pixels per line, F that of spatial frequencies, and c
+that of candidates.
 """
 
 import math
@@ -311,10 +311,10 @@ def scatter(
 ) -> float:
     """Return the variance of a displacement among rivals that are nearly as likely [px^2].
 
-    The rivals are zero displacement, and displacements that differ by 1 px, 2 px and so on, in
-    each direction up to the first that is too unlikely. On a smooth ground, rest is nearly as
-    likely as slow motion, and the likelihood has many small maxima on one peak that is several
-    pixels wide. The curvature at the largest maximum then does not give the variance.
+    The rivals are zero displacement, and displacements that differ by 1 px, 2 px and so on, in each
+    direction up to the first that is too unlikely. On a smooth ground, rest is nearly as likely as
+    slow motion, and the likelihood has many small maxima on one peak that is several pixels wide.
+    The curvature at the largest maximum then does not give the variance.
 
     Args:
         rest: correlations between the lines.

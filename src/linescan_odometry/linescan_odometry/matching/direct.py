@@ -1,8 +1,8 @@
 """Search with any of the distances (79)-(83), pair by pair, with an optional window and prior.
 
-Equations and sections are those of the dissertation.
-Each shift is evaluated with integers over the true overlap. The sum is divided by its number of
-pixels, since otherwise a sum over fewer pixels would win because it has fewer terms:
+Equations and sections are those of the dissertation. Each shift is evaluated with integers over the
+true overlap. The sum is divided by its number of pixels, since otherwise a sum over fewer pixels
+would win because it has fewer terms:
 
 | metric | distance at a shift with N common pixels |
 |---|---|
