@@ -5,8 +5,7 @@ vehicle must have come to rest (`RestCriterion`). If the vehicle has not come to
 pedal is never pressed or is pressed at rest, some quantities are undefined. Their value is then
 NaN, never an intermediate value, and their note gives the reason.
 
-All positions are those of `base_link`, and v_c0 is its velocity at the start of braking. The
-quantities, in the order of the result, are
+All positions are those of `base_link`. The quantities, in the order of the result, are
 
 ==================== ===== ===================================================================
 stopping_distance    m     straight line from the start of braking to the final position

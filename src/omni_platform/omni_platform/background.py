@@ -24,8 +24,9 @@ ALONE = "OMNI_ONE_THREAD"
 class _Work(Generic[_T]):
     """A task that is executed once, by the first thread that is free.
 
-    The function is dropped when it starts. Its owner usually holds this task, so a kept function
-    would form a cycle of references, and neither would be freed as soon as it is unused.
+    The task deletes its reference to the function when the function starts. The function usually
+    refers to an object that refers to this task. Without the deletion, this cycle of references
+    would delay the release of the memory.
     """
 
     def __init__(self, work: Callable[[], _T], queue: SimpleQueue[_Work[Any]] | None) -> None:

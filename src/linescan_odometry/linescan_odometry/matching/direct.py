@@ -95,7 +95,7 @@ class DirectSearch:
             window: half width of the search range around the last displacement [px]; 0 to search
                 all shifts always.
             prior_weight: relative increase of the distance at a shift that differs from the last
-                one by `limit` [1].
+                displacement by `limit` [1].
         """
         self._kind = _KINDS[metric]
         self._limit = limit

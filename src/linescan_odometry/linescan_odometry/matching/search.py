@@ -57,8 +57,8 @@ def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 
         limit: largest shift [px].
         window: half width of the search range around the last displacement [px]; 0 to search all
             shifts always.
-        prior_weight: relative increase of the distance at a shift that differs from the last one
-            by `limit` [1].
+        prior_weight: relative increase of the distance at a shift that differs from the last
+            displacement by `limit` [1].
     """
     if window > 0 or prior_weight > 0.0:
         return DirectSearch(metric, limit, window, prior_weight)

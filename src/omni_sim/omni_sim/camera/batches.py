@@ -65,9 +65,9 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, rendered on access or before that in the background.
+    """Batches of the cameras, rendered in the background, or on access if not yet rendered.
 
-    A subscriber can therefore match one batch while the next one is rendered.
+    The odometry can therefore process the batch of one camera while the next one is rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

@@ -121,7 +121,7 @@ class Vehicle:
         )
 
     def _static_ride(self, largest: float = 0.5) -> quantities.FloatArray:
-        """Return heave, pitch and roll at rest with equal mounting heights, shape (3,).
+        """Return heave [m] and gradients [1] at rest with equal mounting heights, shape (3,).
 
         Args:
             largest: largest phase by which an oscillation on the springs may advance in a physics

@@ -7,7 +7,8 @@ first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
-Within a physics step ``c`` is constant, so the solution is exact: ``p' = c + (p - c) exp(-dt/T)``.
+Within a physics step ``dt`` the demand ``c`` is constant, so the solution at its end is exact:
+``p' = c + (p - c) exp(-dt/T)``.
 Each step uses the mean of ``p`` over the step, so the impulse of the brake is exact too. The dead
 time is rounded to whole physics steps. If a brake releases more slowly than it applies, after
 ``t_r``, it uses the largest demand between ``t - t_r`` and ``t - t_d``.

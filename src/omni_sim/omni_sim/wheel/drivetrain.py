@@ -1,4 +1,4 @@
-"""Spin of a wheel under the torques of its tire, clutch and brake (Appendix A, figure C).
+"""Spin of a wheel under the torques of its tire, clutch and brake (dissertation, Appendix A).
 
 One implicit step solves the equation of motion of the wheel together with the force of the tire:
 

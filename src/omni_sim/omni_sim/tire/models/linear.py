@@ -1,9 +1,10 @@
 """Linear tire: force proportional to slip and load, up to a limit proportional to load.
 
-``F(s) = min(stiffness s, mu_0 mu/mu_0) F_z``. The force does not fall beyond the peak, so the
-contact patch has no second stable state: it slides if and only if the force is saturated. This is
-the simplest tire. It serves as a reference for the effects of the falling part and of the load
-dependence in the other models.
+The force at a slip ``s`` and a load ``F_z`` is ``F(s) = min(stiffness s, friction mu/mu_0) F_z``,
+with the two parameters of `LinearConfiguration` and the friction factor ``mu/mu_0`` of the ground.
+The force does not fall beyond the peak, so the contact patch has no second stable state: it slides
+if and only if the force is saturated. This is the simplest tire. It serves as a reference for the
+effects of the falling part and of the load dependence in the other models.
 """
 
 from typing import NamedTuple
