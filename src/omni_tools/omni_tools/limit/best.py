@@ -4,9 +4,10 @@ The problem is transcribed into one nonlinear program, which IPOPT solves. The u
 twist and wheel speeds at the points of a two-stage Radau rule, and brake torques that are constant
 over an interval. Wheel spin, slip and load transfer are modeled as in the simulator, but with
 smooth functions. The tire's curve is a sine of an arctangent with the same slope, peak and sliding
-force; slip is divided by ``sqrt((r omega)^2 + 0.3^2)``; loads and tires have no lag. The stop ends
-at `Transcription.end_speed`, and the remaining distance is computed with the mean deceleration of
-the stop.
+force; the slip is the sliding velocity divided by ``sqrt(u^2 + smooth_speed^2)``, with the rim
+speed ``u`` and `Transcription.smooth_speed`; loads and tires have no lag. The stop ends at
+`Transcription.end_speed`, and the remaining distance is computed with the mean deceleration of the
+stop.
 
 A local optimum does not prove that no shorter stop exists. `bounds` computes a certified lower
 bound; the true minimum is between the two.

@@ -2,10 +2,10 @@
 
 During a stop, the torque that pedal ramp, dead time and lag permit increases with time. Friction
 depends on the positions of the wheels. The shortest distance therefore results from the largest
-deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``. A slower vehicle arrives at a position
-later, when at least the same torque is available. Wheel spin cannot shorten the stop: a braked
-wheel turns no faster than in rolling, so the impulse of its tire force is at most that of its
-brake.
+deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``, with the speed ``v``, the deceleration
+``a``, the position ``s`` and the time ``t``. A slower vehicle arrives at a position later, when at
+least the same torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no
+faster than in rolling, so the impulse of its tire force is at most that of its brake.
 
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
 of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel

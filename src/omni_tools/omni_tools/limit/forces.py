@@ -1,7 +1,7 @@
 """Largest deceleration that the wheels of a vehicle can produce, by convex optimization.
 
 Wheel ``i`` exerts a force only along its active direction, ``f_i n_wi`` with ``|f_i| <= P(N_i)``,
-where ``P`` is the peak of its tire's curve. The loads are affine in the forces
+where ``N_i`` is its load and ``P`` the peak of its tire's curve. The loads are affine in the forces
 (`omni_sim.vehicle.loads`) and ``P`` is concave, so the admissible forces are a convex set. Tangents
 of ``P`` enclose this set in a polyhedron, over which a linear program finds the largest
 deceleration. The dual solution is an upper bound for all forces. The primal forces, scaled down
