@@ -1,8 +1,9 @@
-"""Table of the conditions that put all brakes on, in the order of their precedence.
+"""Table of the conditions of the assistant, in the order of their precedence.
 
-The first condition that holds gives the state of the assistant. The kernels return its row in the
-table, and `/diagnostics` shows its level and reason. ``python -m omni_brake_assist.conditions``
-prints the table of states in the README of this package.
+All conditions but the last three put all brakes on. The first condition that holds gives the state
+of the assistant. The kernels return its row in the table, and `/diagnostics` shows its level and
+reason. ``python -m omni_brake_assist.conditions`` prints the table of states in the README of this
+package.
 """
 
 import enum

@@ -130,7 +130,8 @@ def wheel_loads(
         plane: rows from `load_plane`.
         hull: indices from `support_polygon`.
         weight: m g [N].
-        z_x: zero-moment point relative to the center of gravity, ``-h a_x / g`` [m].
+        z_x: x of the zero-moment point relative to the center of gravity, ``-h a_x / g`` with the
+            acceleration ``a_x`` along x [m].
         z_y: y of the zero-moment point, ``-h a_y / g`` [m].
         loads: output, the wheel loads [N], shape (N,).
 
