@@ -96,7 +96,7 @@ def _motion(v_x: float, spin: float, wheels: int, *, first: bool, pedal: float =
     return Motion(first, 0.0 if first else 0.01, v_x, 0.0, 0.0, 0.0, 1.0, pedal, speeds)
 
 
-@pytest.mark.parametrize(("unknown", "answer"), [(1, ASSIST), (2, ASSIST), (3, NO_HELP)])
+@pytest.mark.parametrize(("unknown", "answer"), [(2, ASSIST), (3, NO_HELP), (4, NO_HELP)])
 def test_with_too_few_wheel_speeds_all_brakes_are_on(
     mecanum: Wheels, unknown: int, answer: int
 ) -> None:
