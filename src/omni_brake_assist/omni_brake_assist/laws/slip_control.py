@@ -35,7 +35,7 @@ def control_slip(
         memory.forces[0, i] = memory.forces[1, i] = share
         memory.slides[0, i] = memory.slides[1, i] = 0.0
         if not memory.wheel[i].locked and i != motion.failed_brake:
-            model, rim = _at_effect(law, memory, i, dt)
+            model, rim = _at_effect(law, memory, i, slowing, dt)
             if valves:
                 _predict_pulses(law, memory, i, model, rim, most, dt)
             else:
@@ -53,11 +53,17 @@ def control_slip(
 
 
 @lean
-def _at_effect(law: Constants, memory: Memory, i: int, dt: float) -> tuple[BrakedWheel, Rim]:
-    """Return the model of wheel `i`, and its state when a new command begins to act."""
+def _at_effect(
+    law: Constants, memory: Memory, i: int, slowing: float, dt: float
+) -> tuple[BrakedWheel, Rim]:
+    """Return the model of wheel `i`, and its state when a new command begins to act.
+
+    `slowing` is the deceleration of the vehicle divided by its speed [1/s].
+    """
     body, wheel = memory.body[0], memory.wheel[i]
     newest, delay = body.steps - 1, body.dead_time / dt
-    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
+    hub = wheel.hub / (1.0 + slowing * body.dead_time)
+    model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
     rim = Rim(wheel.speed, wheel.brake, wheel.force)
     for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
         command = command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)

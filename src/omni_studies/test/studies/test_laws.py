@@ -20,6 +20,7 @@ from omni_tools.limit.bounds import maneuver_of, straight_bound
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 PROPORTIONAL = "vehicle.brake.kind=proportional"
+SPRING = ("vehicle.brake.dead_time=0.06", "vehicle.brake.release_time=0.1")
 LAG = ("vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
 
 
@@ -35,6 +36,7 @@ def _stop(experiment: str, variant: str, *changes: str) -> FastRun:
         ((), 10.0, 2.5),  # on-off valves
         ((PROPORTIONAL, *LAG), 10.2, 2.0),
         (LAG, 10.2, 2.0),
+        (SPRING, 10.2, 2.0),
     ],
 )
 def test_straight_line_is_short_and_straight(
