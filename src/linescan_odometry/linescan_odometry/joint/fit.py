@@ -3,8 +3,8 @@
 The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the ground, where J is the
 curvature of the log-likelihood. B is the covariance of its derivative by Newey and West (1987):
 segments up to `_CORRELATED` apart may have correlated errors, because texture that is longer than a
-segment lies in several of them. The sandwich is valid even if the noise is not white and the model
-not exact.
+segment is part of several of them. The sandwich is valid even if the noise is not white and the
+model not exact.
 """
 
 import math
