@@ -51,7 +51,7 @@ class Tolerances(NamedTuple):
     response: float = 0.02
     braked: float = 0.5
     share: float = 0.75
-    gain: float = 0.5
+    gain: float = 1.0
     delay: float = 0.03
     slowest: float = 0.2
 
