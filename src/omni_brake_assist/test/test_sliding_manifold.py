@@ -130,7 +130,9 @@ def test_zero_brakes_exactly_the_wheels_that_drain_drift_and_rotation(
         power = drift_power + rotation_power
         brakes = m.errors(twist, p).total < 0.0
         assert np.all(power[brakes] < 1e-12)
-        assert np.all(power[~brakes] > -1e-12)
+        # Without sliding, the direction of the friction force is undefined.
+        slides = np.abs(sliding_velocities(geometry, twist)) > 1e-12
+        assert np.all(power[slides & ~brakes] > -1e-12)
 
 
 @given(v_x=speeds, v_y=speeds, omega=yaw_rates)
