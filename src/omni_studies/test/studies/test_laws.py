@@ -11,6 +11,7 @@ import pytest
 from omni_brake_assist.configuration import AllocationConfiguration
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
+from omni_platform.brakes import SPRING, typical_changes
 from omni_platform.configuration import ConfigurationError
 from omni_studies.campaign.law_trials import NEUTRAL, LawTrials, compare
 from omni_studies.claims import limited
@@ -20,7 +21,6 @@ from omni_tools.limit.bounds import maneuver_of, straight_bound
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 PROPORTIONAL = "vehicle.brake.kind=proportional"
-SPRING = ("vehicle.brake.dead_time=0.06", "vehicle.brake.release_time=0.1")
 LAG = ("vehicle.brake.dead_time=0.02", "vehicle.brake.time_constant=0.05")
 
 
@@ -36,7 +36,7 @@ def _stop(experiment: str, variant: str, *changes: str) -> FastRun:
         ((), 10.0, 2.5),  # on-off valves
         ((PROPORTIONAL, *LAG), 10.2, 2.0),
         (LAG, 10.2, 2.0),
-        (SPRING, 10.2, 2.0),
+        (typical_changes(SPRING), 10.2, 2.0),
     ],
 )
 def test_straight_line_is_short_and_straight(
