@@ -49,6 +49,21 @@ TYPES = {
     INFO: "sensor_msgs/msg/CameraInfo",
     MARKERS: "visualization_msgs/msg/MarkerArray",
 }
+NODE = ("-m", "omni_recording.recorder_node")
+# A recorder whose construction, after its subscriptions exist, takes until the file `path` exists.
+UNDER_CONSTRUCTION = """
+import pathlib, sys, time
+from omni_ros.process import run_process
+from omni_recording.recorder_node import RecorderNode, record
+
+class SlowlyConstructed(RecorderNode):
+    def __init__(self):
+        super().__init__()
+        while not pathlib.Path({path!r}).exists():
+            time.sleep(0.01)
+
+sys.exit(run_process(SlowlyConstructed, record))
+"""
 MAGIC = b"\x89MCAP0\r\n"
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -129,12 +144,14 @@ class Recorder:
         return read_stream(self.file.read_bytes()) if self.file.exists() else []
 
 
-def command(scratch: Path, parameters: Mapping[str, object]) -> list[str]:
+def command(
+    scratch: Path, parameters: Mapping[str, object], program: Sequence[str] = NODE
+) -> list[str]:
     path = scratch / "recorder.yaml"
     path.write_text(yaml.safe_dump({"recorder": {"ros__parameters": dict(parameters)}}))
     # It reports on standard output here.
-    module = ["env", f"{REPORT_VARIABLE}=1", sys.executable, "-m", "omni_recording.recorder_node"]
-    return [*module, "--ros-args", "--params-file", str(path)]
+    start = ["env", f"{REPORT_VARIABLE}=1", sys.executable, *program]
+    return [*start, "--ros-args", "--params-file", str(path)]
 
 
 def parameters(path: Path, topics: Sequence[str]) -> dict[str, object]:
@@ -148,10 +165,15 @@ def parameters(path: Path, topics: Sequence[str]) -> dict[str, object]:
 
 @contextlib.contextmanager
 def recording(
-    graph: Graph, path: Path, topics: Sequence[str], /, **others: object
+    graph: Graph,
+    path: Path,
+    topics: Sequence[str],
+    /,
+    program: Sequence[str] = NODE,
+    **others: Any,
 ) -> Iterator[Recorder]:
     process = subprocess.Popen(
-        command(path.parent, parameters(path, topics) | others),
+        command(path.parent, parameters(path, topics) | others, program),
         env=graph.environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -240,7 +262,7 @@ def test_every_message_is_recorded_in_order_and_unchanged(graph: Graph, tmp_path
     ids=["as it is", "compressed and to the disk"],
 )
 def test_three_fast_line_cameras_are_recorded_without_a_gap(
-    graph: Graph, tmp_path: Path, options: dict[str, object]
+    graph: Graph, tmp_path: Path, options: dict[str, Any]
 ) -> None:
     """Three cameras with 2500 lines/s of 1024 px give 100 batches of 25 lines a second."""
     count = 150
@@ -371,6 +393,27 @@ def test_the_recorder_ends_with_its_parent(graph: Graph, tmp_path: Path) -> None
     assert [data for _, _, data in read_bag(folder)] == sent
 
 
+def test_a_signal_during_construction_loses_no_acknowledged_message(
+    graph: Graph, tmp_path: Path
+) -> None:
+    signalled = tmp_path / "signalled"
+    program = tmp_path / "recorder.py"
+    program.write_text(UNDER_CONSTRUCTION.format(path=str(signalled)))
+    topics = CAMERAS[:1]
+    with recording(graph, tmp_path / "run", topics, program=[str(program)]) as recorder:
+        publisher = graph.publisher(Image, CAMERAS[0], depth=10)
+        wait_for_match([publisher])
+        sent = [serialized_image(k) for k in range(10)]
+        send(publisher, sent)
+        publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
+        recorder.process.send_signal(signal.SIGTERM)
+        signalled.touch()
+        code, out, err = recorder.end(None)
+    assert (code, err) == (0, "")
+    assert json.loads(out) == {"recorded": {CAMERAS[0]: 10}}
+    assert [data for _, _, data in read_bag(tmp_path / "run")] == sent
+
+
 @pytest.mark.parametrize(
     ("change", "code", "words"),
     [
@@ -383,7 +426,7 @@ def test_the_recorder_ends_with_its_parent(graph: Graph, tmp_path: Path) -> None
     ],
 )  # fmt: skip
 def test_what_cannot_be_recorded_is_reported_in_one_sentence(
-    graph: Graph, tmp_path: Path, change: dict[str, object], code: int, words: str
+    graph: Graph, tmp_path: Path, change: dict[str, Any], code: int, words: str
 ) -> None:
     with recording(graph, tmp_path / "run", CAMERAS[:1], **change) as recorder:
         returned, out, err = recorder.end(None)

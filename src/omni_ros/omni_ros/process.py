@@ -7,13 +7,14 @@ context at once.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import re
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import rclpy
 from rclpy.duration import Duration
@@ -29,6 +30,9 @@ from omni_platform.exit_codes import ExitCode
 from omni_ros import environment, parameters
 
 _POLL = 0.05  # s; longest time until a signal is noticed without a message
+# s; longest time from a signal to the end of a node's construction, below the stop timeouts of
+# the bring-up (12 s) and of ros2 launch (5 s)
+_CONSTRUCTION_TIMEOUT = 2.0
 
 
 class NodeError(Exception):
@@ -74,13 +78,11 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     """
     _end_with_parent()
     stop = StopFlag()
-    # A node under construction has nothing to finish, and its construction may take seconds.
-    _on_signals(lambda *_: os._exit(ExitCode.OK))
     node: Node | None = None
     try:
-        _initialize_ros()
-        node = _make(make_node)
-        _on_signals(stop.request)
+        with _limited_construction(stop):
+            _initialize_ros()
+            node = _make(make_node)
         run(node, Spinner(node, stop))
     except ConfigurationError as error:
         print(error, file=sys.stderr, flush=True)
@@ -94,6 +96,28 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
             node.destroy_node()
         rclpy.try_shutdown()
     return ExitCode.OK
+
+
+@contextlib.contextmanager
+def _limited_construction(stop: StopFlag) -> Iterator[None]:
+    """End the process if a signal arrives in this block and the block then takes too long.
+
+    A subscription acknowledges messages before the construction of its node ends, so that a signal
+    cannot end the process at once without losing them.
+    """
+
+    def request(number: int, *_: object) -> None:
+        if not stop:
+            signal.setitimer(signal.ITIMER_REAL, _CONSTRUCTION_TIMEOUT)
+        stop.request(number)
+
+    signal.signal(signal.SIGALRM, lambda *_: os._exit(ExitCode.OK))
+    _on_signals(request)
+    try:
+        yield
+    finally:
+        _on_signals(stop.request)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 def _on_signals(handler: Callable[..., None]) -> None:

@@ -15,6 +15,17 @@ from rclpy.node import Node
 from omni_ros.process import run_process
 sys.exit(run_process(lambda: Node("idle"), lambda node, spinner: print("ran")))
 """
+HANGING = """
+import os, signal, sys, time
+from omni_ros.process import run_process
+
+def make_node():
+    os.kill(os.getpid(), signal.SIGTERM)
+    print("signalled", flush=True)
+    time.sleep(1e6)
+
+sys.exit(run_process(make_node, lambda node, spinner: None))
+"""
 TIMEOUT = 60.0  # [s] only ends a process that hangs
 
 
@@ -29,6 +40,11 @@ def start(
         timeout=TIMEOUT,
         check=False,
     )
+
+
+def test_a_construction_that_hangs_ends_after_a_signal() -> None:
+    finished = start([], program=HANGING)
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "signalled\n", "")
 
 
 def test_without_arguments_it_runs() -> None:

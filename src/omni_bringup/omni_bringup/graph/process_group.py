@@ -80,7 +80,6 @@ class RunningProcess:
         # Each node has its own process group. Ctrl-C then reaches only this process, which ends the
         # nodes in order. The nodes stay in the session: if this process dies, the kernel sends
         # SIGHUP and SIGCONT to a halted node, which then ends.
-        # SIGHUP and SIGCONT to a halted node, which then ends.
         self.process = subprocess.Popen(
             command,
             env={**environment, **shown, REPORT_VARIABLE: str(descriptor)},
