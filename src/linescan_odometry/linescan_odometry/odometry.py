@@ -288,7 +288,7 @@ class LineScanOdometry:
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
-        """Return the twist after the checks, with remarks."""
+        """Return the twist; contradictions increase its covariance or cause a skid warning."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
         # The faulty sensor cannot be isolated. The covariance is increased until it includes the

@@ -1,1 +1,1 @@
-"""Sliding-mode brake assistant for omnidirectional vehicles and its ROS node."""
+"""Brake assistant for omnidirectional vehicles, and its ROS node."""

@@ -145,7 +145,7 @@ class SlidingManifold:
 
     Args:
         geometry: positions and active directions of the N wheels.
-        weighting: ``psi(delta)`` of the parallel component.
+        weighting: ``psi(delta)``, weight of the error component along the motion.
 
     Attributes:
         geometry: positions and active directions of the N wheels.

@@ -79,7 +79,7 @@ def bag_information(
 
 
 def qos_information(qos: RecordedQos) -> list[dict[str, Any]]:
-    """Return the list of offered profiles of a topic with one publisher."""
+    """Return the list of the QoS profiles offered for a topic, which has one publisher."""
     return [
         {
             "history": qos.history,

@@ -10,7 +10,7 @@ from omni_ros import process
 
 
 class StartupConfiguration(Configuration):
-    """Wait for subscribers, without which the first messages would be lost."""
+    """Conditions for the first message, which would be lost without subscribers."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
     """Number of subscriptions that each output must have before the node starts to work"""

@@ -86,11 +86,11 @@ class Faults(NamedTuple):
 
 
 def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
-    """Return the faults of a run for the kernel.
+    """Convert the faults of a run to the arrays that the kernel uses.
 
     Args:
         faults: faults by name.
-        wheels: number of encoders.
+        wheels: number of wheels, each with an encoder.
 
     Raises:
         ConfigurationError: a fault affects an unknown axis or wheel.

@@ -245,7 +245,7 @@ def correlation(
 
 @njit(cache=True)
 def _product(x: Lines, y: Lines) -> int:
-    """Return the sum of products; 32 bits suffice for 8-bit lines and are twice as fast."""
+    """Return the sum of products of pixels; for 8-bit lines, 32-bit sums suffice and are faster."""
     if x.itemsize == 1:
         narrow = np.int32(0)
         for i in range(x.shape[0]):

@@ -248,7 +248,15 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the attitude of the vehicle on the ground after a time [s], see `stand`."""
+    """Return the attitude on the ground at the position that the vehicle reaches after a time.
+
+    Args:
+        state: state of the vehicle, whose velocity is assumed to stay constant.
+        ahead: time [s].
+
+    Returns:
+        Result of `stand`.
+    """
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate

@@ -1,6 +1,7 @@
-"""Sideways motion for many lengths and widths of the field of view (Figures 63, 64 and 71).
+"""Trials of sideways motion with many fields of view (Figures 63, 64 and 71).
 
-`matches_table` lists the matches for such motions.
+`sideways_motions` returns one motion for each length and width of the view. `matches_table` makes a
+table of the displacements that were matched in these motions, and of their errors.
 """
 
 import math

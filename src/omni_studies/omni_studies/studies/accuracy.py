@@ -62,7 +62,7 @@ class Case:
 
     @property
     def over_bound(self) -> float:
-        """RMS of the errors after division by the square root of each bound [1]."""
+        """RMS of the errors, each divided by its smallest possible standard deviation [1]."""
         return math.sqrt(float(np.mean(self.error**2 / self.bound)))
 
     @property

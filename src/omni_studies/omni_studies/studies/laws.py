@@ -292,7 +292,7 @@ def _metrics(results: Results) -> dict[str, Metric]:
 
 
 def _front(results: Results, own: Sequence[str]) -> Figure:
-    """Draw distance against rotation for every experiment, with the bound for a kept heading."""
+    """Draw rotation versus distance of all laws, and the bound, in one panel per experiment."""
     title = "Distance against rotation under every law"
     x = "stopping distance [m]"
     figure, grid = style.panels(title, 2, 2, size=(9.0, 6.4), x=x, y="orientation change [deg]")

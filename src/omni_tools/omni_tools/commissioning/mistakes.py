@@ -1,9 +1,10 @@
 """Errors in the description of a vehicle, found by hypothesis tests on a commissioning drive.
 
-Three known motions give three angles per wheel, Eq. (32). Each hypothesis changes one item of the
-description. The hypothesis whose prediction fits the measured angles best identifies the error.
-Twist sensor, gyro and accelerometer are compared with the known motions directly, and the brakes
-with the enables that they should follow.
+In the drive, the vehicle moves forward, to the left and counter-clockwise, each by a known distance
+or angle. Each wheel turns by an angle in each motion, which Eq. (32) predicts. Each hypothesis
+changes one item of the description. The hypothesis whose prediction fits the measured wheel angles
+best identifies the error. Twist sensor, gyro and accelerometer are compared with the known motions
+directly, and the brakes with the enables that they should follow.
 """
 
 import dataclasses

@@ -70,7 +70,7 @@ class Design(NamedTuple):
 
     @property
     def best(self) -> evaluation.EvaluatedPlacement:
-        """The best placement."""
+        """Placement with the smallest mean twist error that the search found."""
         return self.placements[0]
 
     def placement(self, name: str) -> evaluation.EvaluatedPlacement:

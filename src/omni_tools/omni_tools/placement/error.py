@@ -13,7 +13,7 @@ with ``g^2 = (length^2 + width^2) / 12`` for a rectangle around base_link. This 
 m/s and rad/s without an arbitrary weight. W depends on the motion, because the error of a camera
 grows with the speed across its axis (`sensor_error`). Singular placements have an infinite E.
 
-Information matrices ``a^T a / s^2`` are stored as their six different elements (xx, xy, xw, yy, yw,
+Information matrices ``a^T a / s^2`` are stored as their six distinct elements (xx, xy, xw, yy, yw,
 ww), for the velocities (v_x, v_y, g * yaw rate), all in m/s.
 """
 
@@ -170,7 +170,15 @@ Criterion = MeanError | ConditionNumber
 
 
 def _elements(a_x: FloatArray, a_y: FloatArray, lever: FloatArray) -> FloatArray:
-    """Return the different elements of ``a^T a``, shape (...) to (..., 6)."""
+    """Return the six distinct elements of the symmetric matrix ``a^T a``, shape (..., 6).
+
+    The row ``a = (a_x, a_y, lever)`` maps the twist to the velocity along the axis of a camera.
+
+    Args:
+        a_x: x component of the axis [1], shape (...).
+        a_y: y component of the axis [1], shape (...).
+        lever: lever arm of the axis about base_link [m], shape (...).
+    """
     elements = (a_x * a_x, a_x * a_y, a_x * lever, a_y * a_y, a_y * lever, lever * lever)
     return np.stack(elements, axis=-1)
 

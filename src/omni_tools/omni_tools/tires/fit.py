@@ -146,7 +146,11 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """Estimate slope and peak from the half of the data with smaller and with larger load."""
+    """Estimate slope and peak at two loads.
+
+    The data are divided into a half with smaller and a half with larger loads. Slope and peak of
+    each half are interpolated or extrapolated to the two loads.
+    """
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]

@@ -123,13 +123,13 @@ class RemarkingLibrary(ExperimentLibrary):
     def load(
         self, experiment: str, variant: str | None = None, overrides: Iterable[str] = ()
     ) -> ExperimentConfiguration:
-        """Compose an experiment as `ExperimentLibrary` does."""
+        """Compose an experiment as `ExperimentLibrary` does, and report its implausible values."""
         loaded = super().load(experiment, variant, overrides)
         self._remark(remarks(loaded))
         return loaded
 
     def vehicle(self, name: str) -> VehicleConfiguration:
-        """Read a vehicle as `ExperimentLibrary` does."""
+        """Read a vehicle as `ExperimentLibrary` does, and report its implausible values."""
         loaded = super().vehicle(name)
         self._remark(vehicle_remarks(loaded))
         return loaded

@@ -279,7 +279,10 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 def _values(unknowns: FloatArray) -> FloatArray:
-    """Return the values of unknowns whose sliding slip and force are ratios to the peak."""
+    """Return parameters from the unknowns of a fit, in the order of `_FITTED`.
+
+    The unknowns contain slip and force of sliding as ratios to those of the peak.
+    """
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
     values[8:10] *= values[4:6]
