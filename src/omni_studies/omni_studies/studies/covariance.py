@@ -140,7 +140,7 @@ class LeftOut(NamedTuple):
 
 
 def _leave_one_out(cases: list[Case]) -> dict[str, LeftOut]:
-    """Return, for each ground, how well the factor of the other grounds fits it."""
+    """Return the cross-validation of each ground: errors with the factor of all other grounds."""
     trials: dict[str, list[NDArray[np.float64]]] = {}
     for case in cases:
         if case.camera == _EVALUATED and len(case.squares_of_cameras):

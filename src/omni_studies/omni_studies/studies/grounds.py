@@ -83,7 +83,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def _appearance(
     texture: GroundTexture, seed: int, lines: int = 200, shown: float = 0.1, dots: int = 480
 ) -> Appearance:
-    """Return the appearance of a ground.
+    """Return a picture, the contrast and the spectrum of a ground.
 
     Args:
         texture: the ground.
