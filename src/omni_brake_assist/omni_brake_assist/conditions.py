@@ -14,6 +14,8 @@ from typing import NamedTuple
 class AssistState(enum.Enum):
     """State of the assistant. In all states but the last three, every brake is on.
 
+    In `FAILED_BRAKE`, too, every brake is on, unless `allocation` controls on-off valves.
+
     The value of a member is the name of the state in messages and logs.
     """
 
