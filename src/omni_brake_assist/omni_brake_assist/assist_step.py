@@ -90,7 +90,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
         step.contradicted = chosen == bank_state.NO_ESTIMATE
         alone = chosen == bank_state.NO_TWIST or not (good and gate_open) or gate[0].uncertain
         step.reckoned = chosen != bank_state.NO_ESTIMATE and alone
-        if memory.bank.record[0].inertial:
+        if memory.bank.record[0].equipped:
             good = gate_open = chosen != bank_state.NO_ESTIMATE
             stamp_ns, twist = inputs.now_ns, memory.answer
         elif chosen == bank_state.NO_ESTIMATE:

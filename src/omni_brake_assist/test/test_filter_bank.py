@@ -88,14 +88,20 @@ class Drive:
         late: int = 0,
         until: int = 1000,
         hold: int = 1,
+        imu_lost: int = 1000,
+        variance: float = 1e-6,
     ) -> None:
-        """Run all steps; the twist is `late` steps old, and each is used for `hold` steps."""
+        """Run all steps; the twist is `late` steps old, and each is used for `hold` steps.
+
+        No IMU reading is received from the step `imu_lost` on. Each component of the twist has the
+        same `variance` [square of its unit].
+        """
         count = len(self.memory.rim)
         for step in range(steps):
             braking, faulty = step >= PEDAL, onset <= step < until
             taken = max(step - late, 0) // hold * hold
             twist, _, _ = self.truth(onset if faulty and fault == "stuck" else taken - self.unsaid)
-            inertial = self.inertial(step)
+            inertial = self.inertial(step) if step < imu_lost else np.full(3, np.nan)
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if faulty and fault == "twist":
                 twist = twist + np.array([0.0, size, 0.0])
@@ -121,7 +127,7 @@ class Drive:
                     self.memory,
                     step * PERIOD_NS,
                     Readings(1.0 if braking else 0.0, enable, inertial, speeds),
-                    Twist(received, taken * PERIOD_NS, twist, np.full(3, 1e-6)),
+                    Twist(received, taken * PERIOD_NS, twist, np.full(3, variance)),
                     answer,
                 )
             )
@@ -248,6 +254,19 @@ def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive) -> None:
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("variance", np.linspace(2e-4, 1e-3, 17))
+def test_a_twist_is_used_directly_if_it_is_more_accurate_at_base_link(
+    mecanum: dict[str, WheelMount], variance: float
+) -> None:
+    """The filters have the variance at the IMU, which is 1.4 m from base_link here."""
+    drive = Drive(mecanum, (1.0, -1.0))
+    drive.run(100, variance=variance)
+    at_base = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+    estimated = np.diag(at_base @ drive.memory.covariance[ALL, :3, :3] @ at_base.T)
+    direct = drive.answers[-1] == drive.truth(99)[0]
+    assert direct.tolist() == (variance < estimated).tolist()
+
+
 @pytest.mark.parametrize("late", [0, 1, 5])
 def test_a_known_age_of_the_twist_is_no_dispute(drive: Drive, late: int) -> None:
     drive.run(180, late=late)
@@ -285,6 +304,23 @@ def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
     drive.run(180, "wheel", size=3.0)
     assert NO_TWIST not in drive.chosen
     assert drive.error == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.safety(
+    RELEASED,
+    "the IMU is lost after the velocity of the twist has been isolated",
+    "fault isolation: no other source measures the motion, so all brakes act until the pedal is "
+    "released",
+    within=0.05,
+)
+@pytest.mark.parametrize("size", [0.3, 0.5, 1.0, -0.7])
+def test_an_isolated_twist_is_not_fused_again_without_another_source(
+    drive: Drive, size: float, within: float
+) -> None:
+    lost = 90
+    drive.run(200, "twist", size=size, imu_lost=lost)
+    assert drive.chosen[lost - 1] == NO_TWIST
+    assert set(drive.chosen[lost + round(within / STEP) :]) == {NO_ESTIMATE}
 
 
 def test_a_release_of_the_pedal_resets_isolation(drive: Drive) -> None:

@@ -30,9 +30,9 @@ Bar-Shalom 1988). They alone decide which source is isolated and when it recover
 
 The estimate is that of the most probable hypothesis. Where a component of a fused twist has a
 smaller variance, it replaces that of the filter. No estimate exists if too many sources are faulty,
-if the variance is too large, or if the twist is isolated and either no IMU has been received or no
-released wheel rolls. All brakes then act. If too many sources are faulty, they act until the pedal
-is released. Without an IMU, only the wheels can show that the twist is faulty.
+if the variance is too large, or if the twist is isolated and either the IMU gives no reading or no
+released wheel rolls. All brakes then act, and unless only the variance is too large, they act until
+the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
 
 The filters run at the time of validity of the newest twist (delayed fusion horizon). Gyro and
 accelerometer predict the estimate from that time to the present.

@@ -4,7 +4,7 @@ import math
 
 from omni_brake_assist.filter_bank import measurement
 from omni_brake_assist.filter_bank import state as bank
-from omni_brake_assist.filter_bank.filters import predict, propagate
+from omni_brake_assist.filter_bank.filters import predict, propagate, variance_along
 from omni_brake_assist.filter_bank.state import RATE, STATES, U_X, U_Y, BankConstants, BankMemory
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -74,11 +74,11 @@ def estimate(
     if _is_lost(memory):
         return bank.NO_ESTIMATE
     record.scale = memory.state[best, bank.SCALE]
-    if not record.inertial:
+    if not record.equipped:
         return bank.ALL
     best = int(_answer(constants, memory, best, answer))
     if fresh and valid_ns == now_ns:
-        _keep_precise(memory, best, twist, answer)
+        _keep_precise(constants, memory, best, twist, answer)
     return best
 
 
@@ -119,8 +119,10 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             rate = record.gyro + share * (rate - record.gyro)
         predict(constants, memory, dt, force, braking)
         record.horizon_ns = until_ns
-        if abs(rate) < bank.FASTEST_TURN:
-            record.inertial = record.inertial or force[0]
+        turns = abs(rate) < bank.FASTEST_TURN
+        record.inertial = turns and force[0]
+        record.equipped = record.equipped or record.inertial
+        if turns:
             measurement.fuse_gyro(constants, memory, dt, rate)
         if stamp_ns > target_ns:
             return
@@ -139,8 +141,8 @@ def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
     If fewer than two encoders seem to work, the estimate itself must be wrong, because several
-    encoders do not fail at the same time. If the twist is isolated, an IMU must have been received
-    since the start of the bank and, while brakes are released, a released wheel must roll.
+    encoders do not fail at the same time. If the twist is isolated, the IMU must measure the motion
+    and, while brakes are released, a released wheel must roll.
     """
     record, left = memory.record[0], 0
     for probability in memory.faulty:
@@ -158,7 +160,7 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
         return  # all brakes act until the pedal is released
     for k in range(bank.HYPOTHESES):
         posterior[k] += memory.evidence[k]
-        if not record.inertial and k in (bank.NO_GYRO, bank.NO_FORCE, bank.NO_IMU):
+        if not record.equipped and k in (bank.NO_GYRO, bank.NO_FORCE, bank.NO_IMU):
             posterior[k] = -1e3
         largest = max(largest, posterior[k])
     total = 0.0
@@ -190,19 +192,24 @@ def _mix(memory: BankMemory, best: int) -> None:
 
 
 @lean
-def _keep_precise(memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray) -> None:
+def _keep_precise(
+    constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
+) -> None:
     """Replace the components of the estimate for which the fused, current twist has less variance.
 
-    A precise twist is better used directly, as the filter would only add its model errors. This
-    requires innovations no larger than expected: the mean of their normalized squares is at most 1.
-    The estimated offset of the yaw rate counts as part of the twist's error.
+    Both variances are those of the motion of base_link. A precise twist is better used directly, as
+    the filter would only add its model errors. This requires innovations no larger than expected:
+    the mean of their normalized squares is at most 1. The estimated offset of the yaw rate counts
+    as part of the twist's error.
     """
     agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:
-        covariance = memory.covariance[best]
+        covariance, h = memory.covariance[best], memory.h
         for j in range(answer.size):
             offset = memory.state[best, bank.OFFSET] if j == RATE else 0.0
-            if twist.variance[j] + offset**2 < covariance[j, j]:
+            measurement.twist_direction(constants, h, j)
+            h[bank.OFFSET] = 0.0
+            if twist.variance[j] + offset**2 < variance_along(covariance, h):
                 answer[j] = twist.value[j]
 
 

@@ -82,7 +82,7 @@ def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: flo
 
 
 @lean
-def _twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
+def twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
     """Set `h` to the direction in the state space that a component of the twist measures."""
     h[:] = 0.0
     if j == RATE:
@@ -141,7 +141,7 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
             cost = innovation**2 / total + math.log(total)
             # The yaw rate of a twist with a faulty velocity may still be correct.
             if uses or (k == bank.NO_TWIST and j == RATE):
-                _twist_direction(constants, h, j)
+                twist_direction(constants, h, j)
                 misfit = _twist_innovation(memory, k, value[j])
                 predicted = own + variance_along(memory.covariance[k], h)
                 if uses or misfit**2 / predicted + math.log(predicted) < cost:
@@ -155,9 +155,9 @@ def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: b
         memory.evidence[k] -= constants.weight * 0.5 * (min(squared, 2.0 * GATE) + logs)
         if not uses:
             continue
-        if squared <= GATE or not record.inertial:
+        if squared <= GATE or not record.equipped:
             for j in range(3):
-                _twist_direction(constants, h, j)
+                twist_direction(constants, h, j)
                 innovation = _twist_innovation(memory, k, value[j])
                 own = _twist_variance(constants, twist, j)
                 correct(memory, k, innovation, own, (bank.BIAS_RATE, bank.OFFSET))
@@ -305,7 +305,7 @@ def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, ped
     loss[bank.LOSS_STEPS, bank.FILTERS] = float(now_ns)
     time = (loss[bank.LOSS_STEPS, bank.FILTERS] - loss[0, bank.FILTERS]) * 1e-9
     record = memory.record[0]
-    if record.braked < time + constants.spin_up or not record.inertial:
+    if record.braked < time + constants.spin_up or not record.equipped:
         return
     for k in range(bank.FILTERS):
         lost = loss[0, k] - loss[bank.LOSS_STEPS, k]

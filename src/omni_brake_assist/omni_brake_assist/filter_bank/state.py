@@ -52,7 +52,8 @@ BANK = np.dtype(
     [
         ("begun", "?"),
         ("known", "?"),  # whether a twist has been fused
-        ("inertial", "?"),  # whether an IMU reading has been received
+        ("equipped", "?"),  # whether a complete IMU reading has been received since the start
+        ("inertial", "?"),  # whether the last IMU reading is present and complete
         ("pressed", "?"),  # whether the pedal was down in the last step
         ("horizon_ns", "i8"),  # time at which the filter states are valid [ns]
         ("twist_ns", "i8"),  # time of validity of the newest twist [ns]
