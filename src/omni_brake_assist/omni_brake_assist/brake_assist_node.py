@@ -29,7 +29,7 @@ from omni_brake_assist.messages import (
     twist_of,
     wheel_speeds_of,
 )
-from omni_brake_assist.sources import Source
+from omni_brake_assist.sources import Source, summary
 from omni_brake_assist.step_pairing import Sample, StepPairing
 from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
@@ -242,9 +242,10 @@ class BrakeAssistNode(Node):
 
     def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
         fault = decision.fault.state if decision.fault is not None else None
+        level, words = summary(decision, sources)
         status = Status(
-            decision.state.level,
-            decision.reason,
+            level,
+            words,
             {
                 "state": decision.state.value,
                 "fault": fault.value if fault else "",
@@ -255,7 +256,7 @@ class BrakeAssistNode(Node):
                 },
             },
         )
-        self._status.update(decision.stamp_ns, (decision.state, fault), status)
+        self._status.update(decision.stamp_ns, (decision.state, fault, level), status)
 
 
 def _tuning(parameters: list[Parameter]) -> dict[str, Any]:

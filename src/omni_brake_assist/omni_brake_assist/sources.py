@@ -11,12 +11,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from omni_brake_assist.assist_state import Memory
-from omni_brake_assist.conditions import CONDITIONS, GOOD
+from omni_brake_assist.conditions import CONDITIONS, GOOD, WARNING
+from omni_brake_assist.decision import Decision
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.measurement import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
+LOST = "lost"  # missing, although readings were received before
 _GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 
 
@@ -26,7 +28,7 @@ class Source(NamedTuple):
     Attributes:
         name: twist, gyro, accelerometer or the name of a wheel.
         test_ratio: normalized innovation squared divided by `GATE` [1], NaN without an innovation.
-        state: FUSED, REJECTED, ISOLATED or MISSING; a wheel with an unused speed is BRAKED.
+        state: FUSED, REJECTED, ISOLATED, MISSING or LOST; a wheel with an unused speed is BRAKED.
         reason: why the source is not fused, empty if it is fused.
     """
 
@@ -60,7 +62,9 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
         ("accelerometer", force, bank.NO_FORCE, memory.workspace[0, 1]),
     ):
         missing = not math.isfinite(reading)
-        found.append(_source(name, ratio, isolated=best in (out, NO_IMU), missing=missing))
+        source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
+        lost = missing and bool(memory.bank.record[0]["equipped"])
+        found.append(source._replace(state=LOST) if lost else source)
     for i, name in enumerate(wheels):
         ratio = float(memory.bank.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
@@ -68,6 +72,14 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
         braked = wheel.state == FUSED and math.isnan(ratio)
         found.append(wheel._replace(state=BRAKED) if braked else wheel)
     return tuple(found)
+
+
+def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
+    """Return level and text of a decision for `/diagnostics`; with a lost source, a warning."""
+    lost = ", ".join(source.name for source in found if source.state == LOST)
+    if not lost:
+        return decision.state.level, decision.reason
+    return max(decision.state.level, WARNING), f"{decision.reason}; lost: {lost}"
 
 
 def _source(name: str, ratio: float, *, isolated: bool, missing: bool = False) -> Source:

@@ -53,6 +53,8 @@ class Drive:
         )
         self.kinematics, self.place = PlatformKinematics(wheels), place
         self.memory = bank_memory(len(wheels))
+        self.imu_lost = 1000  # step from which on no IMU reading is received
+        self.variance = 1e-6  # of each component of the twist [square of its unit]
         self.answers: list[FloatArray] = []
         self.chosen: list[int] = []
 
@@ -88,20 +90,14 @@ class Drive:
         late: int = 0,
         until: int = 1000,
         hold: int = 1,
-        imu_lost: int = 1000,
-        variance: float = 1e-6,
     ) -> None:
-        """Run all steps; the twist is `late` steps old, and each is used for `hold` steps.
-
-        No IMU reading is received from the step `imu_lost` on. Each component of the twist has the
-        same `variance` [square of its unit].
-        """
+        """Run all steps; the twist is `late` steps old, and each is used for `hold` steps."""
         count = len(self.memory.rim)
         for step in range(steps):
             braking, faulty = step >= PEDAL, onset <= step < until
             taken = max(step - late, 0) // hold * hold
             twist, _, _ = self.truth(onset if faulty and fault == "stuck" else taken - self.unsaid)
-            inertial = self.inertial(step) if step < imu_lost else np.full(3, np.nan)
+            inertial = self.inertial(step) if step < self.imu_lost else np.full(3, np.nan)
             speeds = self.kinematics.wheel_speeds(self.truth(step)[0])
             if faulty and fault == "twist":
                 twist = twist + np.array([0.0, size, 0.0])
@@ -127,7 +123,7 @@ class Drive:
                     self.memory,
                     step * PERIOD_NS,
                     Readings(1.0 if braking else 0.0, enable, inertial, speeds),
-                    Twist(received, taken * PERIOD_NS, twist, np.full(3, variance)),
+                    Twist(received, taken * PERIOD_NS, twist, np.full(3, self.variance)),
                     answer,
                 )
             )
@@ -260,7 +256,8 @@ def test_a_twist_is_used_directly_if_it_is_more_accurate_at_base_link(
 ) -> None:
     """The filters have the variance at the IMU, which is 1.4 m from base_link here."""
     drive = Drive(mecanum, (1.0, -1.0))
-    drive.run(100, variance=variance)
+    drive.variance = variance
+    drive.run(100)
     at_base = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
     estimated = np.diag(at_base @ drive.memory.covariance[ALL, :3, :3] @ at_base.T)
     direct = drive.answers[-1] == drive.truth(99)[0]
@@ -317,10 +314,10 @@ def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
 def test_an_isolated_twist_is_not_fused_again_without_another_source(
     drive: Drive, size: float, within: float
 ) -> None:
-    lost = 90
-    drive.run(200, "twist", size=size, imu_lost=lost)
-    assert drive.chosen[lost - 1] == NO_TWIST
-    assert set(drive.chosen[lost + round(within / STEP) :]) == {NO_ESTIMATE}
+    drive.imu_lost = 90
+    drive.run(200, "twist", size=size)
+    assert drive.chosen[drive.imu_lost - 1] == NO_TWIST
+    assert set(drive.chosen[drive.imu_lost + round(within / STEP) :]) == {NO_ESTIMATE}
 
 
 def test_a_release_of_the_pedal_resets_isolation(drive: Drive) -> None:

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
-from omni_brake_assist.sources import BRAKED, FUSED, ISOLATED, MISSING, REJECTED, Source
+from omni_brake_assist.conditions import ERROR, WARNING, AssistState
+from omni_brake_assist.decision import Decision
+from omni_brake_assist.sources import (
+    BRAKED,
+    FUSED,
+    ISOLATED,
+    LOST,
+    MISSING,
+    REJECTED,
+    Source,
+    summary,
+)
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
@@ -20,10 +31,13 @@ def drive(
     gyro: float = 0.0,
     force: float = 0.0,
     twist: bool = True,
-    imu: bool = True,
+    imu_until: int = 150,
     pedal: float = 0.0,
 ) -> dict[str, Source]:
-    """Drive at 5 m/s for a second, then for half a second with the changes; return the sources."""
+    """Drive at 5 m/s for a second, then for half a second with the changes; return the sources.
+
+    IMU readings are received until the step `imu_until`.
+    """
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels))
     value = np.array([5.0, 0.0, 0.0])
     speeds = PlatformKinematics(wheels).wheel_speeds(value)
@@ -37,7 +51,7 @@ def drive(
                 pedal if late else 0.0,
                 TwistSample(stamp_ns, value, 1e-6 * np.eye(3)) if twist or not late else None,
                 WheelSample(stamp_ns, speed),
-                ImuSample(stamp_ns, rate, specific_force) if imu or not late else None,
+                ImuSample(stamp_ns, rate, specific_force) if step < imu_until else None,
             )
         )
     return {source.name: source for source in assist.sources()}
@@ -71,9 +85,24 @@ def test_the_twist_is_judged_by_velocity_and_yaw_rate_together(
 
 def test_a_missing_source_says_so(mecanum: dict[str, WheelMount]) -> None:
     assert drive(mecanum, twist=False)["twist"].words == "rejected: no_feedback"
-    gyro = drive(mecanum, imu=False)["gyro"]
+    gyro = drive(mecanum, imu_until=0)["gyro"]
     assert gyro.state == MISSING
     assert math.isnan(gyro.test_ratio)
+
+
+@pytest.mark.parametrize(
+    ("state", "level"),
+    [(AssistState.ASSISTING, WARNING), (AssistState.NO_EFFECT, ERROR)],
+)
+def test_a_lost_imu_is_reported_with_a_warning(
+    mecanum: dict[str, WheelMount], state: AssistState, level: int
+) -> None:
+    decision = Decision(0, np.ones(4), np.zeros(4), state, "reason")
+    lost = drive(mecanum, imu_until=100)
+    assert lost["gyro"].state == lost["accelerometer"].state == LOST
+    assert summary(decision, [*lost.values()]) == (level, "reason; lost: gyro, accelerometer")
+    for found in (drive(mecanum), drive(mecanum, imu_until=0)):
+        assert summary(decision, [*found.values()]) == (state.level, "reason")
 
 
 @pytest.mark.parametrize("pedal", [0.0, 1.0])
