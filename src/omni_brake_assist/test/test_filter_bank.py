@@ -20,6 +20,7 @@ from omni_brake_assist.filter_bank.state import (
     bank_constants,
     bank_memory,
 )
+from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -28,6 +29,7 @@ RELEASED = "brakes released when they should act"
 ISOLATED = "fault isolation: the reading contradicts "
 PERIOD_NS = 10_000_000
 STEP = 0.01  # [s]
+DIRECT = BrakeConfiguration()  # on-off valves without delay
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 
 
@@ -43,9 +45,10 @@ class Drive:
         wheels: dict[str, WheelMount],
         place: tuple[float, float] = (0.0, 0.0),
         delay: float = 0.0,
+        brake: BrakeConfiguration = DIRECT,
     ) -> None:
         configuration = BrakeAssistConfiguration(
-            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
+            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay, brake=brake
         )
         self.unsaid = delay * 1e9 / PERIOD_NS  # by how many steps a twist is older than its stamp
         self.constants: BankConstants = bank_constants(
@@ -354,6 +357,8 @@ def isolated_encoder(
     released: bool,
     *,
     seconds: float = 1.0,
+    release: float = 0.0,
+    brake: BrakeConfiguration = DIRECT,
 ) -> bool:
     """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
 
@@ -362,8 +367,10 @@ def isolated_encoder(
         speed: speed of the first wheel [rad/s] as a function of time [s] and rolling speed [rad/s].
         released: whether the brake of this wheel is released.
         seconds: time for which the pedal is down [s].
+        release: time of the release [s].
+        brake: brake of each wheel.
     """
-    drive = Drive(mounts)
+    drive = Drive(mounts, brake=brake)
     constants, memory, answer = drive.constants, drive.memory, np.empty(3)
     for k in range(-PEDAL, round(seconds / STEP)):
         time = max(k * STEP, 0.0)
@@ -378,7 +385,7 @@ def isolated_encoder(
             (k + PEDAL) * PERIOD_NS,
             Readings(
                 1.0 if braking else 0.0,
-                np.array([0.0 if released else 1.0, 1.0, 1.0, 1.0]),
+                np.array([float(not released or time < release), 1.0, 1.0, 1.0]),
                 np.array([0.0, -BRAKE if k > 0 else 0.0, 0.0]),
                 speeds,
             ),
@@ -428,6 +435,16 @@ def test_a_possible_wheel_speed_is_used(
     mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
 ) -> None:
     assert not isolated_encoder(mecanum, speed, released)
+
+
+def test_a_wheel_whose_brake_releases_late_is_no_faulty_encoder(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    brake = BrakeConfiguration(dead_time=0.06, release_time=0.2)
+
+    assert not isolated_encoder(
+        mecanum, lambda _t, _rolling: 0.0, True, seconds=0.3, release=0.1, brake=brake
+    )
 
 
 @pytest.mark.safety(

@@ -69,6 +69,11 @@ class BrakeConfiguration(Configuration):
         """Time to 86 % of a pressure change: dead time and two time constants [s]."""
         return self.dead_time + 2.0 * self.time_constant
 
+    @property
+    def releasing_time(self) -> float:
+        """Time to 86 % of the pressure drop after a release [s]."""
+        return self.settling_time + max(self.release_time - self.dead_time, 0.0)
+
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
         """Return brake torques [N m], limited to the largest power.
 

@@ -228,7 +228,7 @@ def bank_constants(
         roll=geometry.rim,
         p_x=p_x,
         p_y=p_y,
-        spin_up=0.03 + configuration.brake.settling_time,
+        spin_up=0.03 + configuration.brake.releasing_time,
         delay=round(configuration.feedback_delay * 1e9),
         twist_wait=round((configuration.feedback_delay + configuration.feedback_timeout) * 1e9),
         longest=configuration.maximum_time_step,
