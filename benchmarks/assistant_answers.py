@@ -112,7 +112,7 @@ def main() -> None:
 
 def stop_and_go(run: FastRun) -> FloatArray:
     """Return a stop and the acceleration back to its first speed, which may be repeated."""
-    moving = np.column_stack([run.twist, run.record.wheel_speed])
+    moving = np.column_stack([run.twist, run.wheel_speed])
     share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
     moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])
     pedal = np.concatenate([run.pedal, np.zeros(len(share))])

@@ -28,7 +28,8 @@ def main() -> None:
         )
         run = run_fast_loop(configuration)
         change = np.diff(run.twist[:, :2], axis=0, prepend=run.twist[:1, :2])
-        force = change * SECOND_NS / run.period_ns
+        period_ns = int(run.stamp_ns[1])
+        force = change * SECOND_NS / period_ns
         assist, covariance = BrakeAssist(configuration.brake_assist), 1e-6 * np.eye(3)
         times, costs, stamp_ns = [], [], 0
         end = time.perf_counter() + 60.0 * options.minutes
@@ -38,14 +39,14 @@ def main() -> None:
                     stamp_ns,
                     float(pedal),
                     TwistSample(stamp_ns, run.twist[k], covariance),
-                    WheelSample(stamp_ns, run.record.wheel_speed[k]),
+                    WheelSample(stamp_ns, run.wheel_speed[k]),
                     ImuSample(stamp_ns, float(run.twist[k, 2]), force[k]),
                 )
                 before, spent = time.perf_counter_ns(), time.thread_time_ns()
                 assist.update(demand)
                 costs.append(time.thread_time_ns() - spent)
                 times.append(time.perf_counter_ns() - before)
-                stamp_ns += run.period_ns
+                stamp_ns += period_ns
             stamp_ns += SECOND_NS  # separates the next stop from this one
         for kind, values in (("cpu_time", costs), ("wall_time", times)):
             for name, share in (("p50", 50.0), ("p99", 99.0), ("p99_9", 99.9), ("longest", 100.0)):

@@ -50,6 +50,6 @@ def test_braking_out_of_a_turn_is_the_same_over_the_graph(
 ) -> None:
     words = ["turn_while_translate", "--variant", "k1", "--set", "simulation.render_lines=false"]
     over_topics = read_run(run_experiment(*words).folder / "k1")
-    fast = run_fast_loop(library.load("turn_while_translate", "k1")).history()
+    fast = run_fast_loop(library.load("turn_while_translate", "k1"))
     for name in ("stamp_ns", "pose", "twist", "wheel_speed", "brake_torque", "enable", "error"):
         np.testing.assert_array_equal(getattr(over_topics, name), getattr(fast, name))

@@ -18,7 +18,7 @@ from omni_brake_assist.conditions import GOOD
 from omni_brake_assist.laws.law import NO_HELP, Law, call_law
 from omni_brake_assist.laws.registry import own_law
 from omni_loop.experiment import ExperimentConfiguration
-from omni_loop.history import RunHistory
+from omni_loop.history import RunHistory, without_jumps
 from omni_platform.configuration import ConfigurationError
 from omni_platform.kernels import inlined, kernel, lean
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
@@ -35,100 +35,46 @@ from omni_sim.vehicle.vehicle import Vehicle
 _CHUNK = 512  # number of stamps per call and per chunk of noise
 
 
-class Record(NamedTuple):
-    """Time histories of one run with T control stamps and N wheels.
+class _Record(NamedTuple):
+    """Time histories of a run in progress, up to T control stamps and N wheels; see `FastRun`."""
+
+    # x, y, yaw of `base_link` in `odom` [m, m, rad] and its true twist in the body frame [m/s, m/s,
+    # rad/s], (T, 6).
+    motion: FloatArray
+    heading: FloatArray  # yaw as it is read from a recording, -pi to pi [rad], (T,)
+    feedback: FloatArray  # (T, 3)
+    valid: BoolArray  # (T,)
+    energy: FloatArray  # (T,)
+    wheel_angle: FloatArray  # (T, N)
+    wheel_speed: FloatArray  # (T, N)
+    brake_torque: FloatArray  # (T, N)
+    enable: FloatArray  # (T, N)
+    error: FloatArray  # (T, N)
+
+
+def _new_record(stamps: int, wheels: int) -> _Record:
+    each = (np.empty((stamps, wheels)) for _ in range(5))
+    body = np.empty((stamps, 6)), np.empty(stamps), np.empty((stamps, 3))
+    return _Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class FastRun(RunHistory):
+    """Time histories of a run of the fast loop, without odometry and states of the assistant.
 
     Attributes:
-        motion: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, and its true twist
-            in the body frame [m/s, m/s, rad/s], shape (T, 6).
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
         valid: whether all inputs were valid, so that brakes could be released, shape (T,).
         energy: kinetic energy of body and wheels plus elastic energy of the tires [J], shape (T,).
-        wheel_angle: rotation of each wheel [rad], shape (T, N).
-        wheel_speed: rotational speed of each wheel [rad/s], shape (T, N).
-        brake_torque: torque of each brake [N m], shape (T, N).
-        enable: share of the brake pressure that passes [1], shape (T, N).
-        error: error of each wheel in the control law [m/s], shape (T, N).
-    """
-
-    motion: FloatArray
-    feedback: FloatArray
-    valid: BoolArray
-    energy: FloatArray
-    wheel_angle: FloatArray
-    wheel_speed: FloatArray
-    brake_torque: FloatArray
-    enable: FloatArray
-    error: FloatArray
-
-
-def _new_record(stamps: int, wheels: int) -> Record:
-    each = (np.empty((stamps, wheels)) for _ in range(5))
-    body = np.empty((stamps, 6)), np.empty((stamps, 3))
-    return Record(*body, np.empty(stamps, np.bool_), np.empty(stamps), *each)
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class FastRun:
-    """Result of one run with T control stamps.
-
-    Attributes:
-        wheel_names: wheel names of the columns.
-        period_ns: control period [ns].
-        pedal: brake demand of the driver, 0 to 1, shape (T,).
-        record: time histories.
         stopped: whether the vehicle came to rest within the longest duration of the run.
         tipping_steps: number of physics steps in which a real vehicle would have begun to tip over.
     """
 
-    wheel_names: tuple[str, ...]
-    period_ns: int
-    pedal: FloatArray
-    record: Record
+    feedback: FloatArray
+    valid: BoolArray
+    energy: FloatArray
     stopped: bool
     tipping_steps: int
-
-    @property
-    def pose(self) -> FloatArray:
-        """x, y, yaw of `base_link` in `odom` [m, m, rad], yaw not wrapped, shape (T, 3)."""
-        return self.record.motion[:, 0:3]
-
-    @property
-    def twist(self) -> FloatArray:
-        """True twist in the body frame [m/s, m/s, rad/s], shape (T, 3)."""
-        return self.record.motion[:, 3:6]
-
-    @property
-    def brake_start(self) -> int:
-        """Index of the first stamp with the pedal down, of the last stamp if it is never down."""
-        pressed = self.pedal > 0.0
-        return int(np.argmax(pressed)) if pressed[-1] else len(pressed) - 1
-
-    @property
-    def orientation_change(self) -> float:
-        """Magnitude of the change of yaw from the start of braking to the end [deg]."""
-        return abs(math.degrees(self.pose[-1, 2] - self.pose[self.brake_start, 2]))
-
-    @property
-    def stopping_distance(self) -> float:
-        """Straight-line distance from the start of braking to the final position [m]."""
-        return math.hypot(*(self.pose[-1, :2] - self.pose[self.brake_start, :2]))
-
-    def history(self) -> RunHistory:
-        """Return the run in the form that metrics and figures use; it contains no odometry."""
-        stamps = len(self.pedal)
-        return RunHistory.from_samples(
-            wheel_names=self.wheel_names,
-            stamp_ns=np.arange(stamps) * self.period_ns,
-            pose=self.pose,
-            twist=self.twist,
-            wheel_angle=self.record.wheel_angle,
-            wheel_speed=self.record.wheel_speed,
-            brake_torque=self.record.brake_torque,
-            enable=self.record.enable,
-            error=self.record.error,
-            pedal=self.pedal,
-        )
 
 
 class _Loop(NamedTuple):
@@ -198,26 +144,31 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
         noise = np.random.default_rng(seed)
     scratch = _new_scratch(len(vehicle.wheel_names), loop.steps)
     run = _Run(vehicle.state, assist, memory, sensors, loop, scratch, record)
+    onsets = np.ceil(np.round(1e9 * vehicle.brake_fault_onsets) / loop.period_ns).astype(int)
+    changes = {stamp for stamp in onsets.tolist() if 0 < stamp < stamps}
     used, outcome = 0, run_progress.RUNNING
-    while outcome == run_progress.RUNNING and used < stamps:
-        time = used * loop.period_ns * 1e-9
-        later = vehicle.brake_fault_onsets[vehicle.brake_fault_onsets > time]
-        vehicle.apply_brake_faults(time)
-        last = min(_CHUNK * (used // _CHUNK + 1), stamps)
-        if later.size:
-            last = min(last, math.ceil(round(later.min() * 1e9) / loop.period_ns))
+    for last in sorted({*range(_CHUNK, stamps, _CHUNK), *changes, stamps}):
         if loop.measures and used % _CHUNK == 0:  # in chunks, as most runs are short
             noise.standard_normal(out=sensors.noise)
         part = (run, used, last)
         used, outcome = _run_part(*part) if law is None else _run_own(law, *part)
-    written = record._asdict().items()
+        if outcome != run_progress.RUNNING:
+            break
+        vehicle.apply_brake_faults(used * loop.period_ns * 1e-9)
+    written = {name: rows[:used].copy() for name, rows in record._asdict().items()}
+    motion, heading = written.pop("motion"), written.pop("heading")
+    unmeasured = np.full((used, 3), np.nan)
     return FastRun(
         wheel_names=vehicle.wheel_names,
-        period_ns=loop.period_ns,
+        stamp_ns=np.arange(used) * loop.period_ns,
+        pose=np.column_stack((motion[:, :2], without_jumps(heading))),
+        twist=motion[:, 3:],
         pedal=loop.pedal[:used],
-        record=record._replace(**{name: rows[:used].copy() for name, rows in written}),
+        estimate=unmeasured,
+        estimate_variance=unmeasured,
         stopped=outcome == run_progress.STOPPED,
         tipping_steps=vehicle.tipping_steps,
+        **written,
     )
 
 
@@ -334,7 +285,7 @@ class _Run(NamedTuple):
     sensors: _Sensors
     loop: _Loop
     scratch: _Scratch
-    record: Record
+    record: _Record
 
 
 @inlined
@@ -431,6 +382,8 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
         record.enable[stamp, i] = scratch.enable[i]
         record.error[stamp, i] = scratch.error[i]
     motion = record.motion[stamp]
+    half_turn = 0.5 * motion[2]  # as in `quaternion_from_yaw` and back
+    record.heading[stamp] = 2.0 * math.atan2(math.sin(half_turn), math.cos(half_turn))
     now_ns, speed = stamp * loop.period_ns, run_progress.rim_speed(motion[3:6])
     outcome: int = run_progress.run_outcome(
         loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed

@@ -27,7 +27,6 @@ _NUMBER: dict[str, tuple[str, ...]] = {"components": ()}
 _WHEELS = {"components": (PER_WHEEL,)}
 _TWIST = {"components": ("v_x", "v_y", "yaw rate")}
 _POSE = {"components": ("x", "y", "yaw")}
-_QUATERNION = {"components": ("q_z", "q_w")}
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,7 +39,6 @@ class RunHistory:
         wheel_names: names of the wheels, in the order of the columns.
         stamp_ns: control stamps from the start of the run [ns], strictly increasing, shape (T,).
         pose: x, y, yaw of `base_link` in `odom` [m, m, rad], yaw without jumps, shape (T, 3).
-        orientation: quaternion components (q_z, q_w) of the heading [1], shape (T, 2).
         twist: true v_x, v_y, yaw rate of `base_link` in the body frame [m/s, m/s, rad/s], shape (T,
             3).
         wheel_angle: rotation of each wheel [rad], shape (T, N).
@@ -64,7 +62,6 @@ class RunHistory:
     wheel_names: tuple[str, ...]
     stamp_ns: IntArray = dataclasses.field(metadata=_NUMBER)
     pose: FloatArray = dataclasses.field(metadata=_POSE)
-    orientation: FloatArray = dataclasses.field(metadata=_QUATERNION)
     twist: FloatArray = dataclasses.field(metadata=_TWIST)
     wheel_angle: FloatArray = dataclasses.field(metadata=_WHEELS)
     wheel_speed: FloatArray = dataclasses.field(metadata=_WHEELS)
@@ -107,7 +104,7 @@ class RunHistory:
             **samples: the other arguments of `from_quaternions`.
         """
         rows = np.array(pose, dtype=np.float64).reshape(-1, 3)
-        orientation = [quaternion_from_yaw(float(yaw)) for yaw in rows[:, 2]]
+        orientation = [quaternion_from_yaw(yaw) for yaw in rows[:, 2].tolist()]
         return cls.from_quaternions(position=rows[:, :2], orientation=orientation, **samples)
 
     @classmethod
@@ -151,7 +148,6 @@ class RunHistory:
         return cls(
             wheel_names=tuple(wheel_names),
             pose=np.column_stack((place, continuous_yaw(quaternion))),
-            orientation=quaternion,
             assist_state=tuple(assist_state),
             real_time_factor=real_time_factor,
             **signals | whole,
@@ -178,6 +174,16 @@ class RunHistory:
         """Time since the start of braking [s], or since the first stamp without braking, (T,)."""
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
+
+    @property
+    def orientation_change(self) -> float:
+        """Magnitude of the change of yaw from the start of braking to the end [deg]."""
+        return abs(math.degrees(self.pose[-1, 2] - self.pose[self.brake_start or 0, 2]))
+
+    @property
+    def stopping_distance(self) -> float:
+        """Straight-line distance from the start of braking to the final position [m]."""
+        return math.hypot(*(self.pose[-1, :2] - self.pose[self.brake_start or 0, :2]))
 
     @property
     def velocity_world(self) -> FloatArray:
@@ -211,7 +217,12 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
         Headings, the first in (-pi, pi], shape (T,).
     """
     half_turns = [math.atan2(q_z, q_w) for q_z, q_w in orientation.tolist()]
-    yaw = np.asarray(np.unwrap(2.0 * np.array(half_turns)), dtype=np.float64)
-    if yaw.size:
-        yaw -= math.tau * math.ceil((float(yaw[0]) - math.pi) / math.tau)
-    return yaw
+    return without_jumps(2.0 * np.array(half_turns))
+
+
+def without_jumps(yaw: FloatArray) -> FloatArray:
+    """Return headings [rad] without jumps of full turns, the first in (-pi, pi], shape (T,)."""
+    if np.any(np.abs(np.diff(yaw)) > math.pi):  # most runs need no slow `unwrap`
+        yaw = np.unwrap(yaw)
+    turns = math.ceil((float(yaw[0]) - math.pi) / math.tau) if yaw.size else 0
+    return np.asarray(yaw - math.tau * turns)

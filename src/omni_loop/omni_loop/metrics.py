@@ -205,11 +205,10 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
 
     path = history.pose[start:, :2]
     steps = np.diff(path, axis=0)
-    turned = float(history.pose[-1, 2] - history.pose[start, 2])
     values = {
-        "stopping_distance": math.hypot(*(path[-1] - path[0])),
+        "stopping_distance": history.stopping_distance,
         "path_length": float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))),
-        "orientation_change": abs(math.degrees(turned)),
+        "orientation_change": history.orientation_change,
         "lateral_deviation": _lateral_deviation(path, history.velocity_world[start], rest),
         "stopping_time": float(history.stamp_ns[stop] - history.stamp_ns[start]) * 1e-9,
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),

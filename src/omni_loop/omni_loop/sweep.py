@@ -89,7 +89,7 @@ def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistor
     from omni_loop import compiled, loop
 
     if configuration.feedback == "velocity_sensor" and not configuration.simulation.render_lines:
-        return compiled.run_fast_loop(configuration).history()
+        return compiled.run_fast_loop(configuration)
     return loop.run_closed_loop(configuration)
 
 

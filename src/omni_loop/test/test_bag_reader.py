@@ -14,7 +14,7 @@ from made_histories import first_difference
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from omni_loop.history import RunHistory
+from omni_loop.history import RunHistory, quaternion_from_yaw
 from omni_loop.metrics import run_metrics
 from omni_loop.recorded_run import BagError, read_run
 
@@ -56,9 +56,14 @@ def covariance(variances: Any) -> Any:
     return matrix.ravel()
 
 
+def recorded(run: RunHistory) -> RunHistory:
+    """Return a run as its recording contains it, with each heading as a quaternion."""
+    return RunHistory.from_samples(**vars(run))
+
+
 def odometry(run: RunHistory, k: int) -> Any:
     x, y, _ = run.pose[k].tolist()
-    q_z, q_w = run.orientation[k].tolist()
+    q_z, q_w = quaternion_from_yaw(float(run.pose[k, 2]))
     pose = message(
         "geometry_msgs/msg/Pose",
         position=message("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
@@ -176,9 +181,8 @@ def bag(tmp_path: Path, run: RunHistory) -> Path:
 
 def test_a_run_survives_its_bag_to_the_bit(bag: Path, run: RunHistory) -> None:
     back = read_run(bag)
-    assert first_difference(run, back) is None
-    assert np.array_equal(run.pose[:, 2], back.pose[:, 2])
-    assert repr(run_metrics(back)) == repr(run_metrics(run))
+    assert first_difference(recorded(run), back) is None
+    assert repr(run_metrics(back)) == repr(run_metrics(recorded(run)))
 
 
 def test_wheels_without_angle_and_torque_are_read(tmp_path: Path, run: RunHistory) -> None:
@@ -218,7 +222,7 @@ def test_the_motion_of_a_real_vehicle_is_its_integrated_twist(
 
 def test_topics_may_have_a_namespace(tmp_path: Path, run: RunHistory) -> None:
     bag = write_bag(tmp_path / "bag", run, namespace="/fleet/one")
-    assert first_difference(run, read_run(bag)) is None
+    assert first_difference(recorded(run), read_run(bag)) is None
 
 
 def test_two_vehicles_in_one_recording_are_no_run(tmp_path: Path, run: RunHistory) -> None:
@@ -235,7 +239,7 @@ def test_wheels_may_come_in_another_order(tmp_path: Path, run: RunHistory) -> No
         return entry
 
     bag = write_bag(tmp_path / "bag", run, change=reversed_enable)
-    assert first_difference(run, read_run(bag)) is None
+    assert first_difference(recorded(run), read_run(bag)) is None
 
 
 def test_values_without_a_message_are_missing(tmp_path: Path, run: RunHistory) -> None:

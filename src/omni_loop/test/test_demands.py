@@ -54,7 +54,7 @@ def test_between_rows_demands_lie_on_a_line_and_rest_follows_the_last(
 def test_a_table_with_two_stops_runs_to_the_second_and_both_loops_agree(
     two_stops: ExperimentConfiguration,
 ) -> None:
-    run = run_fast_loop(two_stops).history()
+    run = run_fast_loop(two_stops)
     assert first_difference(run, run_closed_loop(two_stops)) is None
     first, second = stops_of(run)
     assert first.brake_start is not None

@@ -86,12 +86,12 @@ def test_same_bits_as_the_loop_of_the_cores(
     configuration = load(experiment, variant, *overrides)
     fast = run_fast_loop(configuration)
     cores = run_closed_loop(configuration)
-    assert first_difference(fast.history(), cores) is None
+    assert first_difference(fast, cores) is None
     faulty = {state.value for state in AssistState if state.is_fault}
     faults = np.array([state in faulty for state in cores.assist_state])
     if configuration.brake_assist.enabled:
         braking = fast.pedal >= configuration.brake_assist.pedal_threshold
-        np.testing.assert_array_equal(faults[braking], ~fast.record.valid[braking])
+        np.testing.assert_array_equal(faults[braking], ~fast.valid[braking])
     metrics = run_metrics(cores)
     if fast.stopped:
         assert fast.orientation_change == pytest.approx(metrics["orientation_change"].value)
@@ -102,11 +102,11 @@ def test_noise_is_that_of_the_seed_and_within_its_bounds() -> None:
     noisy = run_fast_loop(load("ice_patch_noisy", "noisy"))
     again = run_fast_loop(load("ice_patch_noisy", "noisy"))
     other = run_fast_loop(load("ice_patch_noisy", "noisy", "seed=2"))
-    np.testing.assert_array_equal(noisy.record.feedback, again.record.feedback)
-    assert not np.array_equal(noisy.record.feedback[:20], other.record.feedback[:20])
+    np.testing.assert_array_equal(noisy.feedback, again.feedback)
+    assert not np.array_equal(noisy.feedback[:20], other.feedback[:20])
     offset = np.array([0.01, 0.01, 0.05])
     assert np.all(
-        np.abs(noisy.record.feedback - offset - noisy.twist)
+        np.abs(noisy.feedback - offset - noisy.twist)
         <= 0.15 * np.abs(noisy.twist) + 1e-12  # rounding
     )
 
@@ -114,7 +114,7 @@ def test_noise_is_that_of_the_seed_and_within_its_bounds() -> None:
 def test_a_law_from_outside_runs_like_a_built_in_one() -> None:
     outside = run_fast_loop(load("straight_line", "assisted", OUTSIDE, *TURNING))
     built_in = run_fast_loop(load("straight_line", "assisted", *TURNING))
-    assert first_difference(outside.history(), built_in.history()) is None
+    assert first_difference(outside, built_in) is None
 
 
 def test_without_a_stop_the_run_ends_at_its_limit() -> None:
@@ -144,4 +144,4 @@ def test_trust_holds_up_to_the_fastest_maneuver(law: str) -> None:
     )
     run = run_fast_loop(configuration)
     assert run.stopped
-    assert np.all(run.record.valid[run.brake_start :])
+    assert np.all(run.valid[run.brake_start :])

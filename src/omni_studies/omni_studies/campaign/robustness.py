@@ -119,7 +119,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
         stopped_unassisted=int(unassisted.stopped),
         stopped_assisted=int(assisted.stopped),
         tipping=int(unassisted.tipping_steps + assisted.tipping_steps > 0),
-        rejected_share=float(np.mean(~assisted.record.valid[assisted.brake_start :])),
+        rejected_share=float(np.mean(~assisted.valid[assisted.brake_start :])),
     )
 
 
@@ -144,7 +144,7 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
     only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
-    energy = run.record.energy[free]
+    energy = run.energy[free]
     rise = np.max(energy - np.minimum.accumulate(energy))
     return float(rise / energy[0])
 

@@ -347,8 +347,8 @@ def _severity(stop: Stop) -> float:
 
 def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: Fault) -> bool:
     start = configuration.maneuver.brake_time + max(fault.onset, 0.0) + 0.5
-    first = round(start * 1e9) // run.period_ns
-    released = np.any(run.record.enable[first:] < 0.5, axis=1)
+    first = np.searchsorted(run.stamp_ns, round(start * 1e9), side="right") - 1
+    released = np.any(run.enable[first:] < 0.5, axis=1)
     moving = np.hypot(run.twist[first:, 0], run.twist[first:, 1]) > 1.0
     return bool(not np.any(moving) or np.any(released[moving]))
 

@@ -131,7 +131,7 @@ def _bound(
 def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
     """Return x, y [m], yaw [rad] of base_link from the start of braking on, shape (T, 3)."""
     ramp = experiment.maneuver.pedal_ramp_time > 0.0  # a ramp starts with the pedal up
-    return run.pose[run.brake_start - int(ramp) :]
+    return run.pose[(run.brake_start or 0) - int(ramp) :]
 
 
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:

@@ -58,12 +58,10 @@ class ExperimentRuns:
     Attributes:
         configurations: configurations by variant.
         histories: runs by variant.
-        feedback: twists that the assistant received [m/s, m/s, rad/s], shape (T, 3), by variant.
     """
 
     configurations: Mapping[str, ExperimentConfiguration]
     histories: Mapping[str, RunHistory]
-    feedback: Mapping[str, FloatArray]
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -110,15 +108,11 @@ def run_experiment(
         if assistant.enabled and assistant.fault_detection and not configuration.uses_lines:
             alone = library.load(experiment, variant, (*overrides, _TWIST_ALONE))
             configurations[variant + _ALONE] = alone
-    histories, feedback = {}, {}
+    histories: dict[str, RunHistory] = {}
     for variant, configuration in configurations.items():
-        if not configuration.uses_lines:
-            run = compiled.run_fast_loop(configuration)
-            histories[variant], feedback[variant] = run.history(), run.record.feedback
-        else:
-            histories[variant] = loop.run_closed_loop(configuration)
-            feedback[variant] = histories[variant].estimate
-    return ExperimentRuns(configurations, histories, feedback)
+        run = loop.run_closed_loop if configuration.uses_lines else compiled.run_fast_loop
+        histories[variant] = run(configuration)
+    return ExperimentRuns(configurations, histories)
 
 
 def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
@@ -200,7 +194,8 @@ def _compared_velocities(runs: ExperimentRuns) -> Figure:
 
 def _measured(runs: ExperimentRuns) -> Figure:
     """Draw the noisy feedback and the true motion."""
-    history, feedback = runs.histories["noisy"], runs.feedback["noisy"]
+    history = runs.histories["noisy"]
+    feedback = history.feedback if isinstance(history, compiled.FastRun) else history.estimate
     twists = {"original": (history, history.twist), "noisy": (history, feedback)}
     return _over_one_another(twists, "Noise on the feedback", _LABELS)
 

@@ -224,7 +224,7 @@ class LawStops:
             note = found.reason or f"with a tolerance of {1e3 * found.tolerance:.0f} mm"
             return LawStop(number, case.name, found.distance, math.nan, note)
         optical = experiment.feedback == "optical"
-        history = run_closed_loop(experiment) if optical else run_fast_loop(experiment).history()
+        history = run_closed_loop(experiment) if optical else run_fast_loop(experiment)
         metrics = run_metrics(history)
         distance, turned = metrics["stopping_distance"], metrics["orientation_change"]
         return LawStop(

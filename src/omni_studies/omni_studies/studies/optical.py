@@ -91,7 +91,7 @@ def _compare(options: Options, study: StudyRun) -> list[Comparison]:
     comparisons: list[Comparison] = []
     for (experiment, variant), (sensor, optical) in pairs.items():
         study.report(len(comparisons) / len(pairs), f"{experiment} {variant}")
-        runs = compiled.run_fast_loop(sensor).history(), loop.run_closed_loop(optical)
+        runs = compiled.run_fast_loop(sensor), loop.run_closed_loop(optical)
         histories = dict(zip(_FEEDBACK, runs, strict=True))
         comparisons.append(Comparison(experiment, variant, histories))
     return comparisons

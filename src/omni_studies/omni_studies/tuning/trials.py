@@ -208,7 +208,7 @@ class Trials:
         """Run the experiment with this number."""
         pair, situation = divmod(number, len(self.bases))
         run = run_fast_loop(configured(self.bases[situation], *self.pairs[pair]))
-        enable = run.record.enable[max(run.brake_start - 1, 0) :]
+        enable = run.enable[max((run.brake_start or 0) - 1, 0) :]
         switchings = float(np.count_nonzero(np.diff(enable, axis=0)))
         if not run.stopped:
             return Numbers(number, math.inf, math.inf, switchings)

@@ -213,7 +213,7 @@ def test_a_stop_without_an_imu_and_without_a_fault_is_not_ended(changes: tuple[s
     without_imu = ("imu.enabled=false", "encoders.resolution=4096", "feedback=velocity_sensor")
     settings = ("simulation.render_lines=false", *without_imu, *changes)
     run = run_fast_loop(LIBRARY.load("straight_line", "assisted", settings))
-    assert np.all(run.record.valid[run.brake_start :])
+    assert np.all(run.valid[run.brake_start :])
 
 
 @pytest.mark.parametrize(

@@ -72,9 +72,9 @@ def test_a_stop_that_turns_and_returns_has_not_kept_its_heading(
     run, maneuver = run_fast_loop(experiment), maneuver_of(experiment.maneuver)
     assert _kept(run, experiment, maneuver) == pytest.approx(run.stopping_distance)
     for column, much in ((1, 0.2), (2, math.radians(1.0))):  # line [m] and heading [rad]
-        bent = run.record.motion.copy()
-        bent[run.brake_start + 40, column] += much
-        returned = dataclasses.replace(run, record=run.record._replace(motion=bent))
+        bent = run.pose.copy()
+        bent[(run.brake_start or 0) + 40, column] += much
+        returned = dataclasses.replace(run, pose=bent)
         assert math.isnan(_kept(returned, experiment, maneuver))
 
 

@@ -22,7 +22,7 @@ LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 def history() -> RunHistory:
     """An assisted stop without odometry."""
     overrides = ("simulation.render_lines=false", "feedback=velocity_sensor")
-    return run_fast_loop(LIBRARY.load("straight_line", "assisted", overrides)).history()
+    return run_fast_loop(LIBRARY.load("straight_line", "assisted", overrides))
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.003, 0.02])

@@ -70,7 +70,7 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
         setting = f"brake_assist.max_rotation={rotation}"
         run = run_fast_loop(load((*IDEAL, *_ALLOCATION, setting)))
         stops[f"allocation_{rotation:g}"] = Stop(run.stopping_distance, run.orientation_change)
-        plan = optimal.plan(rotation, run.history())
+        plan = optimal.plan(rotation, run)
         if plan.distance < best.distance or math.isnan(best.distance):
             best = Stop(plan.distance, plan.rotation)
         stops[f"best_{rotation:g}"] = best  # a smaller rotation may give the shorter stop

@@ -225,7 +225,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
         start: time from which the area is counted [s]; the frame is that of `base_link` at this
             time.
     """
-    pose = run.pose[round(start * SECOND_NS / run.period_ns) :]
+    pose = run.pose[np.searchsorted(run.stamp_ns, round(start * SECOND_NS)) :]
     angle = pose[:, 2] - pose[0, 2]
     moved = turned(pose[:, :2] - pose[0, :2], -pose[0, 2])  # from odom into this frame
     swept = turned(points, angle[:, np.newaxis]) + moved[:, np.newaxis, :]  # (T, C, 2)

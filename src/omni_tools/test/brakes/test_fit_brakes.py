@@ -29,7 +29,7 @@ def stop(
     overrides = [f"vehicle.brake.{key}={value}" for key, value in brake.items()]
     overrides += ["feedback=velocity_sensor", *more]
     configuration = ExperimentLibrary(CONFIG).load("straight_line", variant, overrides)
-    history = run_fast_loop(configuration).history()
+    history = run_fast_loop(configuration)
     time = np.asarray(1e-9 * history.stamp_ns, dtype=np.float64)
     enable = np.where(np.isfinite(history.enable), history.enable >= 0.5, True)
     command = history.pedal[:, np.newaxis] * enable

@@ -42,7 +42,7 @@ def symmetric() -> ExperimentConfiguration:
 def test_a_symmetric_vehicle_stops_best_near_its_bound(symmetric: ExperimentConfiguration) -> None:
     maneuver = maneuver_of(symmetric.maneuver)
     bound = straight_bound(symmetric.vehicle, symmetric.ground, maneuver)
-    guess = run_fast_loop(symmetric).history()
+    guess = run_fast_loop(symmetric)
     stops = [OptimalStop(symmetric.vehicle, 1.0, maneuver, Transcription(n)) for n in (10, 20)]
     plans = [stop.plan(0.5, guess) for stop in stops]
     for plan in plans:

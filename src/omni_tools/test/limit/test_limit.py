@@ -211,7 +211,7 @@ def test_a_run_says_how_near_it_comes_to_the_limit(library: ExperimentLibrary) -
     for variant in ("unassisted", "allocation"):
         experiment = library.load("straight_line", variant, ["feedback=velocity_sensor"])
         run = run_fast_loop(experiment)
-        shares[variant] = limit_share(run.history(), experiment, run.stopping_distance)
+        shares[variant] = limit_share(run, experiment, run.stopping_distance)
         assert not shares[variant].note
     assert shares["unassisted"].value < 0.9
     assert 0.97 < shares["allocation"].value < 1.02
@@ -219,7 +219,7 @@ def test_a_run_says_how_near_it_comes_to_the_limit(library: ExperimentLibrary) -
 
 def test_the_share_is_continuous_in_the_yaw_rate(library: ExperimentLibrary) -> None:
     experiment = library.load("turn_while_translate", "k7", ["feedback=velocity_sensor"])
-    history = run_fast_loop(experiment).history()
+    history = run_fast_loop(experiment)
     shares = []
     for yaw_rate in (0.0, 1e-4, 2e-3, 0.5):
         twist = history.twist.copy()
