@@ -7,12 +7,12 @@ lockstep, so the results are bit-identical. `steps` is the loop; the other funct
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain, starmap
 from typing import Any, Protocol
 
 import numpy as np
 
-from linescan_odometry.measurements import TwistEstimate
-from linescan_odometry.registry import Odometry, make_odometry
+from linescan_odometry.port import OdometryPort
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
 from omni_loop import experiment, history
 from omni_platform import quantities, signals
@@ -95,28 +95,23 @@ class SensorEstimator:
 
 
 class LineEstimator:
-    """Estimates the twist from the lines of the cameras with an odometry.
+    """Estimates the twist from the lines of the cameras with an odometry."""
 
-    Attributes:
-        last: latest estimate of the odometry, None before the first one.
-    """
-
-    def __init__(self, odometry: Odometry) -> None:
+    def __init__(self, odometry: OdometryPort) -> None:
         self._odometry = odometry
-        self.last: TwistEstimate | None = None
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist over the lines since the last stamp."""
-        for name, batch in observation.line_batches.items():
-            self._odometry.match(name, batch)  # in the background, while the next is rendered
-        self.last = self._odometry.update({**observation.line_batches, **observation.flows})
-        return signals.TwistSample(self.last.stamp_ns, self.last.twist, self.last.covariance)
+        # Each camera is matched while the next one is rendered.
+        inputs = chain(observation.line_batches.items(), observation.flows.items())
+        *_, (newest, _) = chain.from_iterable(starmap(self._odometry.take, inputs))
+        return signals.TwistSample(newest.stamp_ns, newest.twist, newest.covariance)
 
 
 def make_estimator(configuration: experiment.ExperimentConfiguration) -> Estimator:
     """Return the source of the twist for the brake assistant of a configuration."""
     if configuration.own_odometry or configuration.feedback == "optical":
-        return LineEstimator(make_odometry(configuration.own_odometry, configuration.odometry))
+        return LineEstimator(OdometryPort(configuration.own_odometry, configuration.odometry))
     return SensorEstimator()
 
 
@@ -151,7 +146,7 @@ def _until_over(
     # The assistant does not use this odometry; its estimate is only recorded.
     recorded: Estimator | None = None
     if configuration.simulation.render_lines and not configuration.uses_lines:
-        recorded = LineEstimator(make_odometry("", configuration.odometry))
+        recorded = LineEstimator(OdometryPort("", configuration.odometry))
     for moment in moments:
         if recorded is not None:
             yield moment, recorded.estimate(moment.observation)

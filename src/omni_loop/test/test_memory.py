@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from linescan_odometry.registry import make_odometry
+from linescan_odometry.port import OdometryPort
 from omni_brake_assist.configuration import LAWS
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
@@ -48,7 +48,7 @@ def test_stops_keep_no_memory(law: str, brakes: str) -> None:
 def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:
     configuration = LIBRARY.load("small_stop", "assisted")
     simulator = Simulator(configuration)
-    odometry = LineEstimator(make_odometry("", configuration.odometry))
+    odometry = LineEstimator(OdometryPort("", configuration.odometry))
     enable = np.ones(len(configuration.vehicle.wheels))
 
     def step() -> None:
@@ -71,7 +71,7 @@ def test_a_run_with_lines_is_freed_without_a_garbage_collection(
 
     def run() -> None:
         simulator = Simulator(configuration)
-        odometry = LineEstimator(make_odometry("", configuration.odometry))
+        odometry = LineEstimator(OdometryPort("", configuration.odometry))
         for _ in range(3):
             odometry.estimate(simulator.observe())
             simulator.advance(enable)
