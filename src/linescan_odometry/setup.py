@@ -6,7 +6,7 @@ sys.path.insert(0, "../omni_platform")
 from ament_package import install
 
 install(
-    requires=["numpy", "omni_platform", "rocket-fft", "scipy"],
+    requires=["numpy", "omni_platform", "rocket-fft"],
     nodes={
         "odometry": "linescan_odometry.odometry_node",
         "camera": "linescan_odometry.camera.camera_node",

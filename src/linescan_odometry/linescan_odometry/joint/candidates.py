@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
 from linescan_odometry.joint.spectra import (
@@ -164,7 +163,7 @@ def find(
                     + removed[f] * np.conj(removed[f])
                 )
                 whitened[f] = value * (weight[f] / np.float32(max(rest[f], 1e-9)))
-            correlation[which] = scipy.fft.irfft(whitened, size)
+            correlation[which] = np.fft.irfft(whitened, size)
         stack = np.full(2 * limit + 1, -np.inf)
         for d in range(-limit, limit + 1):
             value, terms = 0.0, 0

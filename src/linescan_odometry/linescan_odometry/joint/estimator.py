@@ -10,7 +10,7 @@ from linescan_odometry.joint.defects import FEWEST_LINES
 from linescan_odometry.joint.fit import Fit, assess
 from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, posterior, prior, shrink
 from linescan_odometry.joint.likelihood import Precision, step
-from linescan_odometry.matching.transforms import load_transforms
+from linescan_odometry.matching.transforms import load_transforms, transform_size
 from omni_platform.signals import Lines
 
 _STEPS = 4  # largest number of Newton steps; the pattern is estimated before each of them
@@ -81,7 +81,7 @@ class JointEstimator:
         """
         load_transforms()
         self._limit, self._spread = limit, acceleration
-        self._size = int(spectra.transform_size(2 * pixels))  # no shift wraps around
+        self._size = int(transform_size(2 * pixels))  # no shift wraps around
         self._bins = int(spectra.HIGHEST * self._size)
         self._taper = spectra.window(pixels)
         self._tables = {1: spectra.log_table(8), 2: spectra.log_table(16)}

@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 
 from linescan_odometry.joint.likelihood import Cut, Expansion
 from linescan_odometry.joint.spectra import (
@@ -19,9 +18,9 @@ from linescan_odometry.joint.spectra import (
     Doubles,
     Floats,
     summing,
-    transform_size,
     window,
 )
+from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel
 
 PLACES = 24  # number of ground segments in a line
@@ -187,7 +186,7 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
             parted[1, r, f] = turn[f] * cut.spectra[r, f]
             parted[2, r, f] = parted[1, r, f] * np.float32(weight[f])
             parted[3, r, f] = cut.spectra[r, f] * np.float32(weight[f])
-    space = scipy.fft.irfft(parted, size, 2)
+    space = np.fft.irfft(parted, size, 2)
     scale = size / cut.size  # grid points per pixel
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)

@@ -9,10 +9,9 @@ all blocks, F that of spatial frequencies, and B that of frequency bands.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
 from linescan_odometry.joint.candidates import REACH
@@ -28,10 +27,10 @@ from linescan_odometry.joint.spectra import (
     pivots,
     solve,
     sum_of,
-    transform_size,
     whiten,
     window,
 )
+from linescan_odometry.matching.transforms import transform_size
 from omni_platform.kernels import kernel
 
 
@@ -146,7 +145,7 @@ def _cut(lines: Floats, paths: Doubles) -> Cut:
                 mean = np.float32(sum_of(own) / length)
                 for i in range(length):
                     out[i] = (own[i] - mean) * taper[i]
-    spectra = scipy.fft.rfft(part, size, 1)[:, : int(HIGHEST * size)].copy()
+    spectra: Any = np.fft.rfft(part, size, 1)[:, : int(HIGHEST * size)].copy()
     spectra *= phases(fraction, size, spectra.shape[1])
     return Cut(spectra, line, first, ground, length, size)
 

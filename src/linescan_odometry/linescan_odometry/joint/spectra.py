@@ -7,9 +7,9 @@ frequency bands.
 """
 
 import math
+from typing import Any
 
 import numpy as np
-import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
 from omni_platform.kernels import kernel, njit
@@ -70,20 +70,6 @@ def bands(size: int) -> NDArray[np.int64]:
 
 
 @_fast
-def transform_size(length: int) -> int:
-    """Return the next even length whose prime factors are only 2, 3 and 5."""
-    size = length + length % 2
-    while True:
-        rest = size
-        for factor in (2, 3, 5):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return size
-        size += 2
-
-
-@_fast
 def smoothed(values: Doubles) -> Doubles:
     """Return the running mean of a spectrum."""
     count = len(values)
@@ -135,8 +121,9 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
         mean = np.float32(sum_of(own) / len(own))
         for i in range(len(own)):
             row[i] = (own[i] - mean) * taper[i]
-    spectra: Spectrum = scipy.fft.rfft(padded, size, 1)[:, : int(HIGHEST * size)].copy()
-    return spectra
+    spectra: Any = np.fft.rfft(padded, size, 1)
+    result: Spectrum = spectra[:, : int(HIGHEST * size)].copy()
+    return result
 
 
 @kernel
@@ -151,7 +138,7 @@ def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats
     """
     whole = np.zeros(size // 2 + 1, np.complex64)
     whole[: len(pattern)] = pattern
-    fixed = scipy.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
+    fixed = np.fft.irfft(whole, size)[: logs.shape[1]] / np.maximum(taper, _LEAST_TAPER)
     rest: Floats = logs - fixed.astype(np.float32)
     return rest
 

@@ -12,11 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # scipy.fft is loaded at first use, not for reading a configuration
 from numpy.typing import NDArray
 
 from linescan_odometry.matching.direct import correlation, running_sums
-from linescan_odometry.matching.transforms import load_transforms
+from linescan_odometry.matching.transforms import load_transforms, transform_size
 from omni_platform.kernels import kernel, njit
 from omni_platform.signals import Lines
 
@@ -68,7 +67,7 @@ class PearsonSearch:
         similarity: NDArray[np.float64],
     ) -> None:
         """Compare each line with the previous one; see `search.ShiftSearch`."""
-        length = int(scipy.fft.next_fast_len(lines.shape[1] + self._limit, real=True))
+        length = int(transform_size(lines.shape[1] + self._limit))
         for first in range(0, len(lines) - 1, _CHUNK):
             last = min(first + _CHUNK, len(lines) - 1)
             own = lines[first : last + 1]
@@ -90,9 +89,9 @@ def _match(
         np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(len(lines), np.float32)
     )
     _prepare(lines, sums, padded, ends)
-    spectrum = scipy.fft.rfft(padded, length, 1)
+    spectrum = np.fft.rfft(padded, length, 1)
     _cross_spectra(spectrum)
-    product = scipy.fft.irfft(spectrum[:-1], length, 1)
+    product = np.fft.irfft(spectrum[:-1], length, 1)
     upper = np.empty((2, limit + 1), np.float32)
     for pair in range(len(shift)):
         reach = _bound(product[pair], ends, pair, lines.shape[1], upper)

@@ -1,6 +1,33 @@
 """Fourier transforms in compiled kernels."""
 
+import sys
+
+from omni_platform.kernels import lean
+
 
 def load_transforms() -> None:
-    """Enable scipy.fft in kernels; must be called before the first kernel that uses it."""
+    """Enable numpy.fft in kernels; must be called before the first kernel that uses it.
+
+    rocket_fft would also enable scipy.fft, whose import takes 0.1 s.
+    """
+    hidden = "scipy.fft" not in sys.modules
+    if hidden:
+        sys.modules["scipy.fft"] = None  # type: ignore[assignment]
     import rocket_fft  # noqa: F401
+
+    if hidden:
+        del sys.modules["scipy.fft"]
+
+
+@lean
+def transform_size(length: int) -> int:
+    """Return the next even length whose prime factors are only 2, 3 and 5."""
+    size = length + length % 2
+    while True:
+        rest = size
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return size
+        size += 2
