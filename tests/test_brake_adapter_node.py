@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 from bystander import Bystander
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Float64, Float64MultiArray
@@ -41,6 +42,7 @@ class Controllers(Bystander):
         listen(kind, "commands", self._obey, RELIABLE)
         listen(JointState, "wheel_states", self.states.append, RELIABLE)
         listen(JointState, "brake/pedal", lambda m: self.pedals.append(m.position[0]), RELIABLE)
+        self.problems: list[str] = []
         self.enables: tuple[float, ...] | None = (1.0, 1.0)
         self.speed, self.commanded, self.pressed = (5.0, -5.0), 0.5, False
         self.node.create_timer(0.01, self._step)
@@ -48,6 +50,9 @@ class Controllers(Bystander):
     def _obey(self, message: Float64MultiArray | JointState) -> None:
         values = message.data if isinstance(message, Float64MultiArray) else message.effort
         self.commands.append(list(values))
+
+    def diagnose(self, message: DiagnosticArray) -> None:
+        self.problems += [status.message for status in message.status]
 
     def _step(self) -> None:
         now_ns = self.node.get_clock().now().nanoseconds
@@ -167,3 +172,14 @@ def test_a_stamped_command_of_zero_brakes() -> None:
         rest.until(3.0, -3.0)
         command.twist.angular.z = 0.0
         rest.until(-8.0, 8.0)
+
+
+def test_a_joint_that_is_never_named_applies_all_brakes_and_is_reported() -> None:
+    wrong = ["left_joint", "rihgt_joint"]
+    with vehicle(False, kind="spring", joints=wrong) as rest:
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        words = "never named rihgt_joint, only right_joint, left_joint, arm_joint"
+        rest.wait(lambda: any(words in problem for problem in rest.problems))
+        rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [0.0] * 5)
+        rest.until(0.0, 0.0)
+        assert [1.0, 1.0] not in rest.commands

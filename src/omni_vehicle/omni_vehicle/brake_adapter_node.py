@@ -36,6 +36,7 @@ _PEDALS = {
     "twist_stamped": TwistStamped,
 }
 _PEDAL_TOPICS = {"joint_state": "brake/pedal", "twist": "cmd_vel", "twist_stamped": "cmd_vel"}
+_SHOWN = 12  # number of names in a message about joint_states
 
 
 class TopicsConfiguration(Configuration):
@@ -71,6 +72,8 @@ class BrakeAdapterNode(Node):
         self._adapter = BrakeAdapter(self._configuration)
         self._enable, self._speed, self._drive = (np.full(len(wheels), math.nan) for _ in "123")
         self._pedal = self._estop = math.nan
+        self._unnamed = set(self._joints)  # joints that no message on joint_states has named yet
+        self._named: dict[str, None] = {}  # first names of messages that did not name all joints
         self._received: dict[str, float] = {}
         self._enable_age = math.inf
         array = topics.output == "array"
@@ -99,6 +102,9 @@ class BrakeAdapterNode(Node):
     def _on_joints(self, message: JointState) -> None:
         found = {name: row for row, name in enumerate(message.name)}
         if not set(self._joints) <= found.keys():
+            self._unnamed -= found.keys()
+            self._named = dict.fromkeys([*self._named, *found][:_SHOWN])
+            self._received["other joints"] = time.monotonic()
             return
 
         def column(values: Any) -> FloatArray:
@@ -166,6 +172,13 @@ class BrakeAdapterNode(Node):
             pedal = 1.0
         elif not np.all((enable >= 0.0) & (enable <= 1.0)):
             problems.append("an enable is missing or outside [0, 1]")
+        if "other joints" in self._received and "joints" not in self._received:
+            pedal, enable = 1.0, np.ones(len(enable))
+            missing = [joint for joint in self._joints if joint in self._unnamed]
+            problems.append(
+                f"joint_states never named {', '.join(missing) or 'all joints in one message'}, "
+                f"only {', '.join(self._named) or 'nothing'}; correct the parameter joints"
+            )
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
         if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
             problems.append("no wheel speeds: the drives cannot brake")
