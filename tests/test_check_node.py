@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -11,14 +12,10 @@ from typing import Any
 import pytest
 from omni_process import omni_command, omni_environment
 
-from omni_bringup.graph import nodes
-from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
-from omni_ros.environment import node_environment
-
 ROOT = Path(__file__).resolve().parents[1]
 WRONG = """
+import sys
+
 import rclpy
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.executors import ExternalShutdownException
@@ -27,8 +24,13 @@ from sensor_msgs.msg import Image, JointState
 
 rclpy.init()
 node = rclpy.create_node("wrong")
-enable = node.create_publisher(JointState, "brake/enable", 10)
-twist = node.create_publisher(TwistWithCovarianceStamped, "odometry/twist", qos_profile_sensor_data)
+if sys.argv[1] == "odometry":
+    kind = TwistWithCovarianceStamped
+    twist = node.create_publisher(kind, "odometry/twist", qos_profile_sensor_data)
+else:
+    enable = node.create_publisher(JointState, "brake/enable", 10)
+if sys.argv[1] == "simulator":
+    node.create_publisher(JointState, "brake/pedal", 10)
 
 
 def answer(message):
@@ -52,10 +54,10 @@ except ExternalShutdownException:
 """
 
 
-def check(*words: str, **variables: str) -> tuple[int, dict[str, Any]]:
+def check(*words: str) -> tuple[int, dict[str, Any]]:
     finished = subprocess.run(
         omni_command(["check-node", *words, "--json"]),
-        env=omni_environment() | variables,
+        env=omni_environment(),
         capture_output=True,
         text=True,
         timeout=200.0,
@@ -118,7 +120,8 @@ def test_breaches_of_a_foreign_node_are_named(
     node: str, breaches: tuple[str, ...], tmp_path: Path
 ) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
-    code, document = check(node, "--start", f"{sys.executable} {tmp_path / 'wrong.py'}")
+    start = f"{sys.executable} {tmp_path / 'wrong.py'} {node}"
+    code, document = check(node, "--start", start)
     assert code == 1
     found = " | ".join(document["breaches"])
     assert [one for one in breaches if one not in found] == []
@@ -138,13 +141,19 @@ def test_a_command_that_cannot_start_is_refused(command: str) -> None:
     assert "--start: cannot start" in finished.stderr
 
 
-def test_our_simulator_keeps_its_contract(tmp_path: Path) -> None:
-    configuration = ExperimentLibrary(ROOT / "config").load("small_stop", "assisted")
-    with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
-        simulator = nodes.Nodes(configuration, tmp_path, lockstep=True).simulator(
-            lines_recorded=False, listeners=1
-        )
-        group.start(simulator)
-        code, document = check("simulator", ROS_DOMAIN_ID=str(domain))
+def test_the_simulator_of_a_run_keeps_its_contract(tmp_path: Path) -> None:
+    words = "run small_stop --variant assisted --replace brake_assist=external"
+    changes = "--set feedback=velocity_sensor --set simulation.render_lines=false"
+    start = shlex.join(omni_command([*words.split(), *changes.split(), "--out", str(tmp_path)]))
+    code, document = check("simulator", "--start", start, "--duration", "5")
     assert document["breaches"] == []
     assert code == 0
+
+
+def test_a_run_with_its_own_assistant_is_refused_as_a_simulator(tmp_path: Path) -> None:
+    (tmp_path / "wrong.py").write_text(WRONG)
+    start = f"{sys.executable} {tmp_path / 'wrong.py'} simulator"
+    code, document = check("simulator", "--start", start)
+    assert code == 1
+    assert document["error"].startswith("wrong publishes /brake/enable, which this check sends")
+    assert "--replace brake_assist=external" in document["error"]

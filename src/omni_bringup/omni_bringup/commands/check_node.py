@@ -11,10 +11,11 @@ from __future__ import annotations
 import os
 import shlex
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from omni_bringup.command_report import Report, entries
 from omni_bringup.workspace import Workspace
@@ -22,6 +23,7 @@ from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError
 
 if TYPE_CHECKING:
+    from omni_bringup.node_check.exchange_node import Partner
     from omni_loop.experiment import ExperimentConfiguration
 
 WORK = "checking the node"
@@ -45,13 +47,12 @@ class Options(CommandOptions):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Send inputs to the node, record its outputs, and report violations of its contract."""
-    from omni_bringup.node_check.exchange_node import Partner
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
 
     recording = options.recording or workspace.folder / "bags" / "small_stop" / "assisted"
     configuration = recorded_configuration(open_vehicle(recording))
-    with _node(options.start) as (domain, alive), closing(Partner(domain)) as partner:
+    with _node(options.start) as (partner, alive):
         if options.node == "simulator":
             values, breaches = _check_simulator(partner, configuration, options.duration, alive)
         else:
@@ -67,23 +68,37 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 @contextmanager
-def _node(command: str | None) -> Iterator[tuple[int, Any]]:
-    """Start the node if a command is given; yield its ROS domain and a check that it still runs."""
+def _node(command: str | None) -> Iterator[tuple[Partner, Callable[[], bool]]]:
+    """Start the node if a command is given.
+
+    Yields:
+        This program's node in the ROS domain of the checked node, and a function that returns
+        whether the checked node still runs.
+    """
     from omni_bringup.graph.domain import reserved_domain
+    from omni_bringup.node_check.exchange_node import Partner
     from omni_ros.environment import chosen_domain, node_environment
 
     if command is None:
-        yield chosen_domain(os.environ) or 0, lambda: True
+        with closing(Partner(chosen_domain(os.environ) or 0)) as partner:
+            yield partner, lambda: True
         return
+    # The reservation ends here, because ./omni run reserves the domain of its nodes itself. Other
+    # runs avoid the domain of this program's node.
     with reserved_domain() as domain:
+        partner = Partner(domain)
+    with closing(partner):
         try:
             process = subprocess.Popen(
-                shlex.split(command), env=node_environment(domain), stdin=subprocess.DEVNULL
+                shlex.split(command),
+                env=node_environment(domain),
+                stdin=subprocess.DEVNULL,
+                stdout=sys.stderr,  # the report of this command goes to the standard output
             )
         except (OSError, ValueError, IndexError) as error:
             raise ConfigurationError("--start", f"cannot start {command!r}: {error}") from None
         try:
-            yield domain, lambda: process.poll() is None
+            yield partner, lambda: process.poll() is None
         finally:
             process.terminate()
             try:
@@ -93,7 +108,11 @@ def _node(command: str | None) -> Iterator[tuple[int, Any]]:
 
 
 def _check_answers(
-    partner: Any, recording: Path, configuration: ExperimentConfiguration, node: str, alive: Any
+    partner: Partner,
+    recording: Path,
+    configuration: ExperimentConfiguration,
+    node: str,
+    alive: Callable[[], bool],
 ) -> tuple[dict[str, tuple[float, str]], list[str]]:
     from omni_bringup.node_check import contract
     from omni_bringup.node_check.exchange_node import feed
@@ -118,14 +137,17 @@ def _check_answers(
 
 
 def _check_simulator(
-    partner: Any, configuration: ExperimentConfiguration, duration: float, alive: Any
+    partner: Partner,
+    configuration: ExperimentConfiguration,
+    duration: float,
+    alive: Callable[[], bool],
 ) -> tuple[dict[str, tuple[float, str]], list[str]]:
     from omni_bringup.node_check import contract
     from omni_bringup.node_check.enables_node import Enables
     from omni_platform import topics
 
     wheels = list(configuration.vehicle.wheels)
-    partner.await_node(topics.PEDAL.path, alive)
+    partner.await_node(topics.PEDAL.path, alive, sent=[topics.ENABLE.path])
     enables = Enables(partner.node, wheels)
     seen = enables.watch(partner, duration)
     breaches = [*contract.simulator_breaches(seen, wheels), *enables.breaches(seen)]

@@ -123,20 +123,36 @@ class Partner:
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
 
-    def await_node(self, topic: str, alive: Callable[[], bool]) -> list[bool]:
+    def await_node(self, topic: str, alive: Callable[[], bool], sent: Iterable[str]) -> list[bool]:
         """Wait for a publisher of a topic; return whether each of its publishers is reliable.
 
+        Args:
+            topic: output of the checked node.
+            alive: function that returns whether the node's process still runs.
+            sent: topics that this program publishes, with the inputs of the checked node.
+
         Raises:
-            WorkError: no publisher appears within a minute, or the node has ended.
+            WorkError: no publisher appears within a minute, the node has ended, or a node of the
+                domain publishes one of its inputs too.
         """
         deadline = time.monotonic() + _START
         while not self.publishers(topic):
             if not alive():
                 raise WorkError("the node ended before it published anything; see its output")
             if time.monotonic() > deadline:
-                raise WorkError(f"nothing publishes {topic} in this ROS domain; start the node")
+                raise WorkError(
+                    f"nothing publishes {topic} in ROS domain {self._context.get_domain_id()} "
+                    f"within {_START:g} s; start the node in this domain"
+                )
             self.spin(time.monotonic() + 0.1)
         self.spin(time.monotonic() + 1.0)  # until the node has discovered this one too
+        for path in sent:
+            for other in self.node.get_publishers_info_by_topic(path):
+                if other.node_name != self.node.get_name():
+                    raise WorkError(
+                        f"{other.node_name} publishes {path}, which this check sends itself; start "
+                        "the checked node alone, or a run with --replace brake_assist=external"
+                    )
         return self.publishers(topic)
 
     def publishers(self, topic: str) -> list[bool]:
@@ -180,7 +196,7 @@ def feed(
         for topic in inputs
     }
     clock = node.create_publisher(Clock, "/clock", RELIABLE)
-    exchange = Exchange(output, partner.await_node(output.path, alive))
+    exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
     exchange.incompatible = [found for path in publishers for found in _incompatible(node, path)]
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
     node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
