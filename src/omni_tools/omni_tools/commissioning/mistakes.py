@@ -14,19 +14,17 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from omni_platform import configuration, kinematics, topics
-from omni_platform.brakes import ON_OFF, BrakeConfiguration
 from omni_platform.geometry import WheelMount
-from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.commissioning import brakes
 from omni_tools.commissioning.signals import Motions, Signals, unchecked
-from omni_tools.vehicles.plausibility import wheel_facts
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tests, up to which a description counts as correct, and test conditions.
+    """Tolerances of the tests, up to which a description counts as correct.
 
     Attributes:
         misfit: largest error of a wheel's angles, relative to the predicted angles [1].
@@ -34,13 +32,6 @@ class Tolerances(NamedTuple):
         scale: largest relative error of the scale of twist sensor and gyro [1].
         offset: largest error of a twist sensor's position [m].
         force: smallest specific force with which the axes of an IMU are tested [m/s^2].
-        latest: longest delay of a brake's response after its described dead time [s].
-        response: smallest ratio of the mean torque of a braked wheel to the largest one [1].
-        braked: smallest integral of the demand while a wheel moves, for a test of its brake [s].
-        share: smallest mean demand that is also sufficient for this test [1].
-        gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
-        delay: largest difference between measured and described dead time [s].
-        slowest: smallest speed of a wheel with a defined slip, as a share of the top speed [1].
     """
 
     misfit: float = 0.06
@@ -48,13 +39,6 @@ class Tolerances(NamedTuple):
     scale: float = 0.05
     offset: float = 0.03
     force: float = 0.05
-    latest: float = 0.3
-    response: float = 0.02
-    braked: float = 0.5
-    share: float = 0.75
-    gain: float = 1.0
-    delay: float = 0.03
-    slowest: float = 0.2
 
 
 _ALLOWED = Tolerances()
@@ -252,126 +236,26 @@ def _imu_mistakes(motions: Motions, angle: float) -> Iterator[Mistake]:
         yield Mistake("accelerometer: x and y are exchanged", "exchange them, or turn it by 90 deg")
 
 
-class _Response(NamedTuple):
-    """Response of the wheels to their brakes during the stops, T rows and N wheels.
-
-    Attributes:
-        torque: torque of each brake [N m], from slip and deceleration of its wheel, shape (T, N).
-        demand: predicted demand of each brake after its described delays [1], shape (T, N).
-        rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
-        moving: whether each wheel would roll fast enough for its slip to be defined, shape (T, N).
-        braking: whether the driver brakes, shape (T, 1).
-        near: whether a row is close to the beginning of a stop, shape (T,).
-    """
-
-    torque: FloatArray
-    demand: FloatArray
-    rolling: FloatArray
-    moving: BoolArray
-    braking: BoolArray
-    near: BoolArray
-
-
-def _response(
+def _brake_mistakes(
     wheels: Mapping[str, WheelMount],
     signals: Signals,
     motions: Motions,
     vehicle: VehicleConfiguration,
-) -> _Response:
-    """Return the response of the wheels, on tires whose force is proportional to the slip.
-
-    A steeper model of the tires would turn small errors of the twist into large forces.
-    """
-    predicted = _predicted(wheels, motions.twist)
-    # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
-    # cancels in the slip.
-    scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
-    rolling = scale * _predicted(wheels, signals.twist[motions.stop])
-    pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # no value: full demand
-    moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
-    speed = signals.wheel_speed[motions.stop]
-    slip = 1.0 - speed / np.where(moving, rolling, 1.0)
-    slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
-    facts = wheel_facts(vehicle)
-    limit = np.array([facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()])
-    torque = np.where(moving, limit * slip + vehicle.wheel_inertia * slower, 0.0)
-    # A brake without an enable is on.
-    demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
-    rows = np.arange(len(pedal))
-    begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int), prepend=0) > 0)
-    apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
-    return _Response(
-        torque,
-        _acting(demand, signals.period, vehicle.brake),
-        rolling,
-        moving,
-        pedal[:, np.newaxis] > 0.0,
-        apart * signals.period <= _ALLOWED.latest,
-    )
-
-
-def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
-    """Return the demand of each brake after its described delays and lag [1], shape (T, N)."""
-    applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
-    if brake.kind == ON_OFF:
-        demand = np.round(demand)
-    # A brake that releases late follows the largest of the demands in between.
-    later = [
-        np.concatenate((np.zeros((row, demand.shape[1])), demand[: len(demand) - row]))
-        for row in range(applied, max(applied, released) + 1)
-    ]
-    left = math.exp(-period / brake.time_constant) if brake.time_constant > 0.0 else 0.0
-    return np.asarray(lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0))
-
-
-def _action(response: _Response, demand: FloatArray, brake: BrakeConfiguration) -> FloatArray:
-    """Return the torque of each brake [N m] for demands [1], shape (T, N).
-
-    The rolling speed limits the torque, because the measured speed depends on the slip.
-    """
-    return brake.limited(demand * brake.max_torque, response.rolling)
-
-
-def _late(response: _Response, period: float, brake: BrakeConfiguration) -> int:
-    """Return the delay of the wheels after the predicted torque when stops begin, in rows.
-
-    The mean of all wheels neither depends on the order of the brakes nor on a single brake. If no
-    stop begins while a wheel moves, this is the delay of brakes as described.
-    """
-    torque, action = (
-        np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
-        for values in (response.torque, _action(response, response.demand, brake))
-    )
-    near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
-    rows = range(-round(brake.dead_time / period), round(_ALLOWED.latest / period))
-    if not len(near):
-        return 1
-    return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
-
-
-def _gains(
-    response: _Response, late: int, brake: BrakeConfiguration
-) -> dict[tuple[int, int], float]:
-    """Return by how much the exchange of two brakes increases the sum of correlations, by indices.
-
-    Measured and predicted torque are correlated relative to the mean of all wheels: the pedal acts
-    on all brakes at once, so wheels differ only in their deviation from the mean.
-    """
-    torque = _without_mean(response.torque, response.moving)
-    braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
-
-    def score(order: list[int]) -> float:
-        """Return the sum of correlations if each wheel has the brake with this index."""
-        action = _action(response, response.demand[:, order], brake)
-        action = _earlier(_without_mean(action, response.moving), braking, late)
-        return float(np.trace(_correlation(torque[braking], action)))
-
-    order = list(range(torque.shape[1]))
-    described, gains = score(order), {}
-    for i, j in itertools.combinations(order, 2):
-        exchanged = [{i: j, j: i}.get(row, row) for row in order]
-        gains[i, j] = score(exchanged) - described + min(described, 0.0)
-    return gains
+) -> Iterator[Mistake]:
+    names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
+    pair, idle = brakes.exchanged(response), brakes.idle(response)
+    if pair is not None:
+        one, other = (names[row] for row in pair)
+        yield Mistake(f"brakes {one} and {other} are exchanged", "exchange their outputs")
+    elif idle is not None:
+        remedy = "check its wiring, valve and power, and the order of the outputs"
+        yield Mistake(f"brake {names[idle]} does not act", remedy)
+    elif (delay := brakes.dead_time(response)) is not None:
+        yield Mistake(
+            f"brakes: dead time is about {1e3 * delay:.0f} ms",
+            f"set brake.dead_time to {delay:.2f}, or fit it by ./omni fit-brakes",
+            dead_time=delay,
+        )
 
 
 def undistinguished_brakes(
@@ -389,63 +273,5 @@ def undistinguished_brakes(
         motions: motions of the drive.
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
-    response = _response(wheels, signals, motions, vehicle)
-    gains = _gains(response, _late(response, signals.period, vehicle.brake), vehicle.brake)
-    names = list(wheels)
-    return [
-        (names[one], names[other]) for (one, other), gain in gains.items() if gain > -_ALLOWED.gain
-    ]
-
-
-def _brake_mistakes(
-    wheels: Mapping[str, WheelMount],
-    signals: Signals,
-    motions: Motions,
-    vehicle: VehicleConfiguration,
-) -> Iterator[Mistake]:
-    brake, names = vehicle.brake, list(wheels)
-    response = _response(wheels, signals, motions, vehicle)
-    demand = np.where(response.moving, response.demand, 0.0)
-    braked, longest = np.sum(demand, axis=0), np.sum(response.moving & response.braking, axis=0)
-    tested = braked >= np.minimum(_ALLOWED.braked / signals.period, _ALLOWED.share * longest)
-    torque = np.sum(demand * response.torque, axis=0) / np.maximum(braked, 1e-9)
-    dead = tested & (torque < _ALLOWED.response * np.max(torque))
-    for row in np.flatnonzero(dead):
-        remedy = "check its wiring, valve and power, and the order of the outputs"
-        yield Mistake(f"brake {names[row]} does not act", remedy)
-        return
-    late = _late(response, signals.period, brake)
-    gains = _gains(response, late, brake)
-    pair = max(gains, key=lambda key: gains[key])
-    if gains[pair] > _ALLOWED.gain:
-        one, other = (names[row] for row in pair)
-        yield Mistake(f"brakes {one} and {other} are exchanged", "exchange their outputs")
-        return
-    # The wheels respond to a demand in the next row at the earliest.
-    delay = brake.dead_time + (late - 1) * signals.period
-    if abs(delay - brake.dead_time) > _ALLOWED.delay:
-        yield Mistake(
-            f"brakes: dead time is about {1e3 * delay:.0f} ms",
-            f"set brake.dead_time to {delay:.2f}, or fit it by ./omni fit-brakes",
-            dead_time=delay,
-        )
-
-
-def _earlier(values: FloatArray, rows: IntArray, by: int) -> FloatArray:
-    """Return the values `by` rows before the given rows."""
-    return np.asarray(values[np.clip(rows - by, 0, len(values) - 1)])
-
-
-def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Subtract from each row the mean of its used values; unused values become 0."""
-    chosen = np.ma.masked_array(values, ~used)
-    return np.asarray((chosen - chosen.mean(axis=1, keepdims=True)).filled(0.0))
-
-
-def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the correlations of all pairs of columns, 0 for a constant column or without rows."""
-    if not len(rows):
-        return np.zeros((rows.shape[1], columns.shape[1]))
-    a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
-    scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    return np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)
+    names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)
+    return [(names[one], names[other]) for one, other in brakes.undistinguished(response)]

@@ -8,75 +8,23 @@ import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from made_drives import CONFIG, Wheels, described, drive, exchanged, found, mistakes_in
 
-from omni_brake_assist.brake_assist import BrakeAssist
 from omni_loop.experiment import ExperimentLibrary
-from omni_loop.loop import make_estimator, steps
 from omni_loop.recorded_run import Stream
-from omni_platform.brakes import (
-    ON_OFF,
-    PROPORTIONAL,
-    SPRING,
-    TORQUE,
-    TYPICAL,
-    VELOCITY,
-    BrakeConfiguration,
-    typical_changes,
-)
 from omni_platform.configuration import ConfigurationError
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
-from omni_sim.simulator import Simulator
-from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.commissioning.mistakes import (
-    Mistake,
     corrected,
     find_mistakes,
     undistinguished_brakes,
 )
 from omni_tools.commissioning.signals import Motions, Signals, motions_of, signals_of, unchecked
-from omni_tools.vehicles.estimates import Measured, write_vehicle
-
-CONFIG = Path(__file__).parents[4] / "config"
-Wheels = dict[str, WheelMount]
-DIRECT = BrakeConfiguration()
-DELAYS = ("dead_time", "release_time")
-
-
-def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, float]]:
-    """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
-    plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
-    configuration = ExperimentLibrary(CONFIG).load(
-        "commissioning", "assisted", [f"vehicle={vehicle}", *plain, *changes]
-    )
-    rows = []
-    assist = BrakeAssist(configuration.brake_assist)
-    for moment in steps(Simulator(configuration), make_estimator(configuration), assist):
-        seen = moment.observation
-        rows.append(
-            (
-                np.array([seen.stamp_ns * 1e-9]),
-                seen.encoder_speed,
-                moment.feedback.value,
-                seen.imu,
-                np.array([seen.pedal]),
-                moment.decision.enable,
-                seen.pose,
-            )
-        )
-        if seen.stamp_ns >= 20_000_000_000:
-            break
-    time, speed, twist, imu, pedal, enable, pose = map(np.array, zip(*rows, strict=True))
-    signals = Signals(time[:, 0], speed, twist, imu, pedal[:, 0], enable)
-    before, between, after = (int(np.argmax(time[:, 0] > at)) for at in (0.4, 3.7, 10.7))
-    distance = float(np.hypot(*(pose[between, :2] - pose[before, :2])))
-    turned = float(pose[after, 2] - pose[between, 2])
-    return dict(configuration.vehicle.wheels), signals, (distance, turned)
 
 
 @pytest.fixture(scope="module")
@@ -84,76 +32,9 @@ def forklift() -> tuple[Wheels, Signals, tuple[float, float]]:
     return drive("mecanum_forklift")
 
 
-def described(
-    vehicle: str = "mecanum_forklift", brake: BrakeConfiguration = DIRECT
-) -> VehicleConfiguration:
-    return dataclasses.replace(ExperimentLibrary(CONFIG).vehicle(vehicle), brake=brake)
-
-
-def mistakes_in(
-    wheels: Wheels,
-    signals: Signals,
-    known: tuple[float, float],
-    vehicle: VehicleConfiguration,
-) -> list[Mistake]:
-    at, (distance, angle) = motions_of(signals), known
-    return find_mistakes(wheels, signals, at, distance=distance, angle=angle, vehicle=vehicle)
-
-
-def found(
-    wheels: Wheels,
-    signals: Signals,
-    known: tuple[float, float],
-    vehicle: VehicleConfiguration | None = None,
-) -> list[str]:
-    return [mistake.name for mistake in mistakes_in(wheels, signals, known, vehicle or described())]
-
-
 @pytest.mark.parametrize("vehicle", ["mecanum_forklift", "six_wheel_mecanum", "three_wheel_robot"])
 def test_nothing_is_found_where_nothing_is_wrong(vehicle: str) -> None:
     assert found(*drive(vehicle), described(vehicle)) == []
-
-
-def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
-    brake = BrakeConfiguration(dead_time=0.06, release_time=0.1)
-    changes = typical_changes(SPRING)
-    assert found(*drive("mecanum_forklift", *changes), described(brake=brake)) == []
-
-
-ROBOT: Any = {"length": 0.58, "width": 0.38, "mass": 30.0, "wheel_radius": 0.05, "load": 8.0}
-CART = {"length": 0.7, "width": 0.5, "mass": 20.0, "wheel_radius": 0.06, "load": 4.0}
-TRUCK = {"length": 2.0, "width": 2.0, "mass": 320.0, "wheel_radius": 0.17, "load": 60.0}
-
-
-@pytest.mark.parametrize(
-    ("measured", "inertia"),
-    [
-        ({**ROBOT, "brakes": TORQUE, "drive_power": 20.0}, 1.0),
-        ({**ROBOT, "brakes": TORQUE, "drive_power": 100.0}, 1.0),
-        ({**CART, "brakes": PROPORTIONAL}, 5.0),
-        ({**TRUCK, "brakes": PROPORTIONAL, "kind": "omni"}, 1.0),
-    ],
-)
-def test_weak_drives_and_heavy_wheels_are_no_mistake(
-    measured: dict[str, Any], inertia: float, tmp_path: Path
-) -> None:
-    file, *_ = write_vehicle("robot", Measured(**measured), tmp_path / "robot")
-    vehicle = ExperimentLibrary(CONFIG).vehicle(str(file))
-    vehicle = dataclasses.replace(vehicle, wheel_inertia=inertia * vehicle.wheel_inertia)
-    changes = f"vehicle.wheel_inertia={vehicle.wheel_inertia}", "brake_assist.law=allocation"
-    assert vehicle.brake.max_power == measured.get("drive_power", 0.0)
-    assert found(*drive(str(file), *changes), vehicle) == []
-
-
-@pytest.mark.parametrize("scale", [0.96, 1.0, 1.04])
-def test_slow_brakes_that_are_fast_have_a_wrong_dead_time(scale: float, tmp_path: Path) -> None:
-    file, *_ = write_vehicle("robot", Measured(**ROBOT), tmp_path / "robot")
-    wheels, signals, known = drive(str(file))
-    fast = ExperimentLibrary(CONFIG).vehicle(str(file))
-    slow = dataclasses.replace(fast, brake=dataclasses.replace(fast.brake, **TYPICAL[SPRING]))
-    signals = signals._replace(twist=scale * signals.twist)
-    assert found(wheels, signals, known, fast) == []
-    assert found(wheels, signals, known, slow) == ["brakes: dead time is about 0 ms"]
 
 
 FORKLIFT = ("rear_left", "front_left", "front_right", "rear_right")
@@ -172,14 +53,6 @@ def of_signal(field: str, change_of: Callable[[np.ndarray], np.ndarray]) -> Chan
     def change(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]:
         values = change_of(getattr(signals, field).copy())
         return wheels, signals._replace(**{field: values})
-
-    return change
-
-
-def exchanged(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
-    def change(values: np.ndarray) -> np.ndarray:
-        values[:, [one, other]] = values[:, [other, one]]
-        return values
 
     return change
 
@@ -246,70 +119,6 @@ def test_a_single_mistake_is_named(
     names = found(wheels, signals, known)
     assert any(words in name for name in names), names
     assert len(names) == 1, names
-
-
-@pytest.mark.parametrize(
-    ("vehicle", "brakes", "law"),
-    [
-        ("mecanum_forklift", ON_OFF, "sliding_mode"),
-        ("three_wheel_robot", SPRING, "sliding_mode"),
-        ("mecanum_forklift", TORQUE, "allocation"),
-        ("mecanum_forklift", VELOCITY, "sliding_mode"),
-        ("three_wheel_robot", VELOCITY, "allocation"),
-    ],
-)
-def test_a_brake_that_does_not_act_is_named(vehicle: str, brakes: str, law: str) -> None:
-    name = list(ExperimentLibrary(CONFIG).vehicle(vehicle).wheels)[1]
-    changes = [*typical_changes(brakes), f"brake_assist.law={law}"]
-    brake = BrakeConfiguration(**TYPICAL[brakes])
-    for enabled in ("true", "false"):
-        faulty = f"vehicle.conditions.{name}={{brake: 0.0}}", f"brake_assist.enabled={enabled}"
-        names = found(*drive(vehicle, *changes, *faulty), described(vehicle, brake))
-        assert names == [f"brake {name} does not act"]
-
-
-@pytest.mark.parametrize(
-    ("brakes", "law"),
-    [(SPRING, "sliding_mode"), (TORQUE, "allocation"), (VELOCITY, "allocation")],
-)
-@pytest.mark.parametrize("wrong", [0.0, 0.15])
-def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None:
-    typical, true = BrakeConfiguration(**TYPICAL[brakes]), 0.08
-    later = [f"vehicle.brake.{key}={getattr(typical, key) + true:.3f}" for key in DELAYS]
-    changes = [*typical_changes(brakes), *later, f"brake_assist.law={law}"]
-    brake = dataclasses.replace(typical, **{key: getattr(typical, key) + wrong for key in DELAYS})
-    names = found(*drive("mecanum_forklift", *changes), described(brake=brake))
-    assert len(names) == 1
-    milliseconds = int(names[0].removeprefix("brakes: dead time is about ").removesuffix(" ms"))
-    assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
-
-
-@pytest.mark.parametrize(
-    ("brakes", "power", "law"),
-    [
-        (PROPORTIONAL, 0.0, "sliding_mode"),
-        (SPRING, 0.0, "sliding_mode"),
-        (TORQUE, 3000.0, "allocation"),
-    ],
-)
-def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
-    brakes: str, power: float, law: str
-) -> None:
-    limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
-    changes = *typical_changes(brakes), limit, f"brake_assist.law={law}"
-    wheels, signals, known = drive(vehicle, *changes)
-    brake = ExperimentLibrary(CONFIG).vehicle(vehicle).brake
-    known_vehicle = described(
-        vehicle, dataclasses.replace(brake, **TYPICAL[brakes], max_power=power)
-    )
-    alike = undistinguished_brakes(wheels, signals, motions_of(signals), vehicle=known_vehicle)
-    pairs = itertools.combinations(enumerate(wheels), 2)
-    shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
-    assert len(shown) > 6
-    for (one, first), (other, second) in shown:
-        enable = exchanged(one, other)(signals.enable.copy())
-        names = found(wheels, signals._replace(enable=enable), known, known_vehicle)
-        assert names == [f"brakes {first} and {second} are exchanged"]
 
 
 def test_gaps_of_twist_and_enables_hide_no_exchange(

@@ -1,0 +1,227 @@
+"""Brakes of a commissioning drive: exchanged ones, ones that do not act, and their dead time.
+
+The torque of each brake is estimated from slip and deceleration of its wheel, and compared with the
+demand that it should follow.
+"""
+
+import itertools
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import lfilter
+
+from omni_platform.brakes import ON_OFF, BrakeConfiguration
+from omni_platform.geometry import WheelMount
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.commissioning.signals import Motions, Signals
+from omni_tools.vehicles.plausibility import wheel_facts
+
+
+class Tolerances(NamedTuple):
+    """Tolerances of the tests, up to which the brakes count as correct, and test conditions.
+
+    Attributes:
+        latest: longest delay of a brake's response after its described dead time [s].
+        response: smallest ratio of the mean slip force of a braked wheel to the largest one [1].
+        braked: smallest integral of the demand while a wheel moves, for a test of its brake [s].
+        share: smallest mean demand that is also sufficient for this test [1].
+        gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
+        delay: largest difference between measured and described dead time [s].
+        slowest: smallest speed of a wheel with a defined slip, as a share of the top speed [1].
+    """
+
+    latest: float = 0.3
+    response: float = 0.03
+    braked: float = 0.5
+    share: float = 0.75
+    gain: float = 1.0
+    delay: float = 0.03
+    slowest: float = 0.2
+
+
+_ALLOWED = Tolerances()
+
+
+class Response(NamedTuple):
+    """Response of the wheels to their brakes during the stops, T rows and N wheels.
+
+    Attributes:
+        slip: torque of the ground on each wheel in the direction of rolling [N m], shape (T, N).
+        torque: torque of each brake [N m], from slip and deceleration of its wheel, shape (T, N).
+        demand: predicted demand of each brake after its described delays [1], shape (T, N).
+        rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
+        moving: whether each wheel would roll fast enough for its slip to be defined, shape (T, N).
+        braking: whether the driver brakes, shape (T, 1).
+        near: whether a row is close to the beginning of a stop, shape (T,).
+        period: time between two rows [s].
+        brake: brake of each wheel as described.
+    """
+
+    slip: FloatArray
+    torque: FloatArray
+    demand: FloatArray
+    rolling: FloatArray
+    moving: BoolArray
+    braking: BoolArray
+    near: BoolArray
+    period: float
+    brake: BrakeConfiguration
+
+    def exchanged(self, i: int, j: int) -> "Response":
+        """Return this response for exchanged demands of the brakes with these indices."""
+        demand = self.demand.copy()
+        demand[:, [i, j]] = demand[:, [j, i]]
+        return self._replace(demand=demand)
+
+    def action(self) -> FloatArray:
+        """Return the torque of each brake for its demand [N m], shape (T, N).
+
+        The rolling speed limits the torque, because the measured speed depends on the slip.
+        """
+        return self.brake.limited(self.demand * self.brake.max_torque, self.rolling)
+
+
+def response_of(
+    wheels: Mapping[str, WheelMount],
+    signals: Signals,
+    motions: Motions,
+    vehicle: VehicleConfiguration,
+) -> Response:
+    """Return the response of the wheels, on tires whose force is proportional to the slip.
+
+    A steeper model of the tires would turn small errors of the twist into large forces.
+    """
+    wheel_speeds = PlatformKinematics.of(wheels).wheel_speeds
+    predicted = wheel_speeds(motions.twist)
+    # A loaded wheel has a smaller rolling radius. The ratio of this radius to the described one
+    # cancels in the slip.
+    scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
+    rolling = scale * wheel_speeds(signals.twist[motions.stop])
+    pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # no value: full demand
+    moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
+    speed = signals.wheel_speed[motions.stop]
+    slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
+    facts = wheel_facts(vehicle)
+    limit = np.array([facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()])
+    slip = np.where(moving, limit * (1.0 - speed / np.where(moving, rolling, 1.0)), 0.0)
+    torque = np.where(moving, slip + vehicle.wheel_inertia * slower, 0.0)
+    # A brake without an enable is on.
+    demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
+    rows = np.arange(len(pedal))
+    begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int), prepend=0) > 0)
+    apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
+    return Response(
+        slip,
+        torque,
+        _acting(demand, signals.period, vehicle.brake),
+        rolling,
+        moving,
+        pedal[:, np.newaxis] > 0.0,
+        apart * signals.period <= _ALLOWED.latest,
+        signals.period,
+        vehicle.brake,
+    )
+
+
+def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
+    """Return the demand of each brake after its described delays and lag [1], shape (T, N)."""
+    applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
+    if brake.kind == ON_OFF:
+        demand = np.round(demand)
+    # A brake that releases late follows the largest of the demands in between.
+    later = [
+        np.concatenate((np.zeros((row, demand.shape[1])), demand[: len(demand) - row]))
+        for row in range(applied, max(applied, released) + 1)
+    ]
+    left = math.exp(-period / brake.time_constant) if brake.time_constant > 0.0 else 0.0
+    return np.asarray(lfilter([1.0 - left], [1.0, -left], np.max(later, axis=0), axis=0))
+
+
+def _late(response: Response) -> int:
+    """Return the delay of the wheels after the predicted torque when stops begin, in rows.
+
+    The mean of all wheels neither depends on the order of the brakes nor on a single brake. If no
+    stop begins while a wheel moves, this is the delay of brakes as described.
+    """
+    torque, action = (
+        np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
+        for values in (response.torque, response.action())
+    )
+    near = np.flatnonzero(response.near & np.any(response.moving, axis=1))
+    first = -round(response.brake.dead_time / response.period)
+    rows = range(first, round(_ALLOWED.latest / response.period))
+    if not len(near):
+        return 1
+    return max(rows, key=lambda row: _correlation(torque[near], _earlier(action, near, row)))
+
+
+def exchanged(response: Response) -> tuple[int, int] | None:
+    """Return the indices of two exchanged brakes; None if the described order fits best.
+
+    Their exchange increases the sum of correlations most. Measured and predicted torque are
+    correlated relative to the mean of all wheels: the pedal acts on all brakes at once, so wheels
+    differ only in their deviation from the mean.
+    """
+    torque, late = _without_mean(response.torque, response.moving), _late(response)
+    braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
+
+    def score(assumed: Response) -> float:
+        """Return the sum of correlations for the demands of a response."""
+        action = _earlier(_without_mean(assumed.action(), response.moving), braking, late)
+        return float(np.trace(_correlation(torque[braking], action)))
+
+    pairs = itertools.combinations(range(torque.shape[1]), 2)
+    scores = {pair: score(response.exchanged(*pair)) for pair in pairs}
+    best, described = max(scores, key=lambda pair: scores[pair]), score(response)
+    return best if scores[best] > max(described, 0.0) + _ALLOWED.gain else None
+
+
+def undistinguished(response: Response) -> list[tuple[int, int]]:
+    """Return the indices of the brakes whose exchange could not be detected from the stops."""
+    pairs = itertools.combinations(range(response.torque.shape[1]), 2)
+    return [pair for pair in pairs if exchanged(response.exchanged(*pair)) != pair]
+
+
+def idle(response: Response) -> int | None:
+    """Return the index of a brake that does not act; None if all act, or were hardly demanded."""
+    demand = np.where(response.moving, response.demand, 0.0)
+    braked, longest = (
+        response.period * np.sum(values, axis=0)
+        for values in (demand, response.moving & response.braking)
+    )
+    tested = braked >= np.minimum(_ALLOWED.braked, _ALLOWED.share * longest)
+    # The slip force of a wheel without a brake is at most 0: the ground only keeps it rolling.
+    slip = np.sum(demand * response.slip, axis=0) * response.period / np.maximum(braked, 1e-9)
+    found = np.flatnonzero(tested & (slip < _ALLOWED.response * np.max(slip)))
+    return int(found[0]) if len(found) else None
+
+
+def dead_time(response: Response) -> float | None:
+    """Return the dead time of the brakes [s]; None if it is the described one."""
+    # The wheels respond to a demand in the next row at the earliest.
+    difference = (_late(response) - 1) * response.period
+    return response.brake.dead_time + difference if abs(difference) > _ALLOWED.delay else None
+
+
+def _earlier(values: FloatArray, rows: IntArray, by: int) -> FloatArray:
+    """Return the values `by` rows before the given rows."""
+    return np.asarray(values[np.clip(rows - by, 0, len(values) - 1)])
+
+
+def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
+    """Subtract from each row the mean of its used values; unused values become 0."""
+    chosen = np.ma.masked_array(values, ~used)
+    return np.asarray((chosen - chosen.mean(axis=1, keepdims=True)).filled(0.0))
+
+
+def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Return the correlations of all pairs of columns, 0 for a constant column or without rows."""
+    if not len(rows):
+        return np.zeros((rows.shape[1], columns.shape[1]))
+    a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)
+    scale = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
+    return np.where(scale > 1e-9, (a.T @ b) / np.maximum(scale, 1e-9), 0.0)

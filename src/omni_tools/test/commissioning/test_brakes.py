@@ -1,0 +1,152 @@
+"""Exchanged brakes, brakes that do not act, and wrong dead times are found in simulated drives."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_drives import CONFIG, described, drive, exchanged, found
+
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.brakes import (
+    ON_OFF,
+    PROPORTIONAL,
+    SPRING,
+    TORQUE,
+    TYPICAL,
+    VELOCITY,
+    BrakeConfiguration,
+    typical_changes,
+)
+from omni_tools.commissioning.mistakes import (
+    undistinguished_brakes,
+)
+from omni_tools.commissioning.signals import motions_of
+from omni_tools.vehicles.estimates import Measured, write_vehicle
+
+DELAYS = ("dead_time", "release_time")
+
+
+def test_brakes_that_release_slowly_have_no_wrong_dead_time() -> None:
+    brake = BrakeConfiguration(dead_time=0.06, release_time=0.1)
+    changes = typical_changes(SPRING)
+    assert found(*drive("mecanum_forklift", *changes), described(brake=brake)) == []
+
+
+ROBOT: Any = {"length": 0.58, "width": 0.38, "mass": 30.0, "wheel_radius": 0.05, "load": 8.0}
+CART = {"length": 0.7, "width": 0.5, "mass": 20.0, "wheel_radius": 0.06, "load": 4.0}
+TRUCK = {"length": 2.0, "width": 2.0, "mass": 320.0, "wheel_radius": 0.17, "load": 60.0}
+
+
+@pytest.mark.parametrize(
+    ("measured", "inertia"),
+    [
+        ({**ROBOT, "brakes": TORQUE, "drive_power": 20.0}, 1.0),
+        ({**ROBOT, "brakes": TORQUE, "drive_power": 100.0}, 1.0),
+        ({**CART, "brakes": PROPORTIONAL}, 5.0),
+        ({**TRUCK, "brakes": PROPORTIONAL, "kind": "omni"}, 1.0),
+        ({**CART, "brakes": VELOCITY}, 3.0),
+    ],
+)
+def test_weak_drives_and_heavy_wheels_are_no_mistake_but_their_idle_brakes_are(
+    measured: dict[str, Any], inertia: float, tmp_path: Path
+) -> None:
+    file, *_ = write_vehicle("robot", Measured(**measured), tmp_path / "robot")
+    vehicle = ExperimentLibrary(CONFIG).vehicle(str(file))
+    vehicle = dataclasses.replace(vehicle, wheel_inertia=inertia * vehicle.wheel_inertia)
+    changes = f"vehicle.wheel_inertia={vehicle.wheel_inertia}", "brake_assist.law=allocation"
+    assert vehicle.brake.max_power == measured.get("drive_power", 0.0)
+    wheels, signals, known = drive(str(file), *changes)
+    assert found(wheels, signals, known, vehicle) == []
+    name = list(wheels)[1]
+    idle = drive(str(file), *changes, f"vehicle.conditions.{name}={{brake: 0.0}}")
+    assert found(*idle, vehicle) == [f"brake {name} does not act"]
+
+
+def test_exchanged_brakes_of_velocity_drives_are_found(tmp_path: Path) -> None:
+    measured = Measured(length=1.3, width=1.16, mass=84.0, wheel_radius=0.178, brakes=VELOCITY)
+    file, *_ = write_vehicle("robot", measured, tmp_path / "robot")
+    vehicle = ExperimentLibrary(CONFIG).vehicle(str(file))
+    wheels, signals, known = drive(str(file))
+    names = list(wheels)
+    enable = exchanged(1, 2)(signals.enable.copy())
+    expected = [f"brakes {names[1]} and {names[2]} are exchanged"]
+    assert found(wheels, signals._replace(enable=enable), known, vehicle) == expected
+
+
+@pytest.mark.parametrize("scale", [0.96, 1.0, 1.04])
+def test_slow_brakes_that_are_fast_have_a_wrong_dead_time(scale: float, tmp_path: Path) -> None:
+    file, *_ = write_vehicle("robot", Measured(**ROBOT), tmp_path / "robot")
+    wheels, signals, known = drive(str(file))
+    fast = ExperimentLibrary(CONFIG).vehicle(str(file))
+    slow = dataclasses.replace(fast, brake=dataclasses.replace(fast.brake, **TYPICAL[SPRING]))
+    signals = signals._replace(twist=scale * signals.twist)
+    assert found(wheels, signals, known, fast) == []
+    assert found(wheels, signals, known, slow) == ["brakes: dead time is about 0 ms"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "brakes", "law"),
+    [
+        ("mecanum_forklift", ON_OFF, "sliding_mode"),
+        ("three_wheel_robot", SPRING, "sliding_mode"),
+        ("mecanum_forklift", TORQUE, "allocation"),
+        ("mecanum_forklift", VELOCITY, "sliding_mode"),
+        ("three_wheel_robot", VELOCITY, "allocation"),
+    ],
+)
+def test_a_brake_that_does_not_act_is_named(vehicle: str, brakes: str, law: str) -> None:
+    name = list(ExperimentLibrary(CONFIG).vehicle(vehicle).wheels)[1]
+    changes = [*typical_changes(brakes), f"brake_assist.law={law}"]
+    brake = BrakeConfiguration(**TYPICAL[brakes])
+    for enabled in ("true", "false"):
+        faulty = f"vehicle.conditions.{name}={{brake: 0.0}}", f"brake_assist.enabled={enabled}"
+        names = found(*drive(vehicle, *changes, *faulty), described(vehicle, brake))
+        assert names == [f"brake {name} does not act"]
+
+
+@pytest.mark.parametrize(
+    ("brakes", "law"),
+    [(SPRING, "sliding_mode"), (TORQUE, "allocation"), (VELOCITY, "allocation")],
+)
+@pytest.mark.parametrize("wrong", [0.0, 0.15])
+def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None:
+    typical, true = BrakeConfiguration(**TYPICAL[brakes]), 0.08
+    later = [f"vehicle.brake.{key}={getattr(typical, key) + true:.3f}" for key in DELAYS]
+    changes = [*typical_changes(brakes), *later, f"brake_assist.law={law}"]
+    brake = dataclasses.replace(typical, **{key: getattr(typical, key) + wrong for key in DELAYS})
+    names = found(*drive("mecanum_forklift", *changes), described(brake=brake))
+    assert len(names) == 1
+    milliseconds = int(names[0].removeprefix("brakes: dead time is about ").removesuffix(" ms"))
+    assert abs(milliseconds - 1e3 * (typical.dead_time + true)) <= 20
+
+
+@pytest.mark.parametrize(
+    ("brakes", "power", "law"),
+    [
+        (PROPORTIONAL, 0.0, "sliding_mode"),
+        (SPRING, 0.0, "sliding_mode"),
+        (TORQUE, 3000.0, "allocation"),
+    ],
+)
+def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
+    brakes: str, power: float, law: str
+) -> None:
+    limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
+    changes = *typical_changes(brakes), limit, f"brake_assist.law={law}"
+    wheels, signals, known = drive(vehicle, *changes)
+    brake = ExperimentLibrary(CONFIG).vehicle(vehicle).brake
+    known_vehicle = described(
+        vehicle, dataclasses.replace(brake, **TYPICAL[brakes], max_power=power)
+    )
+    alike = undistinguished_brakes(wheels, signals, motions_of(signals), vehicle=known_vehicle)
+    pairs = itertools.combinations(enumerate(wheels), 2)
+    shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
+    assert len(shown) > 6
+    for (one, first), (other, second) in shown:
+        enable = exchanged(one, other)(signals.enable.copy())
+        names = found(wheels, signals._replace(enable=enable), known, known_vehicle)
+        assert names == [f"brakes {first} and {second} are exchanged"]

@@ -1,0 +1,92 @@
+"""Commissioning drives of simulated vehicles, and the errors found in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from omni_brake_assist.brake_assist import BrakeAssist
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.loop import make_estimator, steps
+from omni_platform.brakes import (
+    BrakeConfiguration,
+)
+from omni_platform.geometry import WheelMount
+from omni_sim.simulator import Simulator
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_tools.commissioning.mistakes import (
+    Mistake,
+    find_mistakes,
+)
+from omni_tools.commissioning.signals import Signals, motions_of
+
+CONFIG = Path(__file__).parents[1] / "config"
+Wheels = dict[str, WheelMount]
+DIRECT = BrakeConfiguration()
+
+
+def drive(vehicle: str, *changes: str) -> tuple[Wheels, Signals, tuple[float, float]]:
+    """Drive a simulated vehicle; return its wheels, the signals, and distance and angle."""
+    plain = ["feedback=velocity_sensor", "simulation.render_lines=false"]
+    configuration = ExperimentLibrary(CONFIG).load(
+        "commissioning", "assisted", [f"vehicle={vehicle}", *plain, *changes]
+    )
+    rows = []
+    assist = BrakeAssist(configuration.brake_assist)
+    for moment in steps(Simulator(configuration), make_estimator(configuration), assist):
+        seen = moment.observation
+        rows.append(
+            (
+                np.array([seen.stamp_ns * 1e-9]),
+                seen.encoder_speed,
+                moment.feedback.value,
+                seen.imu,
+                np.array([seen.pedal]),
+                moment.decision.enable,
+                seen.pose,
+            )
+        )
+        if seen.stamp_ns >= 20_000_000_000:
+            break
+    time, speed, twist, imu, pedal, enable, pose = map(np.array, zip(*rows, strict=True))
+    signals = Signals(time[:, 0], speed, twist, imu, pedal[:, 0], enable)
+    before, between, after = (int(np.argmax(time[:, 0] > at)) for at in (0.4, 3.7, 10.7))
+    distance = float(np.hypot(*(pose[between, :2] - pose[before, :2])))
+    turned = float(pose[after, 2] - pose[between, 2])
+    return dict(configuration.vehicle.wheels), signals, (distance, turned)
+
+
+def described(
+    vehicle: str = "mecanum_forklift", brake: BrakeConfiguration = DIRECT
+) -> VehicleConfiguration:
+    return dataclasses.replace(ExperimentLibrary(CONFIG).vehicle(vehicle), brake=brake)
+
+
+def mistakes_in(
+    wheels: Wheels,
+    signals: Signals,
+    known: tuple[float, float],
+    vehicle: VehicleConfiguration,
+) -> list[Mistake]:
+    at, (distance, angle) = motions_of(signals), known
+    return find_mistakes(wheels, signals, at, distance=distance, angle=angle, vehicle=vehicle)
+
+
+def found(
+    wheels: Wheels,
+    signals: Signals,
+    known: tuple[float, float],
+    vehicle: VehicleConfiguration | None = None,
+) -> list[str]:
+    return [mistake.name for mistake in mistakes_in(wheels, signals, known, vehicle or described())]
+
+
+def exchanged(one: int, other: int) -> Callable[[np.ndarray], np.ndarray]:
+    def change(values: np.ndarray) -> np.ndarray:
+        values[:, [one, other]] = values[:, [other, one]]
+        return values
+
+    return change
