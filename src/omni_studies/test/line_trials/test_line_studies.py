@@ -16,10 +16,10 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import view_grid
 from omni_studies.studies import (
     accuracy,
-    contrast,
     covariance,
     error_maps,
     estimators,
+    line_pairs,
 )
 from omni_studies.study import StudyResult, StudyRun, load_study, run_study
 from omni_tools.line_trials.rig import View, camera
@@ -193,7 +193,7 @@ def test_more_overlap_gives_fewer_errors_and_the_median_fewer_still(
 def test_wider_views_have_less_contrast_and_share_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(contrast, "_SHAPES", (0.2, 1.0))
+    monkeypatch.setattr(line_pairs, "_SHAPES", (0.2, 1.0))
     arguments = ("--ground", "cork", "--pairs", "5", "--texels", "4096")
     metrics = study("contrast", tmp_path, *arguments).metrics
     assert metrics["contrast.cork_100"].value < 0.7 * metrics["contrast.cork_20"].value
