@@ -13,7 +13,7 @@ import numpy as np
 
 from omni_figures.scene import Scene, overlap, placed
 from omni_loop.history import RunHistory
-from omni_loop.metrics import RestCriterion
+from omni_loop.metrics import rest_stamp
 from omni_platform.quantities import FloatArray
 
 _STEPS = (10.0, 5.0, 1.0, 0.5, 0.1, 0.05, 0.01)  # round times are multiples of one of these [s]
@@ -129,7 +129,7 @@ def snapshot_outlines(
 
 def _span(history: RunHistory) -> _Span:
     start = history.brake_start or 0
-    stop = RestCriterion().first_stamp(history.twist, start)
+    stop = rest_stamp(history.twist, start)
     return _Span(history, start, len(history.stamp_ns) - 1 if stop is None else stop)
 
 

@@ -1,7 +1,7 @@
 """Metrics of a braking run, such as distance, rotation, valve switchings and odometry error.
 
 Braking lasts from the first stamp with the pedal down to the end of the history, by which the
-vehicle must have come to rest (`RestCriterion`). If the vehicle has not come to rest, or if the
+vehicle must have come to rest (`rest_stamp`). If the vehicle has not come to rest, or if the
 pedal is never pressed or is pressed at rest, some quantities are undefined. Their value is then
 NaN, never an intermediate value, and their note gives the reason.
 
@@ -39,6 +39,10 @@ from omni_brake_assist.conditions import AssistState
 from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
+REST_SPEED, REST_YAW_RATE = 0.1, 0.1
+"""Largest speed of `base_link` [m/s] and largest yaw rate [rad/s] of a vehicle at rest."""
+
+_ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; a vehicle at rest may rock so fast
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
@@ -88,59 +92,33 @@ class Metric:
         return "met" if above and below else "missed"
 
 
-@dataclasses.dataclass(frozen=True)
-class RestCriterion:
-    """Definition of a vehicle at rest.
+def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
+    """Return the index of the first stamp at rest; None if the vehicle moves until the end.
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
-    comes to rest at the first stamp at which it is no faster than `speed` and `yaw_rate`, if it
-    never exceeds the larger `rocking` limits afterwards. A vehicle with the deceleration a reaches
-    this stamp by the time `speed` / a before its speed is zero. A run ends by another rule,
-    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time, because
-    later rocking cannot be known in advance.
-
-    Attributes:
-        speed: speed of `base_link` [m/s].
-        yaw_rate: magnitude of the yaw rate [rad/s].
-        rocking_speed: speed that a vehicle at rest may reach while rocking [m/s].
-        rocking_yaw_rate: yaw rate that a vehicle at rest may reach while rocking [rad/s].
-    """
-
-    speed: float = 0.1
-    yaw_rate: float = 0.1
-    rocking_speed: float = 0.4
-    rocking_yaw_rate: float = 0.4
-
-    def first_stamp(self, twist: FloatArray, start: int = 0) -> int | None:
-        """Return the index of the first stamp at rest; None if the vehicle moves until the end.
-
-        Args:
-            twist: body twists [m/s, m/s, rad/s], shape (T, 3).
-            start: index of the first stamp to consider.
-        """
-        speed = np.hypot(twist[:, 0], twist[:, 1])
-        yaw_rate = np.abs(twist[:, 2])
-        moving = (speed > self.rocking_speed) | (yaw_rate > self.rocking_yaw_rate)
-        moving_at = np.flatnonzero(moving[start:])
-        settled = start + (int(moving_at[-1]) + 1 if moving_at.size else 0)
-        slow = (speed[settled:] <= self.speed) & (yaw_rate[settled:] <= self.yaw_rate)
-        slow_at = np.flatnonzero(slow)
-        return settled + int(slow_at[0]) if slow_at.size else None
-
-
-def run_metrics(
-    history: RunHistory,
-    *,
-    rest: RestCriterion | None = None,
-) -> dict[str, Metric]:
-    """Compute the metrics of a run; the module's table lists them.
+    comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
+    if it never exceeds the larger limits of rocking afterwards. A vehicle with the deceleration a
+    reaches this stamp by the time `REST_SPEED` / a before its speed is zero. A run ends by another
+    rule, `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time,
+    because later rocking cannot be known in advance.
 
     Args:
-        history: history of the run.
-        rest: definition of a vehicle at rest.
+        twist: body twists [m/s, m/s, rad/s], shape (T, 3).
+        start: index of the first stamp to consider.
     """
-    metrics = _braking_metrics(history, rest or RestCriterion())
-    metrics |= _odometry_metrics(history)
+    speed = np.hypot(twist[:, 0], twist[:, 1])
+    yaw_rate = np.abs(twist[:, 2])
+    moving = (speed > _ROCKING_SPEED) | (yaw_rate > _ROCKING_YAW_RATE)
+    moving_at = np.flatnonzero(moving[start:])
+    settled = start + (int(moving_at[-1]) + 1 if moving_at.size else 0)
+    slow = (speed[settled:] <= REST_SPEED) & (yaw_rate[settled:] <= REST_YAW_RATE)
+    slow_at = np.flatnonzero(slow)
+    return settled + int(slow_at[0]) if slow_at.size else None
+
+
+def run_metrics(history: RunHistory) -> dict[str, Metric]:
+    """Compute the metrics of a run; the module's table lists them."""
+    metrics = _braking_metrics(history) | _odometry_metrics(history)
     metrics["real_time_factor"] = Metric(history.real_time_factor, "1")
     return metrics
 
@@ -150,7 +128,7 @@ def still_rolls(history: RunHistory) -> bool:
     start = history.brake_start
     if start is None or not history.pedal[-1] > 0.0:
         return False
-    return RestCriterion().first_stamp(history.twist, start) is None
+    return rest_stamp(history.twist, start) is None
 
 
 def results_document(
@@ -193,13 +171,13 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metric]:
+def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
     units = dict(_BRAKING_QUANTITIES)
     units |= {f"brake_switchings.{wheel}": "1" for wheel in history.wheel_names}
     start = history.brake_start
     if start is None:
         return {name: Metric(math.nan, unit, note=_NEVER_PRESSED) for name, unit in units.items()}
-    stop = rest.first_stamp(history.twist, start)
+    stop = rest_stamp(history.twist, start)
     if stop is None:
         return {name: Metric(math.nan, unit, note=_NO_REST) for name, unit in units.items()}
 
@@ -209,7 +187,7 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
         "stopping_distance": history.stopping_distance,
         "path_length": float(np.sum(np.hypot(steps[:, 0], steps[:, 1]))),
         "orientation_change": history.orientation_change,
-        "lateral_deviation": _lateral_deviation(path, history.velocity_world[start], rest),
+        "lateral_deviation": _lateral_deviation(path, history.velocity_world[start]),
         "stopping_time": float(history.stamp_ns[stop] - history.stamp_ns[start]) * 1e-9,
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
     }
@@ -228,16 +206,15 @@ def _braking_metrics(history: RunHistory, rest: RestCriterion) -> dict[str, Metr
     return metrics | {"fail_safe_share": _fail_safe_share(history.assist_state[start : stop + 1])}
 
 
-def _lateral_deviation(path: FloatArray, v_c0: FloatArray, rest: RestCriterion) -> float:
+def _lateral_deviation(path: FloatArray, v_c0: FloatArray) -> float:
     """Return the largest distance of a path from the line along its initial velocity [m].
 
     Args:
         path: positions from the start of braking on [m], shape (T, 2).
         v_c0: velocity at the start of braking [m/s], shape (2,).
-        rest: definition of a vehicle at rest.
     """
     speed = math.hypot(*v_c0)
-    if speed <= rest.speed:
+    if speed <= REST_SPEED:
         return math.nan
     offset = path - path[0]
     return float(np.max(np.abs(v_c0[0] * offset[:, 1] - v_c0[1] * offset[:, 0]))) / speed

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from omni_loop.history import SIGNALS, RunHistory
-from omni_loop.metrics import RestCriterion
+from omni_loop.metrics import rest_stamp
 from omni_platform.quantities import SECOND_NS
 
 
@@ -25,7 +25,7 @@ def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
     Braking that does not end at rest is not a stop. A history without a stop, or with a single stop
     that begins in motion, is returned unchanged.
     """
-    spans = _spans(history, RestCriterion())
+    spans = _spans(history)
     if not spans or (len(spans) == 1 and _moves(history, 0)):
         return (history,)
     return tuple(cut(history, first, last) for first, last in spans)
@@ -37,7 +37,7 @@ def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
     return math.hypot(twist[0], twist[1]) > least or abs(twist[2]) > least
 
 
-def _spans(history: RunHistory, rest: RestCriterion) -> list[tuple[int, int]]:
+def _spans(history: RunHistory) -> list[tuple[int, int]]:
     """Return the first and last index of each stop."""
     stamps = history.stamp_ns
     pressed = np.concatenate(([False], history.pedal > 0.0, [False]))
@@ -45,7 +45,7 @@ def _spans(history: RunHistory, rest: RestCriterion) -> list[tuple[int, int]]:
     ups = np.flatnonzero(pressed[:-1] & ~pressed[1:])
     spans, free = [], 0
     for down, up in zip(downs.tolist(), ups.tolist(), strict=True):
-        still = rest.first_stamp(history.twist[:up], down) if _moves(history, down) else None
+        still = rest_stamp(history.twist[:up], down) if _moves(history, down) else None
         if still is not None:
             first = int(np.searchsorted(stamps, stamps[down] - SECOND_NS))
             last = int(np.searchsorted(stamps, stamps[still] + SECOND_NS // 2, side="right")) - 1

@@ -13,8 +13,9 @@ import pytest
 
 from omni_loop.history import RunHistory
 from omni_loop.metrics import (
+    REST_SPEED,
     Metric,
-    RestCriterion,
+    rest_stamp,
     results_document,
     results_entry,
     run_metrics,
@@ -24,7 +25,7 @@ from omni_loop.metrics import (
 MakeHistory = Callable[..., RunHistory]
 PERIOD = 0.01
 # At 5 m/s^2 the speed falls below the criterion's this long before the end.
-EARLY = RestCriterion().speed / 5.0
+EARLY = REST_SPEED / 5.0
 
 
 def test_straight_stop(make_history: MakeHistory) -> None:
@@ -94,20 +95,19 @@ def test_rocking_on_the_tires_does_not_delay_the_stop(make_history: MakeHistory)
 
 
 def test_a_vehicle_that_moves_on_has_not_stopped() -> None:
-    criterion = RestCriterion()
     twist = np.zeros((30, 3))
     twist[:10, 0] = 2.0
-    assert criterion.first_stamp(twist) == 10
+    assert rest_stamp(twist) == 10
     twist[20, 1] = -1.0
-    assert criterion.first_stamp(twist) == 21
+    assert rest_stamp(twist) == 21
     twist[29, 2] = 1.0
-    assert criterion.first_stamp(twist) is None
+    assert rest_stamp(twist) is None
 
 
 def test_turning_on_the_spot_is_no_rest() -> None:
     twist = np.zeros((30, 3))
     twist[:20, 2] = 0.5
-    assert RestCriterion().first_stamp(twist) == 20
+    assert rest_stamp(twist) == 20
 
 
 def test_a_history_that_ends_before_the_stop_gives_no_distance(make_history: MakeHistory) -> None:
@@ -249,7 +249,7 @@ def test_a_limit_is_met_or_missed(value: float, limits: dict[str, Any], status: 
 def test_fail_safe_counts_the_faults_between_pedal_and_rest(make_history: MakeHistory) -> None:
     run = make_history(speed=10.0, deceleration=5.0)
     start = run.brake_start
-    rest = RestCriterion().first_stamp(run.twist, start or 0)
+    rest = rest_stamp(run.twist, start or 0)
     assert start
     assert rest
     states = ["low_confidence"] * start + ["assisting"] * (len(run.stamp_ns) - start)

@@ -196,31 +196,30 @@ class LineCameraArray:
         }
         self._next_line = dict.fromkeys(self.cameras, 0)
 
-    def render(
-        self,
-        poses: Mapping[str, FloatArray],
-        velocities: Mapping[str, FloatArray] | None = None,
-    ) -> dict[str, Lines]:
-        """Return the next lines of each camera, shape (m, pixels), oldest first.
+    def render(self, poses: Mapping[str, FloatArray]) -> dict[str, Lines]:
+        """Return the next lines of each camera without motion blur, shape (m, pixels).
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad] at the middle of each line's
-                exposure, by camera, shape (m, 3); m may differ between cameras and may be 0.
-            velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
-                blur; None for no blur.
+                exposure, oldest first, by camera, shape (m, 3); m may differ between cameras and
+                may be 0.
 
         Raises:
             ValueError: a pose is not finite.
         """
-        return {
-            name: self.render_next(name, entry, None if velocities is None else velocities[name])
-            for name, entry in poses.items()
-        }
+        return {name: self.render_next(name, entry) for name, entry in poses.items()}
 
     def render_next(
         self, name: str, poses: FloatArray, velocities: FloatArray | None = None
     ) -> Lines:
-        """Return the next lines of one camera; see `render`."""
+        """Return the next lines of one camera, shape (m, pixels), oldest first.
+
+        Args:
+            name: name of the camera.
+            poses: as in `render`.
+            velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
+                blur; None for no blur.
+        """
         lines = self.cameras[name].lines(poses, self._next_line[name], velocities)
         self._next_line[name] += len(poses)
         return lines

@@ -12,7 +12,7 @@ import numpy as np
 from omni_brake_assist.conditions import AssistState
 from omni_loop import drift, experiment, recorded_run
 from omni_loop.history import RunHistory
-from omni_loop.metrics import Metric, RestCriterion, run_metrics
+from omni_loop.metrics import Metric, rest_stamp, run_metrics
 from omni_loop.stops import stops_of
 from omni_platform.configuration import InputError, from_mapping
 from omni_recording.folder import read_plain_yaml
@@ -96,7 +96,7 @@ def _measured(
     # The real-time factor of a recording is unknown.
     metrics = {k: v for k, v in run_metrics(history).items() if k != "real_time_factor"}
     start = history.brake_start
-    rest = None if start is None else RestCriterion().first_stamp(history.twist, start)
+    rest = None if start is None else rest_stamp(history.twist, start)
     if start is not None and any(history.assist_state):
         braking = history.assist_state[start : None if rest is None else rest + 1]
         assisting = sum(state in _ASSISTING for state in braking) / len(braking)
