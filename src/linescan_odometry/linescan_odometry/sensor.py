@@ -11,19 +11,17 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from linescan_odometry.chain import LineChain
 from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.joint.estimator import JointMethod
 from linescan_odometry.joint.fixed_pattern import FixedPattern
-from linescan_odometry.joint.sensor import JointMethod
-from linescan_odometry.matching.pairs import count_identical
 from linescan_odometry.measurements import Displacement, SensorReading, Unmeasured
 from linescan_odometry.pair_method import PairsMethod
 from linescan_odometry.plausibility import Plausibility
 from linescan_odometry.references import References
 from linescan_odometry.view.oblique_texture import Keyframe
 from omni_platform.background import in_background
+from omni_platform.kernels import lean
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
@@ -185,6 +183,18 @@ def _check(lines: Lines) -> None:
     low = int(lines.min())
     if low == int(lines.max()):
         raise Unmeasured(f"no contrast: every pixel is at gray level {low}")
-    frozen: int = count_identical(lines, np.empty(len(lines) - 1, np.bool_))
+    frozen: int = _count_identical(lines)
     if frozen >= _FROZEN_PAIRS:
         raise Unmeasured(f"frozen: {frozen} of {len(lines) - 1} line pairs are identical")
+
+
+@lean
+def _count_identical(lines: Lines) -> int:
+    """Return the number of lines that equal the previous one."""
+    count = 0
+    for row in range(1, lines.shape[0]):
+        i = 0
+        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
+            i += 1
+        count += i == lines.shape[1]
+    return count

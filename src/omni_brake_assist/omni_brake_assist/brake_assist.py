@@ -31,8 +31,7 @@ from omni_brake_assist.assist_state import Inputs, LawCall
 from omni_brake_assist.conditions import CONDITIONS, GOOD, INACTIVE, SLOW, UNREADABLE, AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
-from omni_brake_assist.laws.law import NO_HELP, call_law
-from omni_brake_assist.laws.registry import own_law
+from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
 from omni_brake_assist.sources import Source, sources
 from omni_brake_assist.valve_dwell import open_valves
 from omni_platform.geometry import PlatformGeometry

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from omni_brake_assist import assist_state, assist_step
 from omni_brake_assist.conditions import GOOD
-from omni_brake_assist.laws.law import NO_HELP, Law, call_law
-from omni_brake_assist.laws.registry import own_law
+from omni_brake_assist.laws.law import NO_HELP, Law, call_law, own_law
 from omni_loop.experiment import ExperimentConfiguration
 from omni_loop.history import RunHistory, without_jumps
 from omni_platform.configuration import ConfigurationError

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from linescan_odometry.odometry import OdometryConfiguration
-from linescan_odometry.registry import ODOMETRY_GROUP, make_odometry
+from linescan_odometry.port import ODOMETRY_GROUP, make_odometry
 from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
-from omni_brake_assist.laws.registry import own_law
+from omni_brake_assist.laws.law import own_law
 from omni_loop.demands import read_demands
 from omni_loop.layers import Part, merge, nest, parse_override, plain
 from omni_loop.yaml_files import read_mapping

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from linescan_odometry.matching.search import ShiftSearch
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from omni_platform.kernels import njit
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import Lines
 
@@ -65,16 +64,3 @@ class PairMatcher:
         displacement, errors = self._refiner.refine(lines, shift)
         usable = (similarity >= self._minimum_correlation) & np.isfinite(errors[:, 0])
         return PairDisplacements(displacement, errors, similarity, usable)
-
-
-@njit(cache=True, nogil=True)
-def count_identical(lines: Lines, same: NDArray[np.bool_]) -> int:
-    """Mark the lines that equal the previous one; return the number of marked lines."""
-    count = 0
-    for row in range(1, lines.shape[0]):
-        i = 0
-        while i < lines.shape[1] and lines[row, i] == lines[row - 1, i]:
-            i += 1
-        same[row - 1] = i == lines.shape[1]
-        count += same[row - 1]
-    return count

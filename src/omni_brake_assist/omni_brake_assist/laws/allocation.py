@@ -1,8 +1,8 @@
 """Control allocation: friction forces for the shortest stop that keeps heading and line of motion.
 
 In each step the law estimates the friction force ``f_i`` and the friction capacity ``c_i`` of each
-wheel (`friction_observer`). It then estimates the mass and the accelerations that these forces do
-not explain (`disturbance_observer`), and solves an optimization problem (`braking_qp`)
+wheel, then the mass and the accelerations that these forces do not explain (`observers`), and
+solves an optimization problem (`braking_qp`)
 
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``
@@ -21,9 +21,8 @@ import numpy as np
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
-from omni_brake_assist.laws.disturbance_observer import observe_body
-from omni_brake_assist.laws.friction_observer import estimate_dead_time, observe_friction
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
+from omni_brake_assist.laws.observers import estimate_dead_time, observe_body, observe_friction
 from omni_brake_assist.laws.slip_control import control_slip, remember
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry

@@ -17,8 +17,8 @@ import math
 
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.box_least_squares import Box, box_least_squares, new_box
-from omni_brake_assist.laws.disturbance_observer import CASCADE
 from omni_brake_assist.laws.law import NO_WHEEL, Motion
+from omni_brake_assist.laws.observers import CASCADE
 from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)

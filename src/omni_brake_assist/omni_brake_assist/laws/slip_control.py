@@ -11,8 +11,8 @@ import math
 from omni_brake_assist.laws import wheel_model
 from omni_brake_assist.laws.allocation_state import Constants, Memory
 from omni_brake_assist.laws.braking_qp import cost
-from omni_brake_assist.laws.disturbance_observer import CASCADE
 from omni_brake_assist.laws.law import Motion
+from omni_brake_assist.laws.observers import CASCADE
 from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim, advance, command_at, lagged
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
