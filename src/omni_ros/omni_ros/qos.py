@@ -29,14 +29,14 @@ _OVERRIDABLE = (
 )
 
 
-def advertise(node: Node, kind: Any, topic: str) -> Publisher:
-    """Return a reliable publisher whose quality of service can be overridden by parameters.
+def advertise(node: Node, kind: Any, topic: str, qos: policies.QoSProfile = RELIABLE) -> Publisher:
+    """Return a publisher whose quality of service can be overridden by parameters.
 
     The parameters have the names of ROS, such as ``qos_overrides./TOPIC.publisher.depth``: history,
     depth, reliability, deadline and liveliness_lease_duration [ns], liveliness.
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
-    return node.create_publisher(kind, topic, RELIABLE, qos_overriding_options=overridable)
+    return node.create_publisher(kind, topic, qos, qos_overriding_options=overridable)
 
 
 def subscribe(
