@@ -28,9 +28,9 @@ class Log(NamedTuple):
 
 
 @kernel
-def _advance(vehicle: state.State, control: state.Control, log: Log) -> None:
+def _advance(vehicle: state.State, control: state.Control, step: int, log: Log) -> None:
     for k in range(log.wheels.shape[0]):
-        dynamics.advance(vehicle, control, 1, log.trajectory[k : k + 2])
+        dynamics.advance(vehicle, control, step, log.trajectory[k : k + 2])
         for i in range(vehicle.wheels.shape[0]):
             log.wheels[k, i] = vehicle.wheels[i]
         energies = dynamics.energies(vehicle)
@@ -45,7 +45,9 @@ def advance_logged(
     wheels = np.empty((steps, len(vehicle.wheel_names)), state.WHEEL)
     log = Log(np.empty((steps + 1, 6)), wheels, np.empty((steps, 5)))
     before = vehicle.tipping_steps
-    _advance(vehicle.state, vehicle._control(pedal, enable, command, hold_world=False), log)
+    control = vehicle._control(pedal, enable, command, hold_world=False)
+    # numba would compile `dynamics.advance` again for a literal 1.
+    _advance(vehicle.state, control, 1, log)
     vehicle.tipping = vehicle.tipping_steps > before
     return log
 
