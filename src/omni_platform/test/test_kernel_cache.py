@@ -9,9 +9,11 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import pytest
 
+from omni_platform.compilation.cache import kernel_digest
 from omni_platform.kernels import kernel, linked, njit
 
 KERNEL = '''
@@ -166,6 +168,22 @@ def test_a_caller_of_a_linked_kernel_does_not_contain_its_code() -> None:
     (code,) = caller.inspect_llvm().values()
     assert "_root-" in code
     assert "sqrt" not in code
+
+
+def _difference(fields: str) -> Any:
+    """Return a kernel of a tuple, in another tuple, whose fields have this order."""
+    types: dict[str, Any] = {"pair": NamedTuple("Pair", [(name, float) for name in fields])}
+
+    def difference(given: Any) -> Any:
+        return given.pair.a - given.pair.b
+
+    difference.__annotations__ = {"given": NamedTuple("Given", types.items())}
+    return njit(difference)
+
+
+def test_a_kernel_is_compiled_again_if_the_fields_of_its_argument_move() -> None:
+    assert kernel_digest(_difference("ab")) == kernel_digest(_difference("ab"))
+    assert kernel_digest(_difference("ab")) != kernel_digest(_difference("ba"))
 
 
 @kernel

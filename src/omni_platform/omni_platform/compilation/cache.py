@@ -136,6 +136,8 @@ def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]
     names = sorted(set(_names(function.__code__)))
     parts = [_describe(value, callees) for value in (function.__defaults__, cells)]
     parts += _describe_names(names, function.__globals__, callees)
+    # numba reads the fields of a named tuple by their positions.
+    parts += map(_describe_fields, function.__annotations__.values())
     code = _describe(function.__code__, callees).replace(repr(function.__doc__), "")
     return f"{function.__module__}.{function.__qualname__} {code} {parts}", callees
 
@@ -149,6 +151,15 @@ def _describe_names(
             yield from _describe_names(names, vars(value), callees, depth + 1)
         elif name in values:
             yield f"{name}={_describe(value, callees)}"
+
+
+@functools.cache
+def _describe_fields(value: Any) -> str:
+    """Return the names of a named tuple's fields in their order, with those of nested tuples."""
+    if not hasattr(value, "_fields"):
+        return ""
+    nested = map(_describe_fields, value.__annotations__.values())
+    return f"{value.__qualname__} {value._fields} {[*nested]}"
 
 
 def _names(code: CodeType) -> Iterator[str]:
