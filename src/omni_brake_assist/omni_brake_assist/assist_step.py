@@ -128,16 +128,23 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
 
 @inlined
 def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
-    """Store wheel speeds and IMU reading, NaN where too old; return whether there is an IMU."""
+    """Store wheel speeds and IMU reading, NaN where too old or implausible.
+
+    Returns:
+        Whether there is a recent IMU reading.
+    """
     wheels, imu, inertial = inputs.wheels, inputs.imu, memory.workspace[0]
-    now_ns, timeout_ns = inputs.now_ns, constants.limits.timeout_ns
-    known = _is_recent(now_ns, timeout_ns, wheels.validity, wheels.stamp_ns)
+    now_ns, limits, rim = inputs.now_ns, constants.limits, constants.bank.roll
+    known = _is_recent(now_ns, limits.timeout_ns, wheels.validity, wheels.stamp_ns)
     for i in range(memory.speeds.size):
-        memory.speeds[i] = wheels.speed[i] if known else math.nan
-    known = _is_recent(now_ns, timeout_ns, imu.validity, imu.stamp_ns)
-    inertial[0] = imu.yaw_rate if known else math.nan
+        plausible = abs(rim[i] * wheels.speed[i]) <= limits.maximum_speed
+        memory.speeds[i] = wheels.speed[i] if known and plausible else math.nan
+    known = _is_recent(now_ns, limits.timeout_ns, imu.validity, imu.stamp_ns)
+    plausible = abs(imu.yaw_rate) <= limits.maximum_yaw_rate
+    inertial[0] = imu.yaw_rate if known and plausible else math.nan
     for j in range(2):
-        inertial[j + 1] = imu.acceleration[j] if known else math.nan
+        plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
+        inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
     return bool(known)
 
 

@@ -98,13 +98,13 @@ class BrakeAssistConfiguration(Configuration):
     """Largest standard deviation of the velocity of a valid twist, in the direction in which it
     is largest; with an IMU, a less accurate twist is used too, weighted by its covariance"""
     maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0, maximum=100.0)
-    """Largest standard deviation of the yaw rate of a valid twist"""
+    """Largest standard deviation of the yaw rate of a valid twist; with an IMU, of the estimate"""
     maximum_speed: float = parameter(60.0, unit="m/s", above=0.0, maximum=1000.0)
-    """Largest plausible speed of the platform"""
+    """Largest plausible speed of the platform and of the rim of a wheel"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=100.0)
     """Largest plausible yaw rate"""
     maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0, maximum=1000.0)
-    """Largest plausible acceleration between two twists"""
+    """Largest plausible acceleration between two twists, and component of the specific force"""
     maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0, maximum=1000.0)
     """Largest plausible angular acceleration between two twists"""
     speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=100.0)

@@ -101,7 +101,7 @@ def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
 def _force(row: FloatArray) -> tuple[bool, float, float]:
     """Return whether a stored specific force is valid, and its components [m/s^2]."""
     f_x, f_y = row[bank.ROW_IMU + 1], row[bank.ROW_IMU + 2]
-    return abs(f_x) < bank.LARGEST_FORCE and abs(f_y) < bank.LARGEST_FORCE, f_x, f_y
+    return math.isfinite(f_x + f_y), f_x, f_y
 
 
 @lean
@@ -119,7 +119,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
             rate = record.gyro + share * (rate - record.gyro)
         predict(constants, memory, dt, force, braking)
         record.horizon_ns = until_ns
-        turns = abs(rate) < bank.FASTEST_TURN
+        turns = math.isfinite(rate)
         record.inertial = turns and force[0]
         record.equipped = record.equipped or record.inertial
         if turns:
@@ -127,8 +127,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
         if stamp_ns > target_ns:
             return
         memory.newest[1] = row
-        gyro = reading[bank.ROW_IMU]
-        record.gyro = gyro if abs(gyro) < bank.FASTEST_TURN else math.nan
+        record.gyro = reading[bank.ROW_IMU]
         record.braked = record.braked + dt if braking else 0.0
         push = math.hypot(force[1], force[2]) if force[0] else math.nan
         enable, speeds = reading[wheels:], reading[bank.ROW_WHEELS : wheels]
@@ -225,7 +224,7 @@ def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: Flo
         reading, dt = memory.rows[row], (memory.stamps[row] - before_ns) * 1e-9
         before_ns = memory.stamps[row]
         gyro = reading[bank.ROW_IMU]
-        if best not in (bank.NO_GYRO, bank.NO_IMU) and abs(gyro) < bank.FASTEST_TURN:
+        if best not in (bank.NO_GYRO, bank.NO_IMU) and math.isfinite(gyro):
             state[RATE] = gyro - state[bank.BIAS_RATE]
         known, f_x, f_y = _force(reading)
         used = known and best not in (bank.NO_FORCE, bank.NO_IMU)

@@ -31,9 +31,9 @@ _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is relea
 _GAIN, _IDLE = 0.1, 0.05
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
-# Slip of driven wheels as a share of the vehicle's speed, per specific force [s^2/m]; number of
-# consecutive steps in which this slip has the same error.
-_SLIP, _SLIP_STEPS = 0.01, 40.0
+# Slip of driven wheels as a share of the vehicle's speed, per specific force: 0.01, with the same
+# error in 40 steps [s^2/m].
+_SLIP = 0.063
 
 
 class _Wheel(NamedTuple):
@@ -62,7 +62,7 @@ class _Wheel(NamedTuple):
 def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: float) -> None:
     """Correct the filters that use the gyro with its yaw rate [rad/s]."""
     record, h = memory.record[0], memory.h
-    own = constants.gyro**2 + (0.005 * rate) ** 2
+    own = constants.gyro**2 + (bank.SHARE * rate) ** 2
     change = rate - record.gyro
     record.gyro = rate
     h[:] = 0.0
@@ -97,9 +97,9 @@ def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> floa
     """Return the variance of component `j` of a fault-free twist [square of its unit]."""
     value = twist.value
     if j == RATE:
-        return float(twist.variance[j] + constants.rate**2 + (0.01 * value[RATE]) ** 2)
+        return float(twist.variance[j] + constants.rate**2 + (bank.SHARE * value[RATE]) ** 2)
     speed2 = value[0] ** 2 + value[1] ** 2
-    return float(twist.variance[j] + bank.WHEEL**2 + bank.WHEEL_SHARE**2 * speed2)
+    return float(twist.variance[j] + bank.WHEEL**2 + bank.SHARE**2 * speed2)
 
 
 @lean
@@ -204,7 +204,7 @@ def fuse_wheels(
         memory.wheel_ratio[i] = math.nan
         held = braking and enable[i] > bank.RELEASED
         memory.released[i] = 0.0 if held else memory.released[i] + dt
-        if not abs(rim) < bank.FASTEST_RIM:
+        if math.isnan(rim):
             continue
         memory.mark[i] = min(memory.mark[i], abs(rim))
         if held or not braking or abs(rim) > memory.mark[i] + _GAIN:
@@ -250,8 +250,8 @@ def _fuse_wheel(
     speed = math.hypot(state[U_X], state[U_Y])
     if math.isnan(push):
         push = speed * abs(state[RATE])  # centripetal acceleration in a turn
-    slip = math.sqrt(_SLIP_STEPS) * _SLIP * push
-    variance = own + (bank.WHEEL_SHARE * ground) ** 2 + (slip * speed) ** 2
+    slip = _SLIP * push
+    variance = own + (bank.SHARE * ground) ** 2 + (slip * speed) ** 2
     predicted = variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground

@@ -37,16 +37,13 @@ FAULTY = 0.5
 """Probability of a faulty encoder above which the encoder is isolated [1]."""
 
 WHEEL = 0.03  # standard deviation of a rolling rim and of the velocity of a fault-free twist [m/s]
-WHEEL_SHARE = 0.005  # further standard deviation of both, as a share of the speed [1]
+SHARE = 0.005  # further standard deviation of both and of yaw rates, as a share of the reading [1]
 RELEASED = 0.05  # enable up to which a brake counts as released [1]
 # Deceleration of a braked vehicle with a friction of 0.3 if half of the wheels brake, as on a
 # diagonal course: 0.3 g / 2 [m/s^2].
 LEAST_LOSS = 1.5
 PRIOR = 0.05  # prior probability that a source is faulty; its square is that of two faults [1]
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
-FASTEST_TURN = 50.0  # [rad/s]
-LARGEST_FORCE = 100.0  # [m/s^2]
-FASTEST_RIM = 200.0  # [m/s]
 
 BANK = np.dtype(
     [
@@ -120,6 +117,7 @@ class BankConstants(NamedTuple):
         initial: standard deviations of the states at the start, each in the unit of its state,
             shape (8,).
         nothing: an empty record, for a reset.
+        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
         walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
         turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
@@ -133,7 +131,6 @@ class BankConstants(NamedTuple):
             per standard deviation at the start [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
-        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
     """
 
     n_x: FloatArray
@@ -149,6 +146,7 @@ class BankConstants(NamedTuple):
     prior: FloatArray
     initial: FloatArray
     nothing: NDArray[np.void]
+    rate_deviation: float
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
@@ -161,7 +159,6 @@ class BankConstants(NamedTuple):
     drift: float = 0.1
     transition: float = 1e-3
     velocity_deviation: float = 0.4
-    rate_deviation: float = 0.15
 
 
 class BankMemory(NamedTuple):
@@ -235,6 +232,7 @@ def bank_constants(
         prior=np.array([1.0 - 3.0 * PRIOR - 2.0 * PRIOR**2, *[PRIOR] * 3, *[PRIOR**2] * 2]),
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
         nothing=np.zeros(1, BANK),
+        rate_deviation=configuration.maximum_yaw_rate_deviation,
     )
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import WHEEL, WHEEL_SHARE
+from omni_brake_assist.filter_bank.state import SHARE, WHEEL
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -116,7 +116,7 @@ def watch_brakes(
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
             behind = hub - rim if hub >= 0.0 else rim - hub
-            deviation = behind / (WHEEL + WHEEL_SHARE * abs(hub))
+            deviation = behind / (WHEEL + SHARE * abs(hub))
             if looks_for_slides:
                 if deviation > _SLIDES:
                     memory[-1] = 0.0

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_brake_assist.filter_bank.state import FASTEST_RIM, LARGEST_FORCE, LARGEST_LOSS, LEAST_LOSS
+from omni_brake_assist.filter_bank.state import LARGEST_LOSS, LEAST_LOSS
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -62,8 +62,7 @@ _LEDGER = np.dtype(
 )
 
 _SETTLED = 0.6  # share of its step response at which a low-pass becomes valid [1]
-_END = 0.3  # share of the initial speed below which a stop is at its end [1]
-_LITTLE = 0.3  # share of the possible deceleration that counts as little [1]
+_LITTLE = 0.3  # share of the initial speed or of the possible deceleration that is little [1]
 
 
 class EffectConstants(NamedTuple):
@@ -130,7 +129,7 @@ def watch_effect(
     ledger, top, known = memory[0], 0.0, False
     for i in range(speeds.size):
         rim = abs(constants.roll[i] * speeds[i])
-        if rim < FASTEST_RIM:
+        if math.isfinite(rim):
             top, known = max(top, rim), True
     if pedal <= 0.0:
         memory[0] = constants.empty[0]
@@ -138,7 +137,7 @@ def watch_effect(
         return False
     ledger.elapsed += dt
     ledger.demanded += pedal * dt
-    felt = abs(force[0]) < LARGEST_FORCE and abs(force[1]) < LARGEST_FORCE
+    felt = math.isfinite(force[0] + force[1])
     loss = constants.loss
     if felt:
         loss = min(math.hypot(force[0], force[1]), LARGEST_LOSS)
@@ -152,7 +151,7 @@ def watch_effect(
     if released:
         ledger.missed += ledger.speed * (1.0 - achieved) * dt
     ledger.braked += ledger.speed * achieved * dt
-    stalls = felt and released and achieved < _LITTLE and ledger.speed < _END * ledger.start
+    stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
     bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
     late = ledger.demanded > constants.grace + ledger.start / constants.least

@@ -19,7 +19,7 @@ import numpy as np
 
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_sim.faults import KINDS, FaultConfiguration
+from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_tools.campaign.runner import digest
 
@@ -122,6 +122,8 @@ class Stop(NamedTuple):
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: ratio of the stopping distance to that of the reference stop [1].
         rotation: rotation minus that of the reference stop [deg].
+        all_on_rotation: the same if all brakes act from the onset of a brake fault on, as after a
+            detection without delay [deg]; 0 for other faults.
         assisting: 1 if brakes were still released 0.5 s after the onset, or if the stop had already
             ended; otherwise 0.
     """
@@ -141,6 +143,7 @@ class Stop(NamedTuple):
     rest: int
     distance: float
     rotation: float
+    all_on_rotation: float
     assisting: int
 
     @property
@@ -218,11 +221,18 @@ class FaultyStops:
             faulty = dataclasses.replace(base, vehicle=vehicle)
             unassisted = dataclasses.replace(self._bases[setting, False], vehicle=vehicle)
             reference = _reference([run_fast_loop(unassisted)])
+            # Without any sensor, the assistant puts all brakes on.
+            lost = {
+                name: FaultConfiguration(channel=name, kind="drop_out", time=time)
+                for name in CHANNELS
+            }
+            all_on = run_fast_loop(dataclasses.replace(faulty, faults=lost)).orientation_change
         else:
             faults = _configurations(fault, time)
             extent = "single" if len(faults) == 1 else "pair"
             faulty = dataclasses.replace(base, faults=faults)
             reference = self.reference(setting)
+            all_on = reference.rotation
         run = run_fast_loop(faulty)
         return Stop(
             seed,
@@ -235,6 +245,7 @@ class FaultyStops:
             rest=int(run.stopped),
             distance=run.stopping_distance / reference.distance,
             rotation=run.orientation_change - reference.rotation,
+            all_on_rotation=all_on - reference.rotation,
             assisting=int(_still_assists(run, base, fault)),
         )
 

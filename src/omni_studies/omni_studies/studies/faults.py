@@ -59,13 +59,17 @@ def _metrics(group: str, stops: Sequence[Stop]) -> dict[str, Metric]:
     assisting = 100.0 * sum(stop.assisting for stop in stops) / len(stops)
     distance = max((stop.distance for stop in counted), default=0.0)
     rotation = max((stop.rotation for stop in counted), default=0.0)
-    return {
+    metrics = {
         f"runs.{group}": Metric(len(counted), "1"),
         f"comes_to_rest.{group}": Metric(rest, "%"),
         f"worst_distance_ratio.{group}": Metric(distance, "1", at_most=limit.distance),
         f"worst_extra_rotation.{group}": Metric(rotation, "deg", at_most=limit.rotation),
         f"still_assisting.{group}": Metric(assisting, "%", at_least=limit.assisting),
     }
+    if stops[0].extent == "brake":
+        known = max((stop.all_on_rotation for stop in counted), default=0.0)
+        metrics[f"worst_all_on_rotation.{group}"] = Metric(known, "deg")
+    return metrics
 
 
 def _finding(stops: Sequence[Stop]) -> str:

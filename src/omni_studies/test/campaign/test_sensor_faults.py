@@ -331,5 +331,19 @@ def test_a_shared_scale_error_puts_all_brakes_on(
     assert stop.distance <= bound(limits("pair", imu=True).distance)
 
 
+@pytest.mark.parametrize("imu", [True, False])
+def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu: bool) -> None:
+    """With a fault before the stop this is the reference; with one after it, the assisted stop."""
+    setting = Setting("sliding_mode", imu, "straight_line")
+    before, during, after = (
+        stops.run(setting, Fault("brake", "brake", 1, onset, 0.0, 0.1))
+        for onset in (-9.0, 0.5, 9.0)
+    )
+    assert before.all_on_rotation == pytest.approx(0.0, abs=0.1)
+    assert before.rotation < -10.0
+    assert after.all_on_rotation == pytest.approx(after.rotation, abs=0.1)
+    assert during.all_on_rotation > during.rotation
+
+
 def test_a_seed_is_always_the_same_stop(stops: FaultyStops) -> None:
     assert stops(3) == stops(3) == FaultyStops(LIBRARY)(3)
