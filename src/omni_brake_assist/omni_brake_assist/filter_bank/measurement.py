@@ -22,8 +22,6 @@ from omni_platform.quantities import FloatArray
 GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
-# Prior probability that a driven wheel slides, or that a wheel rolls while its brake acts [1].
-_UNLIKELY = 0.02
 _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is released [1]
 # A released wheel counts as idle if its rim gains less than _GAIN [m/s] within _IDLE [s]. On ice
 # (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains as much in a fifth of this
@@ -211,12 +209,12 @@ def fuse_wheels(
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
         own = bank.WHEEL**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls, excess = 1.0 - _UNLIKELY, 0.0
+        rolls, excess = 1.0 - bank.PRIOR, 0.0
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
             excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
-            rolls = _UNLIKELY
+            rolls = bank.PRIOR
             if memory.released[i] >= constants.spin_up:
                 rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], bank.PRIOR)

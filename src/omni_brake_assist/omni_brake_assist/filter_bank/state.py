@@ -42,7 +42,9 @@ RELEASED = 0.05  # enable up to which a brake counts as released [1]
 # Deceleration of a braked vehicle with a friction of 0.3 if half of the wheels brake, as on a
 # diagonal course: 0.3 g / 2 [m/s^2].
 LEAST_LOSS = 1.5
-PRIOR = 0.05  # prior probability that a source is faulty; its square is that of two faults [1]
+# Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
+# its brake acts; its square is that of two faults [1].
+PRIOR = 0.05
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 
 BANK = np.dtype(

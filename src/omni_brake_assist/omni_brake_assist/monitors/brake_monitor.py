@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import SHARE, WHEEL
+from omni_brake_assist.filter_bank.state import RELEASED, SHARE, WHEEL
 from omni_brake_assist.laws.law import NO_WHEEL
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure to which a slide is attributed [1]
-_COMMANDED = 0.9  # smallest command for a test of a brake; a law may command less [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
 # Deviation of a rim from rolling up to which its wheel rolls, and beyond which it slides, in
 # standard deviations of a rolling rim [1].
@@ -111,7 +110,7 @@ def watch_brakes(
             hub = constants.n_x[i] * twist[0] + constants.n_y[i] * twist[1]
             hub += constants.lever[i] * twist[2]
             command = wheels.commanded[i]
-            weak = pedal * command < _LEAST if looks_for_slides else command < _COMMANDED
+            weak = pedal * command < _LEAST if looks_for_slides else command < 1.0 - RELEASED
             if weak or abs(hub) < _SLOW:
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
