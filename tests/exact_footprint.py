@@ -1,6 +1,6 @@
 """The exact integral that the line camera approximates: each texel is clipped to each pixel.
 
-It is a thousand times slower than the integral of the simulator. Tests and the benchmark of the
+It is much slower than the integral of the simulator. Tests and the benchmark of the
 line cameras use it as the reference.
 """
 
@@ -55,7 +55,7 @@ def _integrate(
     n = len(texture)
     a_x, a_y = math.cos(heading), math.sin(heading)
     pitch = 2.0 * half_length / len(line)
-    quad = np.empty((4, 2))
+    quad, scratch = np.empty((4, 2)), np.empty((2, 16, 2))
     for pixel in range(len(line)):
         u = -half_length + pixel * pitch
         for corner in range(4):
@@ -63,11 +63,14 @@ def _integrate(
             across = half_width if corner >= 2 else -half_width
             quad[corner, 0] = x + along * a_x - across * a_y
             quad[corner, 1] = y + along * a_y + across * a_x
+        lowest, highest = np.inf, -np.inf
+        for corner in range(4):
+            lowest, highest = min(lowest, quad[corner, 1]), max(highest, quad[corner, 1])
         total = 0.0
-        for j in range(math.floor(quad[:, 1].min()), math.floor(quad[:, 1].max()) + 1):
+        for j in range(math.floor(lowest), math.floor(highest) + 1):
             left, right = _extent(quad, float(j))
             for i in range(math.floor(left), math.floor(right) + 1):
-                total += _overlap(quad, float(i), float(j)) * texture[j % n, i % n]
+                total += _overlap(quad, float(i), float(j), scratch) * texture[j % n, i % n]
         line[pixel] = total / (pitch * 2.0 * half_width)
 
 
@@ -76,8 +79,8 @@ def _extent(quad: NDArray[np.float64], j: float) -> tuple[float, float]:
     """Return the smallest and largest x of the quadrangle within the row j <= y <= j + 1."""
     left, right = np.inf, -np.inf
     for corner in range(4):
-        x_0, y_0 = quad[corner]
-        x_1, y_1 = quad[(corner + 1) % 4]
+        x_0, y_0 = quad[corner, 0], quad[corner, 1]
+        x_1, y_1 = quad[(corner + 1) % 4, 0], quad[(corner + 1) % 4, 1]
         for y in (min(max(y_0, j), j + 1.0), min(max(y_1, j), j + 1.0)):
             if min(y_0, y_1) <= y <= max(y_0, y_1):
                 x = x_0 if y_0 == y_1 else x_0 + (y - y_0) / (y_1 - y_0) * (x_1 - x_0)
@@ -88,10 +91,9 @@ def _extent(quad: NDArray[np.float64], j: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _overlap(quad: NDArray[np.float64], i: float, j: float) -> float:
+def _overlap(quad: NDArray[np.float64], i: float, j: float, scratch: NDArray[np.float64]) -> float:
     """Return the area that the quadrangle shares with a texel (Sutherland-Hodgman, shoelace)."""
-    polygon = np.empty((16, 2))
-    clipped = np.empty((16, 2))
+    polygon, clipped = scratch[0], scratch[1]
     n = 4
     for corner in range(4):
         polygon[corner, 0] = quad[corner, 0] - i
@@ -104,13 +106,16 @@ def _overlap(quad: NDArray[np.float64], i: float, j: float) -> float:
             d_p = 1.0 - polygon[p, axis] if upper else polygon[p, axis]
             d_q = 1.0 - polygon[q, axis] if upper else polygon[q, axis]
             if d_p >= 0.0:
-                clipped[kept] = polygon[p]
+                for k in range(2):
+                    clipped[kept, k] = polygon[p, k]
                 kept += 1
             if (d_p >= 0.0) != (d_q >= 0.0):
-                clipped[kept] = polygon[p] + d_p / (d_p - d_q) * (polygon[q] - polygon[p])
+                share = d_p / (d_p - d_q)
+                for k in range(2):
+                    clipped[kept, k] = polygon[p, k] + share * (polygon[q, k] - polygon[p, k])
                 kept += 1
         n = kept
-        polygon[:n] = clipped[:n]
+        polygon, clipped = clipped, polygon
     area = 0.0
     for p in range(n):
         q = (p + 1) % n
