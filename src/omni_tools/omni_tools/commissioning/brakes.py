@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from omni_platform.brakes import ON_OFF, BrakeConfiguration
+from omni_platform.brakes import ON_OFF, VELOCITY, BrakeConfiguration
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
@@ -58,6 +58,8 @@ class Response(NamedTuple):
         braking: whether the driver brakes, shape (T, 1).
         near: whether a row is close to the beginning of a stop, shape (T,).
         period: time between two rows [s].
+        radius: radius of each wheel [m], shape (N,).
+        limit: largest torque that the ground can transmit to each wheel [N m], shape (N,).
         brake: brake of each wheel as described.
     """
 
@@ -69,6 +71,8 @@ class Response(NamedTuple):
     braking: BoolArray
     near: BoolArray
     period: float
+    radius: FloatArray
+    limit: FloatArray
     brake: BrakeConfiguration
 
     def exchanged(self, i: int, j: int) -> "Response":
@@ -83,6 +87,30 @@ class Response(NamedTuple):
         The rolling speed limits the torque, because the measured speed depends on the slip.
         """
         return self.brake.limited(self.demand * self.brake.max_torque, self.rolling)
+
+    def measured(self) -> FloatArray:
+        """Return the torque of each wheel that depends on its own brake alone [N m], shape (T, N).
+
+        A velocity drive overcomes the inertia of its wheel, so it determines only the slip.
+        """
+        return self.slip if self.brake.kind == VELOCITY else self.torque
+
+    def predicted(self) -> FloatArray:
+        """Return the prediction of `measured` for the demands [N m], shape (T, N)."""
+        return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
+
+    def _slip_of_command(self) -> FloatArray:
+        """Return the torque of the ground on wheels that follow their speed commands [N m].
+
+        The command of a braked wheel decreases along the ramp, that of a released one is its speed.
+        """
+        rolling, command = np.abs(self.rolling), np.abs(self.rolling)
+        fall = self.demand * self.brake.ramp / self.radius * self.period
+        for row in range(1, len(rolling)):
+            ramped = np.maximum(command[row - 1] - fall[row], 0.0)
+            command[row] = np.where(fall[row] > 0.0, ramped, rolling[row])
+        slip = 1.0 - command / np.where(self.moving, rolling, 1.0)
+        return np.where(self.moving, self.limit * slip, 0.0)
 
 
 def response_of(
@@ -106,7 +134,8 @@ def response_of(
     speed = signals.wheel_speed[motions.stop]
     slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
     facts = wheel_facts(vehicle)
-    limit = np.array([facts[name].grip * mount.radius for name, mount in vehicle.wheels.items()])
+    radius = np.array([mount.radius for mount in vehicle.wheels.values()])
+    limit = radius * [facts[name].grip for name in vehicle.wheels]
     slip = np.where(moving, limit * (1.0 - speed / np.where(moving, rolling, 1.0)), 0.0)
     torque = np.where(moving, slip + vehicle.wheel_inertia * slower, 0.0)
     # A brake without an enable is on.
@@ -123,6 +152,8 @@ def response_of(
         pedal[:, np.newaxis] > 0.0,
         apart * signals.period <= _ALLOWED.latest,
         signals.period,
+        radius,
+        limit,
         vehicle.brake,
     )
 
@@ -162,22 +193,25 @@ def _late(response: Response) -> int:
 def exchanged(response: Response) -> tuple[int, int] | None:
     """Return the indices of two exchanged brakes; None if the described order fits best.
 
-    Their exchange increases the sum of correlations most. Measured and predicted torque are
-    correlated relative to the mean of all wheels: the pedal acts on all brakes at once, so wheels
-    differ only in their deviation from the mean.
+    Their exchange increases the sum of correlations most, and all brakes then act. Measured and
+    predicted torque are correlated relative to the mean of all wheels: the pedal acts on all brakes
+    at once, so wheels differ only in their deviation from the mean.
     """
-    torque, late = _without_mean(response.torque, response.moving), _late(response)
+    torque, late = _without_mean(response.measured(), response.moving), _late(response)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
 
     def score(assumed: Response) -> float:
         """Return the sum of correlations for the demands of a response."""
-        action = _earlier(_without_mean(assumed.action(), response.moving), braking, late)
-        return float(np.trace(_correlation(torque[braking], action)))
+        predicted = _without_mean(assumed.predicted(), response.moving)
+        return float(np.trace(_correlation(torque[braking], _earlier(predicted, braking, late))))
 
     pairs = itertools.combinations(range(torque.shape[1]), 2)
     scores = {pair: score(response.exchanged(*pair)) for pair in pairs}
     best, described = max(scores, key=lambda pair: scores[pair]), score(response)
-    return best if scores[best] > max(described, 0.0) + _ALLOWED.gain else None
+    if scores[best] <= max(described, 0.0) + _ALLOWED.gain:
+        return None
+    # A brake that acts in neither order is idle, and not exchanged.
+    return best if idle(response.exchanged(*best)) is None else None
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:

@@ -49,6 +49,7 @@ TRUCK = {"length": 2.0, "width": 2.0, "mass": 320.0, "wheel_radius": 0.17, "load
         ({**CART, "brakes": PROPORTIONAL}, 5.0),
         ({**TRUCK, "brakes": PROPORTIONAL, "kind": "omni"}, 1.0),
         ({**CART, "brakes": VELOCITY}, 3.0),
+        ({**CART, "brakes": VELOCITY, "kind": "omni", "wheels": 6}, 1.0),
     ],
 )
 def test_weak_drives_and_heavy_wheels_are_no_mistake_but_their_idle_brakes_are(
