@@ -42,8 +42,9 @@ class AllocationConfiguration(Configuration):
     as the friction capacities of all wheels together could cause, and proportionally less if it is
     smaller"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """A wheel counts as locked, because the motion does not drive it, if along its active direction
-    both its hub and the vehicle are slower than this share of the vehicle's speed"""
+    """The brake of a wheel stays on, because the motion does not drive it, if along its active
+    direction both its hub and the vehicle are slower than this share of the vehicle's speed. A
+    wheel counts as locked if its rim is slower than this share of the speed that would drive it"""
 
 
 class BrakeAssistConfiguration(Configuration):

@@ -141,6 +141,16 @@ def test_of_locked_wheels_all_but_one_are_released(mecanum: Wheels, pressure_ste
     assert np.max(enable) == max(pressure_step, 0.01)
 
 
+def test_valves_of_wheels_that_slide_in_any_case_are_shut(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum, kind=ON_OFF)
+    law = law._replace(brake=law.brake._replace(time_constant=0.1))
+    error, enable = np.zeros(4), np.zeros(4)
+    allocation.step(law, memory, _motion(10.0, 0.0, 4, first=True), error, enable)
+    memory.wheel["brake"] = 10.0 * memory.wheel["capacity"]  # decreases by 1/e in 0.1 s
+    allocation.step(law, memory, _motion(10.0, 0.0, 4, first=False), error, enable)
+    assert np.count_nonzero(enable) == 1  # the assistant allows none to roll unbraked
+
+
 def test_valves_take_the_pattern_with_the_lowest_cost(mecanum: Wheels) -> None:
     law, memory = _law(mecanum, kind=ON_OFF)
     random = np.random.default_rng(7)
@@ -173,16 +183,20 @@ def test_a_standing_wheel_is_locked(mecanum: Wheels, kind: str) -> None:
     assert np.all(enable[standing] == 1.0)
 
 
-def test_a_wheel_about_which_the_vehicle_rotates_is_not_locked(mecanum: Wheels) -> None:
+@pytest.mark.parametrize("drift", [-1e-3, 0.0, 1e-3])
+def test_a_wheel_about_which_the_vehicle_rotates_opposes_the_translation(
+    mecanum: Wheels, drift: float
+) -> None:
     law, memory = _law(mecanum)
     geometry = PlatformGeometry.from_wheels(mecanum)
     along = geometry.active @ [3.0, 2.5]
     wheel = int(np.argmin(np.abs(along)))
-    yaw_rate = -float(along[wheel] / geometry.lever[wheel])
+    yaw_rate = (drift - float(along[wheel])) / float(geometry.lever[wheel])
     motion = Motion(True, 0.0, 3.0, 2.5, yaw_rate, 0.0, 1.0, 1.0, np.zeros(4))
     allocation.step(law, memory, motion, np.zeros(4), np.zeros(4))
-    assert memory.wheel["hub"][wheel] < 1e-9
-    assert not memory.wheel["locked"][wheel]
+    assert memory.wheel["hub"][wheel] < 2e-3
+    assert memory.wheel["sign"][wheel] == np.sign(along[wheel])
+    assert not memory.wheel["fixed"][wheel]
 
 
 @pytest.mark.parametrize("kind", [PROPORTIONAL, ON_OFF])

@@ -63,7 +63,6 @@ def new_memory(wheels: int) -> Memory:
         sent=np.zeros((QUEUE, wheels)),
         qp=new_qp(wheels),
         forces=np.zeros((2, wheels)),
-        slides=np.zeros((2, wheels)),
     )
 
 
@@ -115,8 +114,12 @@ def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArr
         wheel = memory.wheel[i]
         carried = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
         along = carried + law.lever[i] * motion.yaw_rate
-        wheel.hub, wheel.sign = abs(along), math.copysign(1.0, along)
-        wheel.locked = max(abs(carried), wheel.hub) <= limit
+        wheel.hub = abs(along)
+        # A wheel that the vehicle drags without turning can hold its hub.
+        turned = abs(law.rim[i] * motion.wheel_speed[i])
+        holds = wheel.hub <= limit and turned <= law.locked_share * abs(carried)
+        wheel.sign = math.copysign(1.0, carried if holds else along)
+        wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
         wheel.known = math.isfinite(motion.wheel_speed[i])
         wheel.speed = wheel.hub
         if wheel.known:

@@ -16,13 +16,16 @@ from omni_platform.quantities import FloatArray
 
 WHEEL = np.dtype(
     [
-        ("sign", "f8"),  # sign of the hub's velocity along the active direction [1]
+        # Sign of the hub's velocity along the active direction [1]; if the wheel holds its hub, of
+        # the velocity without rotation.
+        ("sign", "f8"),
         ("hub", "f8"),  # magnitude of this velocity [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
         ("known", "?"),  # whether the wheel speed is measured, otherwise rolling is assumed
-        ("locked", "?"),  # whether the vehicle hardly moves along the active direction, so that its
-        # motion does not drive the wheel: its friction holds against any drift
+        # Whether its brake stays on: it has failed, or the motion hardly drives the wheel, so that
+        # its friction only holds against a drift.
+        ("fixed", "?"),
         ("brake", "f8"),  # nominal brake force in this step [N]
         ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]
         ("measured", "f8"),  # friction force over the last period [N]
@@ -70,7 +73,7 @@ class Constants(NamedTuple):
         relaxation_speed: additional sliding speed until the tire has deflected [m/s].
         return_share: time constant of the heading as a share of the remaining time of the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: share of the vehicle's speed below which a wheel counts as locked [1].
+        locked_share: share of a speed below which a wheel counts as standing [1].
     """
 
     n_x: FloatArray
@@ -103,7 +106,6 @@ class Memory(NamedTuple):
             demanded shares of the wheels' capacities.
         forces: predicted low-passed forces with the valve shut and open, as shares of the
             capacities [1], shape (2, N).
-        slides: cost of the sliding predicted with the valve shut and open [1], shape (2, N).
     """
 
     body: NDArray[np.void]
@@ -111,4 +113,3 @@ class Memory(NamedTuple):
     sent: FloatArray
     qp: Box
     forces: FloatArray
-    slides: FloatArray

@@ -5,7 +5,7 @@ give deceleration, yaw moment and side force as shares of the sum of all capacit
 demanded yaw moment and side force, and ``W`` is the weight `deviation_weight`:
 
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
-subject to ``0 <= x <= 1``, and ``-1 <= x <= 1`` for locked wheels.
+subject to ``0 <= x <= 1``.
 
 The demand brings back heading and direction of motion if they deviate by more than
 ``max_rotation``; it includes the estimated disturbances. The costs of its violation are linear
@@ -48,10 +48,7 @@ def new_qp(wheels: int) -> Box:
 
 @lean
 def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Solve the QP for the demanded shares of the wheels' capacities.
-
-    The unknown of a locked wheel is its share plus 1, because unknowns must not be negative.
-    """
+    """Solve the QP for the demanded shares of the wheels' capacities."""
     body, wheel, qp, n = memory.body[0], memory.wheel, memory.qp, law.rim.size
     total = 0.0
     for i in range(n):
@@ -82,19 +79,13 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)
         qp.rows[YAW, i] = -unit * law.lever[i] / reach
         qp.rows[SIDE, i] = -unit * across
-        qp.upper[i] = 1.0
-        if i == motion.failed_brake:
-            qp.upper[i] = 0.0
-        elif wheel[i].locked:
-            qp.upper[i] = 2.0
-            for row in range(3):
-                qp.goals[row] += qp.rows[row, i]
+        qp.upper[i] = 1.0 if i != motion.failed_brake else 0.0
     box_least_squares(qp)
 
 
 @lean
 def cost(memory: Memory, pattern: int) -> float:
-    """Return the cost of the forces and the sliding that are predicted for a pattern of valves.
+    """Return the cost of the forces that are predicted for a pattern of valves.
 
     Args:
         memory: contains the solved QP and the predictions.
@@ -112,6 +103,4 @@ def cost(memory: Memory, pattern: int) -> float:
         weight = 2.0 * qp.linear[n + 2 * (row - YAW)]
         square = min(abs(excess), 0.5 * weight / qp.weights[row])
         value += qp.weights[row] * square * square + weight * (abs(excess) - square)
-    for i in range(n):
-        value += memory.slides[(pattern >> i) & 1, i]
     return value

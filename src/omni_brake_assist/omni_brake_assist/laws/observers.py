@@ -62,14 +62,12 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
         capacity = wheel.capacity
         change = wheel.speed - wheel.last_speed if wheel.known else 0.0
         measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
-        if wheel.locked:
-            measured = 0.0
-        elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
+        if max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
             measured = capacity  # the wheel does not turn while its hub moves, so it slides
         rise = gain * (measured - wheel.force)
         wheel.measured = measured
         wheel.force += rise
-        if wheel.known and not wheel.locked:
+        if wheel.known:
             growth = dt / (CASCADE**4 * law.observer_time) * capacity
             if rise > growth:
                 capacity += faster * max(measured - capacity, 0.0)

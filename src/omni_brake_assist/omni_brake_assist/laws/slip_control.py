@@ -17,7 +17,6 @@ from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim, advance, comman
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_SLIDE = 0.02  # cost of wheels below the target speed, to decide between equal forces
 _LEAST_ENABLE = 0.01  # enable of the last acting brake, as at least one must act [1]
 
 
@@ -25,16 +24,15 @@ _LEAST_ENABLE = 0.01  # enable of the last acting brake, as at least one must ac
 def control_slip(
     law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
 ) -> None:
-    """Write the enables; the enable of a locked wheel and of a failed brake is 1."""
+    """Write the enables."""
     # Relative rate of change of all speeds [1/s].
     slowing = memory.body[0].deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
     valves, strongest, total = law.brake.pressure_step >= 1.0, 0, 0.0
     for i in range(enable.size):
-        share, most = memory.qp.solution[i], law.most[i] * motion.pedal
+        most = law.most[i] * motion.pedal
         enable[i] = 1.0
-        memory.forces[0, i] = memory.forces[1, i] = share
-        memory.slides[0, i] = memory.slides[1, i] = 0.0
-        if not memory.wheel[i].locked and i != motion.failed_brake:
+        memory.forces[0, i] = memory.forces[1, i] = memory.qp.solution[i]
+        if not memory.wheel[i].fixed:
             model, rim = _at_effect(law, memory, i, slowing, dt)
             if valves:
                 _predict_pulses(law, memory, i, model, rim, most, dt)
@@ -109,7 +107,7 @@ def _predict_pulses(
 
     Args:
         law: constants.
-        memory: state of the law; `forces` and `slides` are written.
+        memory: state of the law; `forces` is written.
         i: index of the wheel.
         model: assumed properties of the wheel.
         start: state of the wheel when the command begins to act.
@@ -122,24 +120,24 @@ def _predict_pulses(
         for _ in range(horizon):
             rim, command = advance(law.brake, model, rim, command, dt, law.observer_time), 0.0
         memory.forces[state, i] = rim.force / model.capacity
-        missing = max(1.0 - (1.0 + model.peak_slip) * rim.speed / (model.hub + 1e-9), 0.0)
-        memory.slides[state, i] = _SLIDE / law.rim.size * missing * missing
 
 
 @lean
 def _choose_valves(memory: Memory, enable: FloatArray) -> None:
     """Choose the pattern of valves whose predicted forces have the lowest cost in the QP.
 
-    The valve of a locked wheel or of a failed brake does not change the cost. It is open: of
-    several patterns with the same cost, the last one is chosen.
+    A wheel whose brake force far exceeds its capacity slides beyond the predicted time, whether its
+    valve is open or shut. It must be shut to let the brake force decrease: of several patterns with
+    the same cost, the first one is chosen.
     """
     best, chosen = math.inf, 0
     for pattern in range(1 << enable.size):
         value = cost(memory, pattern)
-        if value <= best:
+        if value < best:
             best, chosen = value, pattern
     for i in range(enable.size):
-        enable[i] = (chosen >> i) & 1
+        if not memory.wheel[i].fixed:
+            enable[i] = (chosen >> i) & 1
 
 
 @lean
