@@ -196,19 +196,27 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Refine a peak to a fraction of a pixel, with the largest line spacing of enough overlap."""
-    which = farthest(peak, layout)
-    lag = lags(layout.lines)[which]
-    best, top = lag * peak, -np.inf
-    for x in range(lag * (peak - 1), lag * (peak + 1) + 1):
-        value = float(correlation[which, -x])
-        if value > top:
-            best, top = x, value
-    left = float(correlation[which, 1 - best])
-    right = float(correlation[which, -1 - best])
-    bend = left - 2.0 * top + right
+    """Refine a peak to a fraction of a pixel, in the sum over the line spacings of enough overlap.
+
+    The largest spacing resolves the displacement best, but its lines may show different ground, if
+    the camera moves across its axis. Its correlation is then noise, and smaller spacings determine
+    the maximum of the sum.
+    """
+    distances, last = lags(layout.lines), farthest(peak, layout)
+    fine = distances[last]  # grid points per pixel
+    total = np.zeros(2 * fine + 3)
+    for which in range(last + 1):
+        for i in range(len(total)):
+            x = -(peak + (i - fine - 1) / fine) * distances[which]
+            below = math.floor(x)
+            share = x - below
+            total[i] += (1.0 - share) * correlation[which, below]
+            total[i] += share * correlation[which, below + 1]
+    best = 1 + int(np.argmax(total[1:-1]))
+    left, right = total[best - 1], total[best + 1]
+    bend = left - 2.0 * total[best] + right
     fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    peak_place: float = (best + min(max(fraction, -0.5), 0.5)) / lag
+    peak_place: float = peak + (best - fine - 1 + min(max(fraction, -0.5), 0.5)) / fine
     return peak_place
 
 
