@@ -38,6 +38,23 @@ class FixedPattern(NamedTuple):
 
 
 @kernel
+def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
+    """Return the power of a pattern without that of the error of its mean, 0 or more, shape (F,).
+
+    Args:
+        mean: estimated mean of each frequency, shape (F,).
+        precision: precision of the mean, 0 without information, shape (F,).
+    """
+    excess = np.zeros(len(precision))
+    for f in range(len(precision)):
+        if precision[f] > 0.0:
+            square = mean[f].real * mean[f].real + mean[f].imag * mean[f].imag
+            excess[f] = square - 1.0 / precision[f]
+    power: spectra.Doubles = np.maximum(spectra.smoothed(excess), 0.0)
+    return power
+
+
+@kernel
 def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
     """Return the mean of a pattern, shrunk towards 0 where it is mostly noise, shape (F,).
 
@@ -45,33 +62,26 @@ def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra
         information: precision times mean, shape (F,).
         precision: precision at each frequency, 0 without information, shape (F,).
     """
-    count = len(precision)
-    mean = np.zeros(count, np.complex64)
-    excess = np.zeros(count)
-    for f in range(count):
-        if precision[f] > 0.0:
-            mean[f] = information[f] / np.float32(precision[f])
-            power = mean[f].real * mean[f].real + mean[f].imag * mean[f].imag
-            excess[f] = power - 2.0 / precision[f]
-    excess = np.maximum(spectra.smoothed(excess), 0.0)
-    for f in range(count):
-        gain = excess[f] * precision[f]
-        mean[f] *= np.float32(gain / (gain + 1.0))
-    return mean
+    mean = posterior(information, precision)
+    gain = _power(mean, precision) * precision
+    shrunk: spectra.Spectrum = mean * (gain / (gain + 1.0)).astype(np.float32)
+    return shrunk
 
 
 @kernel
 def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
     """Return the prior precision of a pattern from its power (empirical Bayes), shape (F,).
 
+    Without a significant power, the precision is infinite: the pattern is known to be 0. A pattern
+    that absorbs part of the ground texture would bias slow displacements away from 0.
+
     Args:
         information: precision times mean, shape (F,).
         precision: precision at each frequency, 0 without information, shape (F,).
     """
-    mean = posterior(information, precision)
-    power: spectra.Doubles = spectra.smoothed((mean.real**2 + mean.imag**2).astype(np.float64))
+    power = _power(posterior(information, precision), precision)
     for f in range(len(power)):
-        power[f] = 1.0 / power[f] if power[f] > 0.0 else 0.0
+        power[f] = 1.0 / power[f] if power[f] > 0.0 else math.inf
     return power
 
 
