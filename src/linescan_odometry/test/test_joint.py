@@ -12,6 +12,7 @@ import pytest
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
+from linescan_odometry.joint.fixed_pattern import prior
 from linescan_odometry.joint.spectra import whiten
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
@@ -112,34 +113,71 @@ def test_an_edge_that_moves_over_a_view_at_rest_is_not_taken_for_the_ground(
     assert estimator().estimate(lines).reason != ""
 
 
-def scores_sideways(
-    displacement: float, coherence: float, contrast: float, grains: Mapping[float, float]
-) -> list[float]:
-    """Return errors squared over variances on a ground that leaves the view sideways.
+def sideways(
+    seed: int,
+    displacement: float,
+    coherence: float,
+    contrast: float,
+    grains: Mapping[float, float],
+    shape: tuple[int, int] = (LINES, PIXELS),
+) -> Any:
+    """Return lines of a ground that leaves the view sideways.
 
     Args:
+        seed: seed of ground and noise.
         displacement: displacement per line [px].
         coherence: coherence of neighboring lines [1].
         contrast: standard deviation of the lines [gray levels].
         grains: amplitude of the texture by its grain [px].
+        shape: number of lines, and of pixels per line.
     """
-    rate = 2.0 * math.pi * np.fft.rfftfreq(4 * PIXELS)
+    count, pixels = shape
+    rate = 2.0 * math.pi * np.fft.rfftfreq(4 * pixels)
     spectrum = sum(share * np.exp(-0.5 * (grain * rate) ** 2) for grain, share in grains.items())
+    generator = np.random.default_rng(seed)
+    fresh = spectrum * np.fft.rfft(generator.standard_normal((count, 4 * pixels)))
+    ground = [fresh[0]]
+    for new in fresh[1:]:
+        kept = coherence * ground[-1] + math.sqrt(1.0 - coherence**2) * new
+        ground.append(kept * np.exp(1j * displacement * rate))
+    lines = np.fft.irfft(ground)[:, :pixels]
+    lines *= contrast / lines.std()
+    lines += generator.normal(128.0, 2.0, lines.shape)
+    return np.rint(lines).clip(0, 255).astype(np.uint8)
+
+
+def scores_sideways(
+    displacement: float, coherence: float, contrast: float, grains: Mapping[float, float]
+) -> list[float]:
+    """Return errors squared over variances over such grounds; arguments as in `sideways`."""
     scores = []
     for seed in range(40):
-        generator = np.random.default_rng(seed)
-        fresh = spectrum * np.fft.rfft(generator.standard_normal((LINES, 4 * PIXELS)))
-        ground = [fresh[0]]
-        for new in fresh[1:]:
-            kept = coherence * ground[-1] + math.sqrt(1.0 - coherence**2) * new
-            ground.append(kept * np.exp(1j * displacement * rate))
-        lines = np.fft.irfft(ground)[:, :PIXELS]
-        lines *= contrast / lines.std()
-        lines += generator.normal(128.0, 2.0, lines.shape)
-        found = estimator().estimate(np.rint(lines).clip(0, 255).astype(np.uint8))
+        lines = sideways(seed, displacement, coherence, contrast, grains)
+        found = estimator().estimate(lines)
         if not found.reason:
             scores.append((found.value - displacement) ** 2 / found.variance)
     return scores
+
+
+@pytest.mark.parametrize("displacement", [0.03, 1.34])
+def test_lines_far_apart_on_different_ground_do_not_mislead_the_candidates(
+    displacement: float,
+) -> None:
+    coarse = JointEstimator(128, 64, CHANGE)
+    for seed in range(20):
+        found = coarse.estimate(sideways(seed, displacement, 0.9, 20.0, {1.5: 1.0}, (157, 128)))
+        assert found.reason == ""
+        assert found.value == pytest.approx(displacement, abs=0.05)
+
+
+def test_the_error_of_a_mean_does_not_count_as_a_pattern() -> None:
+    generator = np.random.default_rng(1)
+    precision = np.full(600, 4.0)
+    error = 0.5 * (generator.normal(size=600) + 1j * generator.normal(size=600)) / math.sqrt(2.0)
+    pattern = generator.normal(size=600) + 1j * generator.normal(size=600)
+    for truth, lowest, highest in ((0.0, 20.0, math.inf), (1.0, 0.4, 0.6)):
+        information = (precision * (truth * pattern + error)).astype(np.complex64)
+        assert lowest <= np.median(prior(information, precision)) <= highest
 
 
 @pytest.mark.parametrize("displacement", [1.7, 5.0])
