@@ -80,9 +80,11 @@ def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.
         precision: precision at each frequency, 0 without information, shape (F,).
     """
     power = _power(posterior(information, precision), precision)
+    result = np.full(len(power), math.inf)
     for f in range(len(power)):
-        power[f] = 1.0 / power[f] if power[f] > 0.0 else math.inf
-    return power
+        if power[f] > 0.0:
+            result[f] = 1.0 / power[f]
+    return result
 
 
 @kernel
