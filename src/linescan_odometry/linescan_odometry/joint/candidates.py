@@ -358,6 +358,7 @@ def decide(
     layout: Layout,
     found: Doubles,
     evidence: Doubles,
+    unlikely: Doubles,
     limits: tuple[float, float],
 ) -> tuple[int, bool]:
     """Return the index of the most likely candidate, and whether the choice is ambiguous.
@@ -367,14 +368,16 @@ def decide(
         layout: sizes of the batch.
         found: candidates [px], shape (c,).
         evidence: result of `rate`, shape (c,).
+        unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
         limits: smallest log-likelihood of an accepted displacement [nats]; largest ratio of the
             second-best log-likelihood to the best one at which the choice is unambiguous [1].
     """
     likely, ratio = limits
-    best = int(np.argmax(evidence))
-    for i in np.argsort(-evidence)[1:]:
+    order = np.argsort(unlikely - evidence)
+    best = order[0]
+    for i in order[1:]:
         own, other, _ = _contest(rest, layout, found[best], found[i], likely)
-        if other > own:
+        if other - unlikely[i] > own - unlikely[best]:
             best = i
     ambiguous = False
     for i in range(len(found)):

@@ -113,7 +113,7 @@ class JointEstimator:
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
         removed = products.mean if m >= FEWEST_LINES else known
         remainder = candidates.subtract(products, removed)
-        choice = self._choose(products, remainder, layout, known, found)
+        choice = self._choose(products, remainder, layout, known, found, last)
         d, moves = choice.displacement, choice.moves
         if choice.reason:
             return Estimate(d, math.inf, choice.reason, lines)
@@ -159,6 +159,7 @@ class JointEstimator:
         layout: candidates.Layout,
         known: spectra.Spectrum,
         found: spectra.Doubles,
+        last: float,
     ) -> _Choice:
         """Return the candidate that explains the lines best.
 
@@ -177,7 +178,13 @@ class JointEstimator:
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
-        best, ambiguous = candidates.decide(remainder, layout, found, evidence, (_LIKELY, _RATIO))
+        unlikely = np.zeros(len(found))
+        if math.isfinite(last):
+            # A limited prior decides only between candidates that the lines do not separate.
+            change = (found - last) / (self._spread * layout.lines)
+            unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
+        limits = _LIKELY, _RATIO
+        best, ambiguous = candidates.decide(remainder, layout, found, evidence, unlikely, limits)
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _learn(self, information: spectra.Spectrum, precision: spectra.Doubles) -> None:
