@@ -53,9 +53,9 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
     The force is then a lower bound of the capacity, also if the wheel slides.
+    Errors of the brakes' nominal lag appear as friction, so the capacity rises with this lag.
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)
-    faster = 1.0 - math.exp(-CASCADE * dt / law.observer_time)
     largest = 0.0  # capacity of the wheels with a known speed
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
@@ -70,7 +70,7 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
         if wheel.known:
             growth = dt / (CASCADE**4 * law.observer_time) * capacity
             if rise > growth:
-                capacity += faster * max(measured - capacity, 0.0)
+                capacity += dt / (dt + law.brake.time_constant) * max(measured - capacity, 0.0)
             elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
                 capacity += gain * (wheel.force - capacity)
             elif memory.qp.solution[i] >= 1.0:
