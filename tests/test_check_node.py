@@ -24,6 +24,7 @@ from sensor_msgs.msg import Image, JointState
 
 rclpy.init()
 node = rclpy.create_node("wrong")
+print("the output of a node is no part of the report")
 if sys.argv[1] == "odometry":
     kind = TwistWithCovarianceStamped
     twist = node.create_publisher(kind, "odometry/twist", qos_profile_sensor_data)
