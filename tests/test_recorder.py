@@ -50,7 +50,7 @@ TYPES = {
     MARKERS: "visualization_msgs/msg/MarkerArray",
 }
 NODE = ("-m", "omni_recording.recorder_node")
-# A recorder whose construction, after its subscriptions exist, takes until the file `path` exists.
+# A recorder that creates its subscriptions and then waits in its constructor for the file `path`.
 UNDER_CONSTRUCTION = """
 import pathlib, sys, time
 from omni_ros.process import run_process

@@ -121,14 +121,14 @@ def sideways(
     grains: Mapping[float, float],
     shape: tuple[int, int] = (LINES, PIXELS),
 ) -> Any:
-    """Return lines of a ground that leaves the view sideways.
+    """Return lines of a camera that moves along and across its axis.
 
     Args:
         seed: seed of ground and noise.
         displacement: displacement per line [px].
         coherence: coherence of neighboring lines [1].
         contrast: standard deviation of the lines [gray levels].
-        grains: amplitude of the texture by its grain [px].
+        grains: amplitude of each component of the texture by its correlation length [px].
         shape: number of lines, and of pixels per line.
     """
     count, pixels = shape
@@ -149,7 +149,7 @@ def sideways(
 def scores_sideways(
     displacement: float, coherence: float, contrast: float, grains: Mapping[float, float]
 ) -> list[float]:
-    """Return errors squared over variances over such grounds; arguments as in `sideways`."""
+    """Return the normalized squared errors of 40 batches; arguments as in `sideways`."""
     scores = []
     for seed in range(40):
         lines = sideways(seed, displacement, coherence, contrast, grains)

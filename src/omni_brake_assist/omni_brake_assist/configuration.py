@@ -42,8 +42,8 @@ class AllocationConfiguration(Configuration):
     as the friction capacities of all wheels together could cause, and proportionally less if it is
     smaller"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """The brake of a wheel stays on, because the motion does not drive it, if along its active
-    direction both its hub and the vehicle are slower than this share of the vehicle's speed. A
+    """The brake of a wheel stays on if, along its active direction, hub and vehicle are both slower
+    than this share of the vehicle's speed, because the motion then does not drive the wheel. A
     wheel counts as locked if its rim is slower than this share of the speed that would drive it"""
 
 
@@ -105,7 +105,8 @@ class BrakeAssistConfiguration(Configuration):
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=100.0)
     """Largest plausible yaw rate"""
     maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0, maximum=1000.0)
-    """Largest plausible acceleration between two twists, and component of the specific force"""
+    """Largest plausible acceleration between two twists, and largest plausible component of the
+    specific force"""
     maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0, maximum=1000.0)
     """Largest plausible angular acceleration between two twists"""
     speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=100.0)

@@ -75,7 +75,7 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text of a decision for `/diagnostics`; with a lost source, a warning."""
+    """Return level and text of a decision for `/diagnostics`; a lost source gives a warning."""
     lost = ", ".join(source.name for source in found if source.state == LOST)
     if not lost:
         return decision.state.level, decision.reason

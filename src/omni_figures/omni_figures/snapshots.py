@@ -30,7 +30,7 @@ class Snapshots:
 
 @dataclasses.dataclass(frozen=True)
 class _Span:
-    """One variant between the start of braking and rest."""
+    """Part of a run from the start of braking to rest, as indices of stamps."""
 
     history: RunHistory
     start: int

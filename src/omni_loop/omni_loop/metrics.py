@@ -42,7 +42,7 @@ from omni_platform.quantities import FloatArray
 REST_SPEED, REST_YAW_RATE = 0.1, 0.1
 """Largest speed of `base_link` [m/s] and largest yaw rate [rad/s] of a vehicle at rest."""
 
-_ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; a vehicle at rest may rock so fast
+_ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; largest values of a rocking vehicle
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
@@ -97,8 +97,8 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
-    if it never exceeds the larger limits of rocking afterwards. A vehicle with the deceleration a
-    reaches this stamp by the time `REST_SPEED` / a before its speed is zero. A run ends by another
+    if it never exceeds the larger limits of rocking afterwards. With the deceleration a, this stamp
+    is earlier than the zero of the speed by the time `REST_SPEED` / a. A run ends by another
     rule, `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time,
     because later rocking cannot be known in advance.
 

@@ -71,7 +71,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def releasing_time(self) -> float:
-        """Time to 86 % of the pressure drop after a release [s]."""
+        """Time from a release until the pressure has dropped by 86 % [s]."""
         return self.settling_time + max(self.release_time - self.dead_time, 0.0)
 
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:

@@ -102,8 +102,8 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 def _limited_construction(stop: StopFlag) -> Iterator[None]:
     """End the process if a signal arrives in this block and the block then takes too long.
 
-    A subscription acknowledges messages before the construction of its node ends, so that a signal
-    cannot end the process at once without losing them.
+    A subscription acknowledges messages before the construction of its node ends. If a signal ended
+    the process at once, these messages would be lost.
     """
 
     def request(number: int, *_: object) -> None:

@@ -196,9 +196,10 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Refine a peak to a fraction of a pixel, in the sum over the line spacings of enough overlap.
+    """Refine a peak of the correlation, summed over line spacings, to a fraction of a pixel.
 
-    The largest spacing resolves the displacement best, but its lines may show different ground, if
+    The sum contains all spacings at which enough of the lines overlaps. The largest one resolves
+    the displacement best, but its lines may show different ground, if
     the camera moves across its axis. Its correlation is then noise, and smaller spacings determine
     the maximum of the sum.
     """

@@ -180,7 +180,7 @@ class JointEstimator:
             return _Choice(float(found[best]), True, "low texture")
         unlikely = np.zeros(len(found))
         if math.isfinite(last):
-            # A limited prior decides only between candidates that the lines do not separate.
+            # The prior is limited: it decides only if the lines cannot distinguish candidates.
             change = (found - last) / (self._spread * layout.lines)
             unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
         limits = _LIKELY, _RATIO

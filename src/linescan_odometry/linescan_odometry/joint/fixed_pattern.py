@@ -39,7 +39,9 @@ class FixedPattern(NamedTuple):
 
 @kernel
 def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
-    """Return the power of a pattern without that of the error of its mean, 0 or more, shape (F,).
+    """Return the power of a pattern without the power of its estimation error, shape (F,).
+
+    Where the difference would be negative, the power is 0.
 
     Args:
         mean: estimated mean of each frequency, shape (F,).

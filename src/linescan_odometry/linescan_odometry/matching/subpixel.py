@@ -89,7 +89,7 @@ def _refine(
     displacement: NDArray[np.float64],
     errors: NDArray[np.float64],
 ) -> None:
-    """Do all steps for every pair; see `SubpixelRefiner.refine`."""
+    """Perform all Gauss-Newton steps for every pair; see `SubpixelRefiner.refine`."""
     pixels = lines.shape[1]
     both = np.empty((2, pixels), np.float32)
     filtered, filters = np.empty((4, pixels), np.float32), np.empty((4, _TAPS), np.float32)

@@ -8,7 +8,8 @@ from omni_platform.kernels import lean
 def load_transforms() -> None:
     """Enable numpy.fft in kernels; must be called before the first kernel that uses it.
 
-    rocket_fft would also enable scipy.fft, whose import takes 0.1 s.
+    rocket_fft would also enable scipy.fft, whose import takes 0.1 s, so scipy.fft is hidden while
+    rocket_fft is imported.
     """
     hidden = "scipy.fft" not in sys.modules
     if hidden:

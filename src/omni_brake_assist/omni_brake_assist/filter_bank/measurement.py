@@ -29,8 +29,8 @@ _RELEASED = 0.5  # prior probability that a wheel rolls after its brake is relea
 _GAIN, _IDLE = 0.1, 0.05
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
-# Slip of driven wheels as a share of the vehicle's speed, per specific force: 0.01, with the same
-# error in 40 steps [s^2/m].
+# Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
+# 0.01, times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
 _SLIP = 0.063
 
 

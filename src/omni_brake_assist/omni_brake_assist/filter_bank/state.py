@@ -43,7 +43,7 @@ RELEASED = 0.05  # enable up to which a brake counts as released [1]
 # diagonal course: 0.3 g / 2 [m/s^2].
 LEAST_LOSS = 1.5
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
-# its brake acts; its square is that of two faults [1].
+# its brake acts; the prior probability of two faults is its square [1].
 PRIOR = 0.05
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 

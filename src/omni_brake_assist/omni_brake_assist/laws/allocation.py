@@ -115,7 +115,7 @@ def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArr
         carried = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
         along = carried + law.lever[i] * motion.yaw_rate
         wheel.hub = abs(along)
-        # A wheel that the vehicle drags without turning can hold its hub.
+        # A locked wheel can hold its hub while the vehicle rotates about it.
         turned = abs(law.rim[i] * motion.wheel_speed[i])
         holds = wheel.hub <= limit and turned <= law.locked_share * abs(carried)
         wheel.sign = math.copysign(1.0, carried if holds else along)

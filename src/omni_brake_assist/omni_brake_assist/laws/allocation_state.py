@@ -16,15 +16,15 @@ from omni_platform.quantities import FloatArray
 
 WHEEL = np.dtype(
     [
-        # Sign of the hub's velocity along the active direction [1]; if the wheel holds its hub, of
-        # the velocity without rotation.
+        # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its
+        # hub, the sign of the velocity of base_link along this direction.
         ("sign", "f8"),
         ("hub", "f8"),  # magnitude of this velocity [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
         ("known", "?"),  # whether the wheel speed is measured, otherwise rolling is assumed
-        # Whether its brake stays on: it has failed, or the motion hardly drives the wheel, so that
-        # its friction only holds against a drift.
+        # Whether the brake stays on: it has failed, or the motion hardly drives the wheel, so that
+        # the friction of the wheel only opposes a drift.
         ("fixed", "?"),
         ("brake", "f8"),  # nominal brake force in this step [N]
         ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]
@@ -73,7 +73,8 @@ class Constants(NamedTuple):
         relaxation_speed: additional sliding speed until the tire has deflected [m/s].
         return_share: time constant of the heading as a share of the remaining time of the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: share of a speed below which a wheel counts as standing [1].
+        locked_share: share of a speed below which a wheel counts as locked, or as not driven by
+            the motion [1].
     """
 
     n_x: FloatArray

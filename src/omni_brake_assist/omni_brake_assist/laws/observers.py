@@ -52,7 +52,7 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
     """Update friction forces and capacities of all wheels.
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
-    The force is then a lower bound of the capacity, also if the wheel slides.
+    The force is then a lower bound of the capacity, even if the wheel slides.
     Errors of the brakes' nominal lag appear as friction, so the capacity rises with this lag.
     """
     gain = 1.0 - math.exp(-dt / law.observer_time)

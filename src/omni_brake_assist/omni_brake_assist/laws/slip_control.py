@@ -24,7 +24,7 @@ _LEAST_ENABLE = 0.01  # enable of the last acting brake, as at least one must ac
 def control_slip(
     law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
 ) -> None:
-    """Write the enables."""
+    """Write the brake enables of all wheels to `enable`."""
     # Relative rate of change of all speeds [1/s].
     slowing = memory.body[0].deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
     valves, strongest, total = law.brake.pressure_step >= 1.0, 0, 0.0

@@ -62,7 +62,8 @@ _LEDGER = np.dtype(
 )
 
 _SETTLED = 0.6  # share of its step response at which a low-pass becomes valid [1]
-_LITTLE = 0.3  # share of the initial speed or of the possible deceleration that is little [1]
+# Share of the initial speed, or of the possible deceleration, below which a value is small [1].
+_LITTLE = 0.3
 
 
 class EffectConstants(NamedTuple):

@@ -115,7 +115,7 @@ class LineCamera:
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
-        """Return the means over the exposure, during which each line moves at its own velocity."""
+        """Return lines averaged over the exposure, with the camera's velocity at each line."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)

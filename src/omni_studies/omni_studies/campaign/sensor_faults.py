@@ -88,7 +88,7 @@ class Fault(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """A stop without its fault: the law, whether the vehicle has an IMU, and one of `CASES`."""
+    """Conditions of a stop: the law, whether the vehicle has an IMU, and one of `CASES`."""
 
     law: str
     imu: bool
@@ -122,8 +122,8 @@ class Stop(NamedTuple):
         rest: whether the vehicle comes to rest, 0 or 1.
         distance: ratio of the stopping distance to that of the reference stop [1].
         rotation: rotation minus that of the reference stop [deg].
-        all_on_rotation: the same if all brakes act from the onset of a brake fault on, as after a
-            detection without delay [deg]; 0 for other faults.
+        all_on_rotation: rotation if all brakes act from the onset of a brake fault on, as after a
+            detection without delay, minus that of the reference stop [deg]; 0 for other faults.
         assisting: 1 if brakes were still released 0.5 s after the onset, or if the stop had already
             ended; otherwise 0.
     """
@@ -194,7 +194,7 @@ class FaultyStops:
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
-        """Draw and run the stop of a seed."""
+        """Draw the conditions and the fault of a seed; return the worst stop that was found."""
         random = np.random.default_rng([seed, 29])
         imu = bool(random.random() < 0.6)
         setting = Setting(str(random.choice(self._laws)), imu, str(random.choice(list(CASES))))

@@ -44,7 +44,7 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
     """Draw orientation change against stopping distance, with the dissertation's values.
 
     Args:
-        measured: all of `table_2.REFERENCES` in their units.
+        measured: simulated values of all metrics in `table_2.REFERENCES`, in their units.
     """
     figure, ((axes,),) = style.panels(
         "", size=(8.0, 5.2), x="stopping distance [m]", y="orientation change [deg]"

@@ -2,7 +2,7 @@
 
 The lines are 50 mm long and are read with 2500 lines/s. ``correlation_functions`` has a view of 50
 x 20 mm, 1024 px and noise of 5 gray levels. It evaluates the distance measures with
-`scipy.spatial.distance` at every shift, independent of the search in the odometry. ``contrast``
+`scipy.spatial.distance` at every shift, independently of the search in the odometry. ``contrast``
 varies the width of the view. A wider view averages more of the texture and has a larger overlap
 from line to line.
 """

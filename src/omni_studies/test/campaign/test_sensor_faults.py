@@ -333,7 +333,7 @@ def test_a_shared_scale_error_puts_all_brakes_on(
 
 @pytest.mark.parametrize("imu", [True, False])
 def test_all_brakes_act_from_the_onset_of_a_brake_fault(stops: FaultyStops, imu: bool) -> None:
-    """With a fault before the stop this is the reference; with one after it, the assisted stop."""
+    """A fault before the stop gives the reference stop, a fault after it the assisted stop."""
     setting = Setting("sliding_mode", imu, "straight_line")
     before, during, after = (
         stops.run(setting, Fault("brake", "brake", 1, onset, 0.0, 0.1))

@@ -1,4 +1,4 @@
-"""Brakes of a commissioning drive: exchanged ones, ones that do not act, and their dead time.
+"""Tests of the brakes in a commissioning drive: exchanged brakes, idle brakes, and dead time.
 
 The torque of each brake is estimated from slip and deceleration of its wheel, and compared with the
 demand that it should follow.
@@ -201,7 +201,7 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
 
     def score(assumed: Response) -> float:
-        """Return the sum of correlations for the demands of a response."""
+        """Return the sum of correlations between measured and predicted torque, over the wheels."""
         predicted = _without_mean(assumed.predicted(), response.moving)
         return float(np.trace(_correlation(torque[braking], _earlier(predicted, braking, late))))
 
@@ -221,7 +221,7 @@ def undistinguished(response: Response) -> list[tuple[int, int]]:
 
 
 def idle(response: Response) -> int | None:
-    """Return the index of a brake that does not act; None if all act, or were hardly demanded."""
+    """Return the index of a brake that does not act; None if all act, or demands were small."""
     demand = np.where(response.moving, response.demand, 0.0)
     braked, longest = (
         response.period * np.sum(values, axis=0)

@@ -26,7 +26,7 @@ _COLUMN = {
 def entries(
     task: design.DesignTask, result: design.Design, driven: Mapping[str, trials.PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
-    """Return the metrics of the results' document."""
+    """Return the metrics of a design by name, as entries of its results document."""
     found: dict[str, Metric] = {}
     for name, sensor in result.best.sensors.items():
         found[f"x.{name}"] = Metric(sensor.x, "m")

@@ -244,6 +244,8 @@ class _Search:
     ) -> float:
         """Move one unit after another by up to `reach` steps until no move is an improvement.
 
+        The poses in `current` are changed in place; the criterion of the result is returned.
+
         If `value` is infinite, each unit is first moved to its best neighbor, since some units may
         be at invalid positions.
         """
