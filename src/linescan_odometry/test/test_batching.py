@@ -74,7 +74,7 @@ def test_a_camera_that_comes_back_is_waited_for_again() -> None:
     for index in range(4):
         for name in ("left", "right"):
             subject.add(name, batch(index))
-    assert subject.add("front", batch(1)) == []  # its group has long been handed on
+    assert subject.add("front", batch(1)) == []  # its group has already been returned
     assert subject.add("left", batch(4)) == []
     assert subject.add("right", batch(4)) == []
     (whole,) = subject.add("front", batch(4))

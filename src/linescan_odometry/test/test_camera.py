@@ -59,7 +59,7 @@ def test_blocks_of_a_line_camera_follow_each_other() -> None:
     np.testing.assert_array_equal(lines, frames.reshape(-1, 32))
     stamps = np.array([batch.stamp_ns for batch in batches])
     newest = np.cumsum([len(batch.lines) for batch in batches])
-    # Of the line of each stamp, whatever the batch.
+    # The stamp is that of its line in every batch.
     np.testing.assert_allclose(stamps, newest * (1e9 / 1600.0) - 2 * MS, atol=2.0)
     # They end where those of any camera with this clock end, within a line period.
     assert (stamps[:-1] % (10 * MS) >= 10 * MS - 1e9 / 1600.0 - 2).all()
@@ -104,7 +104,7 @@ def test_stamps_are_even_where_arrivals_are_not() -> None:
     assert clock.lost == clock.anew == 0
     spacing = np.diff(stamps[100:])
     assert spacing.mean() == pytest.approx(1e9 / 100.5, rel=2e-3)
-    assert spacing.std() < 0.02 * 10 * MS  # of arrivals: 0.16
+    assert spacing.std() < 0.02 * 10 * MS  # 0.16 for the arrivals
     assert clock.rate == pytest.approx(100.5, rel=2e-3)
 
 
@@ -124,12 +124,12 @@ def test_lost_frames_are_counted_with_and_without_numbers(numbered: bool) -> Non
 
 def test_a_late_burst_loses_nothing_that_has_a_number() -> None:
     arrivals = [10 * MS * k for k in range(100)]
-    arrivals[50:55] = [10 * MS * 55] * 5  # a busy machine takes five at once
+    arrivals[50:55] = [10 * MS * 55] * 5  # a busy machine reads five at once
     clock = FrameClock(100.0)
     stamps = [clock.take(arrival, k)[0] for k, arrival in enumerate(arrivals)]
     assert clock.lost == clock.anew == 0
     assert np.abs(np.array(stamps) - 10 * MS * np.arange(100)).max() < 10 * MS
-    # Without frame numbers losses are unknown: time starts again, but never goes back.
+    # Without frame numbers losses are unknown: the clock is reset, but never goes back.
     clock = FrameClock(100.0)
     stamps = [clock.take(arrival)[0] for arrival in arrivals]
     assert (np.diff(stamps) > 0).all()

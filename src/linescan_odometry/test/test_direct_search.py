@@ -118,7 +118,7 @@ def test_a_window_does_not_depend_on_batches(expose: Expose) -> None:
 
 
 def test_a_window_is_what_is_searched(expose: Expose) -> None:
-    # Period 16: the shift of 21 matches as well as 5, and only the window knows which it was.
+    # Period 16: shifts of 21 and 5 match equally well, and only the window is unambiguous.
     texture = np.tile(expose([0.0], 16, noise=0.0)[0], 40)
     lines = np.stack([texture[s : s + 160] for s in (0, 21, 42)])
     finder = make_search("pearson", 80, 4)

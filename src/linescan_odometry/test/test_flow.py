@@ -74,7 +74,7 @@ def test_the_covariance_is_that_of_the_errors(calibrated: bool) -> None:
         twist, covariance = solver.solve(velocity + root @ random.normal(size=8), noise, used)
         error = twist - TWIST
         normalized.append(error @ np.linalg.solve(covariance, error))
-    assert np.mean(normalized) == pytest.approx(3.0, rel=0.1)  # of chi-square with three
+    assert np.mean(normalized) == pytest.approx(3.0, rel=0.1)  # mean of chi-square, 3 dof
 
 
 def test_a_flow_sensor_of_independent_errors_is_two_cameras() -> None:
@@ -134,7 +134,7 @@ def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int)
     flows = only("front", "left", "right")
     faulty = str(random.choice(list(flows)))
     error = random.uniform(-3.0, 3.0) * random.normal(size=2)
-    if seed % 2:  # the direction in which errors of front and left look the same
+    if seed % 2:  # the direction in which errors of front and left are equal
         bodily = np.array((CORNERS["right"].y - 0.1, 0.6 - CORNERS["right"].x))
         turn = np.radians(-10.0)
         cos, sin = np.cos(turn), np.sin(turn)
@@ -227,7 +227,7 @@ def groups_of(
     for i in range(int(until * PERIOD_NS / flow_ns) + 1):
         stamp = i * flow_ns + phase_ns
         events.append((stamp, flow_first, "flow"))
-    # What has the same stamp may come in either order.
+    # Measurements with equal stamps may arrive in either order.
     events.sort(key=lambda event: (event[0], event[1]))
     groups = []
     for stamp, _, name in events:

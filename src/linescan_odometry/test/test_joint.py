@@ -187,7 +187,7 @@ def test_errors_on_a_smooth_ground_that_leaves_the_view_sideways_are_stated(
     scores = scores_sideways(displacement, 0.7, 10.0, {10.0: 1.0})
     assert len(scores) >= 20
     assert max(scores) < 5.0**2
-    assert np.mean(scores) < 2.0**2  # the stated deviation is right within a factor of 2
+    assert np.mean(scores) < 2.0**2  # the stated deviation is correct within a factor of 2
 
 
 @pytest.mark.parametrize("displacement", [1.7, 5.0])
@@ -264,7 +264,7 @@ def test_defective_pixels_are_interpolated_and_only_they(expose: Expose) -> None
     assert np.abs(mended.astype(int) - sound)[:, [40, 100, 101]].max() < 40
     others = np.setdiff1d(np.arange(PIXELS), [40, 100, 101])
     assert np.array_equal(mended[:, others], sound[:, others])
-    assert broken[0, 40] == 0  # the camera's own memory is left alone
+    assert broken[0, 40] == 0  # the camera's buffer is not changed
 
 
 def test_frozen_and_empty_lines_are_refused(expose: Expose) -> None:

@@ -76,7 +76,7 @@ def test_two_sensors_are_wrong_by_the_skid_and_their_covariance_by_the_deviation
     assert estimate.assumed
     assert estimate.skid == ""
     assert estimate.twist == pytest.approx((2.0, -AXLE_X * 0.8, 0.8), abs=2e-3)
-    # What is claimed of v_y at the axle is what was assumed of it, not what happened.
+    # The variance of v_y at the axle is the assumed one, not that of the true error.
     row = np.array([0.0, 1.0, AXLE_X])
     assert math.sqrt(row @ estimate.covariance @ row) == pytest.approx(DEVIATION, rel=1e-6)
 
@@ -91,7 +91,7 @@ def test_three_sensors_are_accepted_and_detect_the_skid(expose: Expose) -> None:
     assert skidding.skid in skidding.reason
     gripping = drive(expose, three, (2.0, -AXLE_X * 0.8, 0.8))
     assert (gripping.reason, gripping.assumed) == ("", False)
-    # The kinematics have no part in what three sensors say, whether they are right or wrong.
+    # The constraint does not affect the twist of three sensors, correct or faulty.
     plain = drive(expose, three, twist, settings=OdometryConfiguration(sensors=three))
     assert plain.twist == pytest.approx(skidding.twist, abs=1e-12)
     assert plain.covariance == pytest.approx(skidding.covariance, rel=1e-9)
@@ -107,7 +107,7 @@ def test_the_axle_stands_in_for_a_sensor_that_fails(expose: Expose) -> None:
     assert estimate.twist == pytest.approx(twist, abs=2e-3)
     without = OdometryConfiguration(sensors=three)
     assert not drive(expose, three, twist, blind="ahead", settings=without).measured
-    # A camera that looks to the left and one that looks forward do as well.
+    # One camera along y and one along x are also sufficient.
     estimate = drive(expose, three, twist, blind="left")
     assert estimate.twist == pytest.approx(twist, abs=2e-3)
 
@@ -180,7 +180,7 @@ def test_an_axle_far_away_is_no_hindrance_to_sensors_that_suffice() -> None:
 def test_with_two_sensors_the_constraint_is_reported() -> None:
     with pytest.raises(ConfigurationError, match=r"there are 2: left, right; .*constraint"):
         OdometryConfiguration(sensors=SIDES)
-    # A crossed pair needs an axle elsewhere: it sees no turn about itself.
+    # A crossed pair needs an axle elsewhere: it cannot measure a rotation about itself.
     crossed = {"along": sensor(0.3, 0.0), "across": sensor(0.3, 0.0, 90.0)}
     check_placement(crossed, 0.02, -0.5)
     with pytest.raises(ConfigurationError, match="pass through one point"):

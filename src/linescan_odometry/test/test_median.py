@@ -28,7 +28,7 @@ def test_point_errors_are_distinguished_from_a_changing_speed() -> None:
     assert np.flatnonzero(~marks).tolist() == wrong.tolist()
     weight = np.empty(40)
     mean = average(displacement, marks, weight)
-    assert mean == pytest.approx(76.1, abs=1e-9)  # what is left out does not bias the mean
+    assert mean == pytest.approx(76.1, abs=1e-9)  # excluded values do not bias the mean
 
 
 def test_a_group_without_a_majority_is_left_out() -> None:
@@ -45,7 +45,7 @@ def test_unusable_pairs_neither_vote_nor_count_as_agreeing() -> None:
     displacement = np.array([0.0, 0.0, 0.0, 8.0, 8.1, 8.0, 7.9])
     usable = np.array([False, False, False, True, True, True, True])
     assert inliers(displacement, usable).tolist() == usable.tolist()
-    usable[3] = False  # now 3 of 7
+    usable[3] = False  # 3 of 7 are left
     assert not inliers(displacement, usable).any()
 
 

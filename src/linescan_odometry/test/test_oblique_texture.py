@@ -18,7 +18,7 @@ PIXELS, BATCH, RATE = 256, 25, 2500.0
 CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS)
 LINE_PITCH = 0.0005  # m across from one row of the ground to the next
 ROWS = int(CAMERA.width / LINE_PITCH)
-SHIFT = 1  # px per line: without one, a fixed pattern of the camera would be as alike
+SHIFT = 1  # px per line; at zero, a fixed pattern would have the same correlation
 
 Ground = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
@@ -73,7 +73,7 @@ def test_stripes_that_never_leave_the_view_are_oblique(speed: float) -> None:
 @pytest.mark.parametrize("repeat", [0.2, 0.1, 0.0625])
 @pytest.mark.parametrize("speed", [2.5, 5.0, 10.0, 20.0])
 def test_a_ground_that_comes_again_is_not_oblique(speed: float, repeat: float) -> None:
-    # Every batch or every few of them end where the ground is as it was before.
+    # Every batch, or every few batches, the periodic ground repeats.
     ground = random_rows(round(repeat / LINE_PITCH))
     assert all(reading.measured for reading in readings_over(ground, steady(speed)))
 
@@ -93,11 +93,11 @@ def test_a_camera_over_an_oblique_texture_leaves_the_others_unconfirmed() -> Non
     result = oblique.unconfirmed(0, {"eye": rejected, "other": other})
     assert list(result) == ["other"]
     assert "no match for eye" in result["other"].reason
-    # One that sees nothing says nothing of the ground.
+    # A camera without texture gives no information about the ground.
     assert not oblique.unconfirmed(0, {"eye": SensorReading.unmeasured("dark"), "other": other})
     later = {"eye": rejected, "other": other}
     oblique.remember(10**9 - 10_000_000, np.zeros(3))
-    assert set(oblique.unconfirmed(10**9, later)) == {"other"}  # a single twist may be chance
+    assert set(oblique.unconfirmed(10**9, later)) == {"other"}  # a single twist may be accidental
     oblique.remember(10**9, np.zeros(3))
     assert not oblique.unconfirmed(10**9 + 10_000_000, later)
     assert set(oblique.unconfirmed(10**9 + 60_000_000, later)) == {"other"}

@@ -51,7 +51,7 @@ def batch(lines: Any, newest: int) -> LineBatch:
 
 
 def one_sensor(pixels: int = 256, **changes: Any) -> SensorOdometry:
-    # These motions jump as no vehicle can, which `test_plausibility` is about.
+    # These motions jump; `test_plausibility` tests the limit of the acceleration.
     settings = configuration(pixels, **{"maximum_acceleration": 0.0, **changes})
     return SensorOdometry(settings.sensors["front"], settings)
 
@@ -67,7 +67,7 @@ def drive(expose: Expose, twist: Any, lines: int = 26, **changes: Any) -> TwistE
         positions = np.arange(lines) * speed / RATE / 5e-5
         record[name] = expose(positions, 256, noise=2.0, seed=1 + i, noise_seed=20 + i)
     first = odometry.update({name: batch(every[:1], 0) for name, every in record.items()})
-    assert not first.measured  # nothing to compare with
+    assert not first.measured  # there is no line to compare with
     return odometry.update({name: batch(every[1:], lines - 1) for name, every in record.items()})
 
 
@@ -192,7 +192,7 @@ def test_point_errors_do_not_reach_the_velocity(expose: Expose) -> None:
     lines = expose(20.3 * np.arange(31), 256, noise=2.0)
     clean = one_sensor(method="pairs").update(batch(lines, 30))
     dirty = lines.copy()
-    for i in (4, 15, 22):  # each spoils the pairs before and after it
+    for i in (4, 15, 22):  # each makes the pairs before and after it invalid
         dirty[i] = expose([3000.0 + 200.0 * i], 256)[0]
     reading = one_sensor(method="pairs", minimum_correlation=0.0).update(batch(dirty, 30))
     assert reading.measured
@@ -205,7 +205,7 @@ def test_point_errors_do_not_reach_the_velocity(expose: Expose) -> None:
 def test_motion_beyond_the_limit_is_not_measured(
     displacement: float, grain: float, expose: Expose
 ) -> None:
-    # On coarse ground the correlation is high at the limit already, but not a peak.
+    # On coarse ground the correlation is high at the limit, but has no peak there.
     lines = expose(displacement * np.arange(12), 256, noise=2.0, grain=grain)
     reading = one_sensor(method="pairs", minimum_correlation=0.1).update(batch(lines, 11))
     assert not reading.measured

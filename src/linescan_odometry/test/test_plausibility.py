@@ -73,7 +73,7 @@ def test_a_sensor_rejects_a_jump(
         sensors["a"],
         OdometryConfiguration(sensors=sensors, maximum_acceleration=maximum_acceleration),
     )
-    # All of the second batch sees a reflection that goes the other way; the third one is right.
+    # The second batch shows a reflection that moves the other way; the third is correct.
     for i, (step, measured) in enumerate(((7.0, True), (-9.0, believed), (7.2, True))):
         lines = expose(step * np.arange(26), 256, seed=1 + i, noise_seed=i)
         reading = sensor.update(LineBatch(i * 10_000_000, lines))

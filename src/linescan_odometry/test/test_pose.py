@@ -15,7 +15,7 @@ EXACT = np.zeros((3, 3))
 
 def drive(twist: np.ndarray, steps: int, covariance: np.ndarray = EXACT) -> PoseIntegrator:
     integrator = PoseIntegrator()
-    integrator.update(5 * PERIOD_NS, twist, covariance)  # there it stands
+    integrator.update(5 * PERIOD_NS, twist, covariance)  # at rest from then on
     for step in range(steps):
         integrator.update((6 + step) * PERIOD_NS, twist, covariance)
     return integrator
@@ -39,7 +39,7 @@ def test_a_gap_adds_what_the_vehicle_can_move_in_it() -> None:
     for step in range(1000):
         pose = integrator.update((16 + step) * PERIOD_NS, np.full(3, np.nan), 1e6 * np.eye(3))
     assert pose.value == pytest.approx([0.1, 0.0, 0.0])
-    # 10 s at 3 m/s and 2 rad/s, whichever way.
+    # 10 s at 3 m/s and 2 rad/s, in each direction.
     assert np.diag(pose.covariance) == pytest.approx([30.0**2, 30.0**2, 20.0**2])
 
 

@@ -64,7 +64,7 @@ def test_weak_contrast_on_a_bright_background_keeps_16_bits() -> None:
 
 
 def test_uneven_lines_match_direct_evaluation() -> None:
-    # One bright part dominates the sums; the others hold the match. Rounding would decide here.
+    # One bright part dominates the sums, the others determine the match. Rounding would decide.
     generator = np.random.default_rng(4)
     lines = generator.integers(100, 104, (6, 300))
     lines[:, 200:] += generator.integers(0, 60000, (6, 100))

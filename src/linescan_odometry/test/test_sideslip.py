@@ -151,9 +151,9 @@ def test_a_contradiction_is_in_the_deviation(wrong: str, expose: Expose) -> None
     estimate, error, deviation = drive(0.1)
     _, _, unaware = drive(0.1, contradiction_limit=0.0)
     assert estimate.inflation > 64.0
-    # All that the angle is made of grows alike.
+    # All velocities that determine the angle grow by the same factor.
     assert deviation == pytest.approx(math.sqrt(estimate.inflation) * unaware)
-    assert abs(error) < 5.0 * deviation  # not 1: the most trusted sensor hides part of its fault
+    assert abs(error) < 5.0 * deviation  # not 1: a large weight hides part of a fault
 
 
 @pytest.mark.parametrize(

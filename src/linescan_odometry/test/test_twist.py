@@ -46,7 +46,7 @@ def velocities(sensors: dict[str, LineSensor]) -> np.ndarray[tuple[int], np.dtyp
 def test_exact_velocities_give_the_exact_twist(count: int, turn_deg: float) -> None:
     sensors = ring(count, turn_deg)
     solver = TwistSolver(sensors, 0.02)
-    variance = np.geomspace(1e-6, 1e-3, count)  # whatever the weights
+    variance = np.geomspace(1e-6, 1e-3, count)  # for any weights
     twist, _ = solver.solve(velocities(sensors), variance, (True,) * count)
     assert twist == pytest.approx(TWIST, abs=1e-9)
 
@@ -62,7 +62,7 @@ def test_covariance_is_the_scatter() -> None:
         noisy = truth + np.sqrt(variance) * generator.standard_normal(4)
         twist, covariance = solver.solve(noisy, variance, (True,) * 4)
         row[:] = twist - TWIST
-    # In units of the claimed covariance the scatter is the identity, to within 1/sqrt(4000).
+    # In units of the stated covariance the scatter is the identity, to within 1/sqrt(4000).
     white = errors @ np.linalg.inv(np.linalg.cholesky(covariance)).T
     assert white.T @ white / 4000 == pytest.approx(np.eye(3), abs=0.1)
     assert abs(white.mean(axis=0)).max() < 4.0 / math.sqrt(4000)

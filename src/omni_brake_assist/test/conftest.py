@@ -9,7 +9,7 @@ import pytest
 
 from omni_platform.geometry import WheelMount
 
-# How long an example takes is no property of the code.
+# The duration of an example does not matter.
 hypothesis.settings.register_profile("omni_brake_assist", deadline=None)
 hypothesis.settings.load_profile("omni_brake_assist")
 

@@ -84,7 +84,7 @@ def test_before_the_pedal_nothing_acts(mecanum: Wheels) -> None:
 def test_pedal_starts_assistance_with_the_brakes_of_negative_error(mecanum: Wheels) -> None:
     decision = Drive(mecanum, (10.0, 0.0, 0.3)).step(1.0, (10.0, 0.0, 0.3))
     assert decision.state is AssistState.ASSISTING
-    # Turning left: the left wheels would turn it further.
+    # The vehicle turns left, and the left wheels would increase the rotation.
     np.testing.assert_array_equal(decision.enable, [0.0, 0.0, 1.0, 1.0])
     np.testing.assert_array_equal(decision.enable, (decision.error < 0.0).astype(float))
 
@@ -109,7 +109,7 @@ def test_releasing_the_pedal_forgets_the_line(mecanum: Wheels) -> None:
     drive = Drive(mecanum, (5.0, 0.0, 0.0), weighting="zero")
     drive.step(1.0, (5.0, 0.0, 0.0))
     drive.step(0.0, (5.0, 0.2, 0.0))
-    drive.step(1.0, (5.0, 0.2, 0.0))  # this is straight on now
+    drive.step(1.0, (5.0, 0.2, 0.0))  # this is the line of motion
     np.testing.assert_allclose(drive.step(1.0, (5.0, 0.2, 0.0)).error, 0.0, atol=1e-12)
 
 
@@ -130,7 +130,7 @@ def test_line_stays_fixed_in_the_world_while_the_platform_turns(mecanum: Wheels)
             amplitude * frequency * math.cos(frequency * time),
         )
 
-    # No wheel speeds are fed, and nothing slows it down.
+    # There are no wheel speeds, and nothing slows the vehicle down.
     drive = Drive(mecanum, twist(0.0), weighting="zero", speed_noise=1.0, fault_detection=False)
     turned = 0.0
     for index in range(200):

@@ -91,13 +91,13 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
 @pytest.mark.parametrize(
     ("slips", "told", "pedal"),
     [
-        ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # no wheel slides: weak braking
-        ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one that slides less than others
+        ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # weak braking: no wheel slides
+        ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one wheel slides less than the others
         ([0.0, 0.3, 0.3, 0.3], [0.0, 1.0, 1.0, 1.0], 1.0),  # let go
-        ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # by a law that gives it less
-        ([0.0, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 0.1),  # a pedal that asks for little
+        ([0.0, 0.3, 0.3, 0.3], [0.5, 1.0, 1.0, 1.0], 1.0),  # a law demands less from it
+        ([0.0, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 0.1),  # small demand of the pedal
         ([0.01, 0.3, 0.3, 0.3], [1.0, 0.2, 0.2, 0.2], 0.3),  # loads and ice may differ so much
-        ([np.nan, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # an encoder that is silent
+        ([np.nan, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # an encoder without readings
     ],
 )
 def test_a_brake_that_may_well_act_is_not_reported_as_failed(
@@ -127,7 +127,7 @@ def test_the_other_brakes_act_until_the_pedal_is_released(
     """All brakes act at once: no valve waits for its dwell time."""
     assist = BrakeAssist(dataclasses.replace(configuration, law=law, minimum_dwell_time=dwell))
     constants = constants_of(configuration)
-    slips = np.array([0.5, 0.0, 0.5, 0.5])  # the second one's brake is dead, unless let go
+    slips = np.array([0.5, 0.0, 0.5, 0.5])  # the second brake has failed, unless released
     states, stamp_ns, v_x, enable = [], 0, 5.0, np.ones(4)
     for pedal in [0.0] * 30 + [1.0] * 60 + [0.0] * 5 + [1.0]:
         stamp_ns += round(DT * 1e9)

@@ -107,7 +107,7 @@ def brake(
 ) -> Stop:
     """Brake until the vehicle is at rest, for at most 10 s."""
     vehicle = Vehicle(wheels, load, radius_of_gyration, np.array(velocity))
-    # The vehicle has neither wheel speeds nor an IMU: the law and the gate alone are tried.
+    # The vehicle has neither wheel speeds nor an IMU: only law and gate are tested.
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels, fault_detection=False, **settings))
     along = np.array(velocity) / math.hypot(*velocity)
     gains, states, enables = [], set(), []
@@ -198,7 +198,7 @@ def test_turning_is_learned_from_a_noisy_biased_sensor(straight: Callable[..., S
 
     stop = straight(measure=noisy, speed_noise=5.0, yaw_rate_noise=0.5, **ENHANCED)
     assert stop.stopped
-    # Keeping the measured rate at zero turns the vehicle by -0.05 rad/s * 4.3 s = -12 deg.
+    # If the measured rate is zero, the vehicle turns by -0.05 rad/s * 4.3 s = -12 deg.
     assert -15.0 < stop.orientation_change < 4.0
 
 
@@ -220,7 +220,7 @@ def test_feedback_lost_for_a_moment_is_survived(straight: Callable[..., Stop]) -
     stop = straight(measure=interrupted, **ENHANCED)
     assert stop.states >= {AssistState.NO_FEEDBACK, AssistState.ASSISTING}
     assert stop.stopped
-    # 0.17 s of all brakes, then the yaw rate gained in it is braked away again.
+    # All brakes act for 0.17 s; braking then removes the yaw rate of this time.
     assert abs(stop.orientation_change) < 15.0
     assert abs(stop.lateral_deviation) < 0.3
 

@@ -212,7 +212,7 @@ def test_fault_while_the_pedal_is_up_or_the_assistant_off_is_reported(mecanum: W
 
 
 def test_unreadable_pedal_starts_braking(mecanum: Wheels) -> None:
-    # A full braking request: the line is that of this moment, and it is kept afterwards.
+    # A full braking request: the line of this moment is stored and kept.
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, weighting="zero"))
     for step in range(6):
         stamp_ns, v_y = step * PERIOD_NS, 0.0 if step < 5 else 0.2
@@ -223,7 +223,7 @@ def test_unreadable_pedal_starts_braking(mecanum: Wheels) -> None:
     assert np.max(np.abs(decision.error)) == pytest.approx(0.2 * math.sqrt(0.5))
 
 
-# Whatever comes in
+# Any input
 
 numbers = st.one_of(
     st.floats(), st.floats(-20.0, 20.0), st.sampled_from([NAN, INF, -INF, 1e308, -1e308, 5e-324])

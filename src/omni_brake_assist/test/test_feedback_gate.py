@@ -151,7 +151,7 @@ def test_time_without_change_counts_from_the_pedal(mecanum: Wheels) -> None:
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum, frozen_time=0.2))
     for step in range(100):
         assist.update(demand(step, pedal=0.0, speed=10.0))
-    for step in range(100, 105):  # brakes take a moment to act
+    for step in range(100, 105):  # the brakes act after a delay
         assert assist.update(demand(step, speed=10.0)).fault is None
 
 

@@ -50,7 +50,7 @@ class Drive:
         configuration = BrakeAssistConfiguration(
             wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay, brake=brake
         )
-        self.unsaid = delay * 1e9 / PERIOD_NS  # by how many steps a twist is older than its stamp
+        self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which a twist is older than its stamp
         self.constants: BankConstants = bank_constants(
             configuration, PlatformGeometry.from_wheels(wheels)
         )

@@ -75,7 +75,7 @@ def test_straight_motion_without_error_has_no_error_under_zero(mecanum: Wheels) 
 
 
 def test_parallel_component_of_straight_motion(mecanum: Wheels) -> None:
-    # Every roller stands at 45 deg: f_hat . v = -2 / sqrt(2).
+    # Every roller axis is at 45 deg: f_hat . v = -2 / sqrt(2).
     twist = np.array([2.0, 0.0, 0.0])
     for weighting, k, psi in (
         ("cosine", 1, ROOT),
@@ -87,7 +87,8 @@ def test_parallel_component_of_straight_motion(mecanum: Wheels) -> None:
 
 
 def test_turning_left_releases_the_brakes_on_the_left(mecanum: Wheels) -> None:
-    # Drag on the left turns further left: moment (0.6 + 0.45)/sqrt(2) at each wheel, times 0.5.
+    # Drag on the left increases the rotation to the left: moment (0.6 + 0.45)/sqrt(2) at each
+    # wheel, times 0.5.
     errors = manifold(mecanum, "zero").errors(np.array([2.0, 0.0, 0.5]), LEFT)
     moment = 1.05 * ROOT * 0.5
     np.testing.assert_allclose(errors.angular, [moment, moment, -moment, -moment], rtol=1e-12)
@@ -178,7 +179,7 @@ def test_body_axes_do_not_matter(
     here = manifold(mecanum, weighting)
     there = manifold(rotated(mecanum, turn), weighting)
     sliding = sliding_velocities(PlatformGeometry.from_wheels(mecanum), twist)
-    known = np.abs(sliding) > 1e-6  # the direction of no force is rounding
+    known = np.abs(sliding) > 1e-6  # a zero force has no direction
     np.testing.assert_allclose(
         there.errors(matrix @ twist, matrix[:2, :2] @ p).total[known],
         here.errors(twist, p).total[known],
@@ -253,7 +254,7 @@ def test_standstill_has_no_error(mecanum: Wheels, weighting: str) -> None:
 
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_wheel_whose_center_rests_has_no_error(mecanum: Wheels, weighting: str) -> None:
-    # The instantaneous center of rotation lies under the front left wheel at (0.6, 0.45).
+    # The instantaneous center of rotation is under the front left wheel at (0.6, 0.45).
     m = manifold(mecanum, weighting)
     twist = np.array([0.45, -0.6, 1.0])
     with np.errstate(all="raise"):

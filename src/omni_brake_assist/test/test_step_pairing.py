@@ -33,4 +33,4 @@ def test_a_line_that_is_older_than_its_step_belongs_to_it() -> None:
     pairing.take(PedalSample(10 * MS, 1.0))
     line = TwistSample(10 * MS - 400_000, np.zeros(3), np.eye(3))
     assert pairing.take(line) is not None
-    assert pairing.take(PedalSample(20 * MS, 1.0)) is None  # its twist is still to come
+    assert pairing.take(PedalSample(20 * MS, 1.0)) is None  # its twist has not arrived

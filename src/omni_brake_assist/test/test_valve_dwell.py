@@ -33,7 +33,7 @@ class Drive:
                 minimum_dwell_time=dwell,
                 yaw_rate_noise=10.0,
                 frozen_time=0.0,
-                fault_detection=False,  # there are no wheel speeds
+                fault_detection=False,  # without wheel speeds
             )
         )
         self.stamp_ns = -PERIOD_NS
@@ -53,7 +53,7 @@ class Drive:
 
 def test_valve_keeps_its_state_for_the_dwell_time(mecanum: Wheels) -> None:
     drive = Drive(mecanum, 0.05)
-    # Open for long, a valve may shut with the pedal.
+    # A valve that has been open for long may shut when the pedal is pressed.
     np.testing.assert_array_equal(drive.step(LEFT).enable, LEFT_ENABLE)
     # Those that were shut stay so; those that are open may shut, but then none would act.
     drive.step(RIGHT)
@@ -78,9 +78,9 @@ def test_no_valve_shuts_sooner_whatever_the_errors(mecanum: Wheels) -> None:
         switched = np.flatnonzero(change)
         assert len(switched) > 20
         early = np.diff(switched) < periods
-        assert np.all(change[switched[1:]][early] > 0.0)  # only ever to let a brake act
+        assert np.all(change[switched[1:]][early] > 0.0)  # only to apply a brake
         gaps += int(early.sum())
-    assert gaps < 10  # and that is the exception
+    assert gaps < 10  # such gaps are rare
 
 
 def test_without_dwell_time_enables_are_the_signs_of_the_errors(mecanum: Wheels) -> None:
@@ -115,7 +115,7 @@ def test_all_brakes_on_does_not_wait(mecanum: Wheels, how: str) -> None:
 def test_a_brake_that_had_to_act_is_not_released_sooner(mecanum: Wheels) -> None:
     drive = Drive(mecanum, 0.1)
     drive.step(LEFT)
-    drive.step(LEFT, pedal=2.0)  # all on; trust is kept, the demand was at fault
+    drive.step(LEFT, pedal=2.0)  # all on; the twist stays valid, only the demand was not
     enables = drive.run(LEFT, 15)
     first = int(np.argmax(enables[:, 0] == 0.0))
     assert first == 9  # ten periods after the valve was opened

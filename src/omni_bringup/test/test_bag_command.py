@@ -71,7 +71,7 @@ def command(*arguments: object) -> int:
     return int(ended.value.code or 0)
 
 
-# ---------------------------------------------------------------- recovery
+# Recovery
 
 
 @pytest.mark.parametrize("compression", ["none", "zstd", "lz4"])
@@ -89,7 +89,7 @@ def test_a_killed_recording_is_saved_byte_for_byte(tmp_path: Path, compression: 
     assert not check_bag(folder).problems
     assert (folder / "configuration.yaml").read_text() == "seed: 1\n"
     assert {file.name: file.read_bytes() for file in path.iterdir()} == before
-    # With an index, and the topics as they were, the quality of service included.
+    # The file has an index, and the topics are unchanged, including their QoS.
     with mcap_file(folder).open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary.statistics.message_count == 200
@@ -168,7 +168,7 @@ def test_nothing_is_ever_overwritten(tmp_path: Path) -> None:
         recover(path, path)
 
 
-# ---------------------------------------------------------------- command
+# Command
 
 
 def test_the_command_checks_and_recovers(
@@ -186,7 +186,7 @@ def test_the_command_checks_and_recovers(
     assert "sound, 10 messages" in capsys.readouterr().out
     assert command("recover", f"{path}_recovered") == 0
     assert "undamaged" in capsys.readouterr().out
-    assert command("recover", path) == 1  # its folder exists by now
+    assert command("recover", path) == 1  # its folder already exists
     assert "is not empty" in capsys.readouterr().err
 
 

@@ -47,13 +47,13 @@ def test_closing_the_page_brakes_at_once_and_until_somebody_means_to_drive(
     source.take_command(LEFT, 0.0)
     source.close_page()
     assert brakes(source, 0.0)
-    source.take_command(LEFT, 0.1)  # a key that is still down
+    source.take_command(LEFT, 0.1)  # a key that is kept down
     assert brakes(source, 0.1)
     source.take_command(REST, 0.2)
     source.take_command(LEFT, 0.3)
     assert source.demand(0.3).twist == LEFT
     source.open_page()
-    assert brakes(source, 0.3)  # what the page before has said does not count
+    assert brakes(source, 0.3)  # demands of the previous page are ignored
 
 
 def test_cmd_vel_drives_without_a_page_while_it_is_repeated(source: DemandSource) -> None:
@@ -73,7 +73,7 @@ def test_an_idle_page_leaves_cmd_vel_the_wheel_but_keeps_the_pedal(source: Deman
     source.take_page(1.0, REST, 0.2)
     assert brakes(source, 0.2)
     source.take_page(0.0, REST, 0.3)
-    assert brakes(source, 0.7)  # halted: cmd_vel does not outvote a page that has stopped speaking
+    assert brakes(source, 0.7)  # cmd_vel does not override a silent page
 
 
 def test_a_cmd_vel_that_is_no_number_counts_as_none(source: DemandSource) -> None:

@@ -18,7 +18,7 @@ from omni_tools.placement import figure as placement_figure
 from omni_tools.placement.sensor_error import SensorError, SensorTrial
 
 CONFIG = Path(__file__).parents[3] / "config"
-# A camera of few lines, to be quick.
+# A low line rate makes the test fast.
 COARSE = ("--type", "three_coarse", "--speed", "3")
 
 

@@ -63,7 +63,7 @@ def test_an_import_is_replayed_and_shown(
         if message.channel.topic == "/odometry/twist"
     ]
     found = np.array([[t.linear.x, t.linear.y, t.angular.z] for t in twists])
-    # The same lines, given to the library by hand, say the same.
+    # The library gives the same twist for these lines.
     sensors = ExperimentLibrary(WORKSPACE / "config").sensors("three_generic")
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
     lines = {name: np.load(path) for name, path in files.items()}

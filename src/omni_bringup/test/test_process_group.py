@@ -143,7 +143,7 @@ def start_and_wait(group: ProcessGroup, prefix: Path, name: str, body: str) -> R
 
 
 def test_after_a_failure_all_senders_wait_at_the_same_time(prefix: Path, tmp_path: Path) -> None:
-    # Each of two ends once the other has been asked too; the listener once both have ended.
+    # Each of two nodes ends after both were signaled; the listener after both have ended.
     def sender(own: str, other: str) -> str:
         return (
             ASKED + "while not asked: time.sleep(0.01)\n"
@@ -266,7 +266,7 @@ def test_reports_come_complete_and_apart_from_standard_output(prefix: Path) -> N
 
 
 def test_an_interruption_while_the_group_ends_is_not_lost(prefix: Path) -> None:
-    # The node interrupts whoever ends it, and ends a moment later.
+    # The node signals the process that ends it, and ends a moment later.
     body = """
 import os, signal, time
 def leave(*_):
@@ -286,7 +286,7 @@ while True:
                 assert wait_for(started[0], 0.02) is None
 
     started: list[RunningProcess] = []
-    # Whatever other tests have left: a command ends at once where nothing is to be cleaned up.
+    # Other tests may have left files; without files to remove, the command ends at once.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):

@@ -81,7 +81,7 @@ def test_an_offline_replay_gives_what_was_recorded(
         assert metrics[f"replayed.{topic}"]["value"] == STEPS
         assert metrics[f"largest_difference.{topic}"]["value"] <= 1e-6
     assert (tmp_path / "a/configuration.yaml").is_file()
-    # And the same bits each time.
+    # A second replay gives the same bits.
     assert command(SAMPLE, *nodes, "--offline", "--out", tmp_path / "b") == 0
     repeated = compare_topics(tmp_path / "a", tmp_path / "b", [TWIST])[TWIST]
     assert repeated.identical == repeated.first == STEPS
@@ -154,7 +154,7 @@ def test_a_silent_camera_is_no_hindrance(
     bag = copy(tmp_path / "bag", without_left)
     assert command(bag, "--offline", "--check", "--json", "--out", tmp_path / "out") == 1
     metrics = json.loads(capsys.readouterr().out)["metrics"]
-    # The camera is waited for once; no step stays without an answer.
+    # The replay waits for the camera once; every step gets an answer.
     assert metrics[f"replayed.{TWIST}"]["value"] == STEPS
 
 
@@ -207,7 +207,7 @@ def test_lines_that_are_none_end_the_replay_in_one_sentence(
     assert capsys.readouterr().err.startswith(f"omni replay: {bag}: /line_scan/")
 
 
-# ---------------------------------------------------------------- order and comparison
+# Order and comparison
 
 
 def message(topic: str, log_ns: int) -> RecordedMessage:
@@ -240,7 +240,7 @@ def test_every_kind_of_difference_is_counted(tmp_path: Path) -> None:
         if number == 20:
             data[data.index(b"base_link")] ^= 1
         if number == 30:
-            data[28:36] = b"\0\0\0\0\0\0\xf8\x7f"  # v_x is no number
+            data[28:36] = b"\0\0\0\0\0\0\xf8\x7f"  # v_x is NaN
         return bytes(data)
 
     result = compare_topics(SAMPLE, copy(tmp_path / "bag", changed), [TWIST])[TWIST]

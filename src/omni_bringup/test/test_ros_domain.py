@@ -32,14 +32,14 @@ def test_a_domain_with_another_ros_program_is_left_to_it(monkeypatch: pytest.Mon
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
     with reserved_domain() as first:
         pass
-    # A participant's pair of ports, as RTPS has them.
+    # The two ports of a participant, by the rule of RTPS.
     with contextlib.ExitStack() as stack:
         for port in (7400 + 250 * first + offset for offset in (12, 13)):
             listener = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             listener.bind(("", port))
         with reserved_domain() as other:
             assert other != first
-        # Who has chosen the domain may have others look on there.
+        # In a domain chosen by the user, other programs may listen.
         monkeypatch.setenv("ROS_DOMAIN_ID", str(first))
         with reserved_domain() as chosen:
             assert chosen == first

@@ -215,7 +215,7 @@ def drawn_chassis(axes: Axes) -> list[FloatArray]:
 
 
 def covered_share(a: FloatArray, b: FloatArray) -> float:
-    """Return the share of rectangle a that lies in rectangle b, by counting points."""
+    """Return the share of rectangle a that is inside rectangle b, by counting points."""
     u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(*2 * [np.linspace(0.0, 1.0, 41)]))
     points = a[0] + u * (a[1] - a[0]) + v * (a[3] - a[0])
     inside = np.ones(len(points), dtype=bool)
@@ -267,8 +267,8 @@ def test_outlines_overlap_where_they_share_a_point() -> None:
         assert overlap(square, placed(line, (0.5, 0.5, angle)))  # wholly inside
         assert overlap(placed(line, (1.0, 1.0, angle)), placed(line, (1.0, 1.0, angle + 1.0)))
         ahead = placed(placed(line, (0.3, 0.0, 0.0)), (0.0, 0.0, angle))
-        assert not overlap(placed(line, (0.0, 0.0, angle)), ahead)  # on one line, apart
-    # Their bounding boxes overlap, they do not.
+        assert not overlap(placed(line, (0.0, 0.0, angle)), ahead)  # on one line, separate
+    # Only their bounding boxes overlap.
     assert not overlap(square, placed(square, (1.8, 1.8, math.pi / 4.0)))
 
 
@@ -290,7 +290,7 @@ def test_wheels_and_load_outside_the_chassis_lie_in_the_picture(
             point = center + x * forward + y * left
             assert np.all(point > low + 0.1)
             assert np.all(point < high - 0.1)
-    # Each snapshot ties its load to its chassis, here from the front edge.
+    # In each snapshot a line connects load and chassis, here at the front edge.
     lines = [np.asarray(line.get_xydata()) for line in axes.lines]
     lengths = [np.hypot(*(line[1] - line[0])) for line in lines if len(line) == 2]
     assert np.count_nonzero(np.isclose(lengths, 3.0 - 0.8)) == len(snapshots)
@@ -303,7 +303,7 @@ def test_the_chassis_of_each_vehicle_fits_its_wheels(vehicle: str) -> None:
     half = np.array([drawn.chassis_length, drawn.chassis_width]) / 2.0
     for wheel, outline in zip(drawn.wheels.values(), drawn.wheel_outlines, strict=True):
         np.testing.assert_allclose(np.mean(outline, axis=0), (wheel.x, wheel.y), atol=1e-12)
-        assert np.all(np.abs(outline) <= half + 0.1)  # a wheel may stand out a little
+        assert np.all(np.abs(outline) <= half + 0.1)  # a wheel may protrude slightly
         assert np.all(np.abs((wheel.x, wheel.y)) < half)
 
 

@@ -133,7 +133,7 @@ def write_bag(
                 f"{second}/brake/enable", "sensor_msgs/msg/JointState", typestore=STORE
             )
         for k in range(len(run.stamp_ns)):
-            # Bytes that no decoder takes: the reader must not even look at images.
+            # No decoder accepts these bytes, and the reader must not decode images.
             writer.write(images, int(run.stamp_ns[k]), b"\xff" * 50)
             for topic, original in messages_of(run, k).items():
                 entry = change(topic, k, original)
@@ -203,7 +203,7 @@ def test_the_motion_of_a_real_vehicle_is_its_integrated_twist(
 ) -> None:
     plain = make_history(speed=1.0, brakes_at=0.1, deceleration=1.0, rest=0.2, turn=4.0)
     measured = plain.twist.copy()
-    measured[3::7] = np.nan  # a lost sample now and then
+    measured[3::7] = np.nan  # some samples are lost
     run = make_history(
         speed=1.0,
         brakes_at=0.1,
@@ -354,7 +354,7 @@ def test_a_damaged_recording_never_ends_in_a_strange_error(bag: Path, tmp_path: 
     refusals = []
     for _ in range(60):
         damaged = bytearray(whole)
-        # Length fields and indexes gather at the ends, so damage both ends and the middle.
+        # Length fields and indexes are at both ends, so both ends and the middle are damaged.
         place = int(len(whole) * rng.choice([0.02, 0.5, 0.98]) + rng.integers(-1000, 1000))
         damaged[place : place + 8] = rng.bytes(8)
         copy = tmp_path / "damaged"

@@ -66,7 +66,7 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         ("three_wheel_diagonal", "assisted", ()),
         ("ice_patch_noisy", "noisy", ()),
         ("turn_while_translate", "k1", ()),
-        # What the fail-safe objects to: too much noise, leaps, and every way to fail.
+        # Inputs that the fail-safe rejects: too much noise, jumps, and all kinds of failures.
         ("ice_patch_noisy", "noisy", ("brake_assist.maximum_speed_deviation=0.2",)),
         ("ice_patch_noisy", "noisy", ("brake_assist.speed_noise=0.3", "seed=3")),
         ("straight_line", "assisted", (*failing("frozen", 1.0, 0.5), *TURNING)),

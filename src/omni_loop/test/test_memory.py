@@ -24,7 +24,7 @@ SENSOR = ("feedback=velocity_sensor", "simulation.render_lines=false")
 
 def _kept(work: Callable[[], object], times: int) -> int:
     """Return the number of arrays of kernels that remain after repeated work."""
-    work()  # what is made once is no leak
+    work()  # arrays that are created once are no leak
     _nrt_python.memsys_enable_stats()
     try:
         before = rtsys.get_allocation_stats()
@@ -57,7 +57,7 @@ def test_steps_of_simulator_and_odometry_keep_no_memory() -> None:
 
     for _ in range(30):  # buffers fill up
         step()
-    assert _kept(step, 100) <= 20  # what the last results hold
+    assert _kept(step, 100) <= 20  # the last results refer to some arrays
 
 
 @pytest.mark.parametrize("alone", ["1", ""], ids=["one thread", "two threads"])

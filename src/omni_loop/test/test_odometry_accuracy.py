@@ -36,7 +36,7 @@ def test_twist_is_right_within_one_per_cent_of_the_speed(speed: float, motion: s
     error = (history.estimate - history.twist)[1:]
     rmse = math.sqrt(float(np.mean(np.sum(error[:, :2] ** 2, axis=1))))
     assert rmse < 0.01 * speed
-    # A sensor half a meter from the center that errs by 1 % of the speed.
+    # Error of 1 % of the speed, of a sensor 0.5 m from the center.
     assert math.sqrt(float(np.mean(error[:, 2] ** 2))) < 0.01 * speed / 0.5
     traveled = float(np.linalg.norm(history.pose[-1, :2] - history.pose[0, :2]))
     assert traveled > 0.5 * speed * 0.6

@@ -31,7 +31,7 @@ class Repeating(BrakeAssist):
 class HalfRate(BrakeAssist):
     """Receives pedal and IMU at half the rate of the twist."""
 
-    newest = False  # whether demands bear the newest stamp of all, or that of the pedal
+    newest = False  # whether a demand has the newest stamp of all inputs, or the pedal's
     held: BrakeDemand | None = None
 
     def update(self, demand: BrakeDemand) -> Decision:

@@ -59,7 +59,7 @@ def test_a_drive_is_split_and_parking_and_taps_are_no_stops() -> None:
         start = stop.brake_start
         assert start is not None
         assert stop.time[start] - stop.time[0] == pytest.approx(1.0, abs=2 * PERIOD)
-        assert stop.time[-1] - stop.time[0] < 2.7  # no parked time
+        assert stop.time[-1] - stop.time[0] < 2.7  # without the time at rest
         assert stop.twist[start, 0] == pytest.approx(speed, abs=0.01)
         distance = run_metrics(stop)["stopping_distance"].value
         assert distance == pytest.approx(speed / 2.0, abs=0.04)

@@ -18,7 +18,7 @@ from omni_recording.actions.check import check_bag
 from omni_recording.actions.export import ExportError, export_bag
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 
-# ---------------------------------------------------------------- what is sound
+# Valid recordings
 
 
 def test_a_sound_recording_is_sound(bag: Path) -> None:
@@ -92,7 +92,7 @@ def test_only_the_topics_that_are_asked_for_are_exported(bag: Path, tmp_path: Pa
         export_bag(bag, tmp_path / "a")
 
 
-# ---------------------------------------------------------------- what is wrong in small
+# Small defects
 
 
 def test_counts_that_do_not_fit_are_reported(bag: Path) -> None:

@@ -15,7 +15,7 @@ from omni_recording.definitions import (
 
 SEPARATOR = "=" * 80 + "\n"
 
-# Whether their first bytes are a stamp is known from the messages' documentation.
+# The documentation of the messages states whether their first bytes are a stamp.
 STAMPED = {
     "builtin_interfaces/msg/Time": True,
     "diagnostic_msgs/msg/DiagnosticArray": True,

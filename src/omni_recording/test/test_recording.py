@@ -52,9 +52,9 @@ def test_a_message_without_a_stamp_gets_the_latest_seen(tmp_path: Path) -> None:
     writer = Rosbag2Writer(tmp_path / "run", topics)
     recording = StampedRecording(writer, {t.name: t.definition for t in topics})
     looks_stamped = cdr(99, 0)
-    recording.add("/plain", looks_stamped)  # nothing seen yet
+    recording.add("/plain", looks_stamped)  # the first message
     recording.add("/stamped", cdr(2, 5))
-    recording.add("/stamped", cdr(1, 0))  # came late, and keeps its own stamp
+    recording.add("/stamped", cdr(1, 0))  # late, with its own stamp
     recording.add("/plain", looks_stamped)
     recording.add("/stamped", cdr(-1, 0))  # before zero
     recording.add("/stamped", b"\0\1\0\0")  # cut short
@@ -79,7 +79,7 @@ def test_a_list_has_the_stamp_of_its_first_message(tmp_path: Path) -> None:
     writer = Rosbag2Writer(tmp_path / "run", topics)
     recording = StampedRecording(writer, {t.name: t.definition for t in topics})
     recording.add("/clock", cdr(0, 230_000_000))
-    for seconds in (0, 5):  # came late; of another time
+    for seconds in (0, 5):  # late, with another time
         recording.add("/markers", b"\0\1\0\0" + struct.pack("<IiI", 1, seconds, 7))
     recording.add("/markers", b"\0\1\0\0" + struct.pack("<I", 0))
     writer.close()
@@ -110,7 +110,7 @@ def test_time_that_runs_back_is_a_sign_of_another_run(
     second: int, words: str, tmp_path: Path
 ) -> None:
     writer, recording = clocked(tmp_path / "run")
-    recording.add(SHARED, cdr(5, 0))  # nodes speak there whose clocks differ
+    recording.add(SHARED, cdr(5, 0))  # nodes with different clocks publish it
     recording.add(SHARED, cdr(1, 0))
     for stamp in (0, 2, 2):
         recording.add(CLOCK, cdr(stamp, 0))

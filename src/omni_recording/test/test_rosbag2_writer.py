@@ -81,7 +81,7 @@ def read_stream(data: bytes) -> tuple[Records, bool]:
                 messages.append((topics[record.channel_id], record.log_time, record.data))
             elif hasattr(record, "topic"):
                 topics[record.id] = record.topic
-    except (EndOfFile, CRCValidationError, struct.error):  # by the place of the cut
+    except (EndOfFile, CRCValidationError, struct.error):  # depends on the position of the cut
         return messages, False
     return messages, True
 
@@ -198,7 +198,7 @@ def test_the_file_alone_explains_itself(tmp_path: Path) -> None:
 
     with AnyReader([folder]) as reader:
         link, _, data = next(reader.messages())
-        # Without a default store the reader knows only the types that the file describes.
+        # Without a default store the reader has only the types that the file describes.
         decoded: Any = reader.deserialize(data, link.msgtype)
     assert (decoded.header.stamp.sec, decoded.header.frame_id) == (3, "front")
     assert (decoded.height, decoded.encoding, decoded.data.tolist()) == (3, "mono8", [*range(12)])
@@ -336,7 +336,7 @@ def test_a_full_disk_leaves_a_readable_recording(room: int, tmp_path: Path) -> N
             write_all(writer, messages)
         with pytest.raises(RecordingError, match="cannot record to"):
             writer.write(*messages[0])
-    writer.close()  # is over already
+    writer.close()  # has already been closed
 
     kept = read_strictly(folder)
     assert kept == messages[: len(kept)]
