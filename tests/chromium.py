@@ -22,7 +22,7 @@ import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _TIMEOUT = 60.0  # [s] answers take milliseconds; this only ends what hangs
-_REQUIRED = "OMNI_TEST_BROWSER"  # set where a missing browser must not go unnoticed
+_REQUIRED = "OMNI_TEST_BROWSER"  # set if a missing browser is an error
 
 Event = dict[str, Any]
 
@@ -41,7 +41,7 @@ class Chromium:
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
-        # The processor's time of the page: what else the machine does has no part in it.
+        # CPU time of the page, which does not depend on other programs.
         self.call("Performance.enable", timeDomain="threadTicks")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from omni_ros.qos import RELIABLE
 STEP_NS = 10_000_000
 GOOD = np.diag([1e-6, 1e-6, 1e-6])
 BLIND = 1e6 * np.eye(3)
-# Fast, and turning left: the brakes that turn it further are let go.
+# Fast and turning left: the brakes that increase the rotation are released.
 SWERVING = np.array([8.0, 0.0, 0.6])
 
 
@@ -201,7 +201,7 @@ def test_missing_messages_put_all_brakes_on(vehicle: Vehicle, silent: str, state
 
     def go_on_in_part() -> bool:
         nonlocal due
-        if time.monotonic() < due:  # what is sent faster is answered into a queue
+        if time.monotonic() < due:  # faster demands would fill the queue with answers
             return vehicle.states[-1] == state
         due = time.monotonic() + 1e-9 * STEP_NS
         vehicle.stamp_ns += STEP_NS

@@ -17,7 +17,7 @@ CAMERA = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=1000, length=0.05)
         (1000, 1, 20_000.0, ""),
         (1000, 1, 20_050.0, ""),
         (1000, 1, 0.0, ""),
-        (0, 0, 0.0, ""),  # a driver that does not know its calibration
+        (0, 0, 0.0, ""),  # a driver without calibration
         (1000, 480, 800.0, ""),  # an area camera's focal length
         (500, 1, 20_000.0, "width of 500 px, but 1000 px are configured"),
         (1000, 1, 19_000.0, "scale of 19000 px/m, but 20000 px/m are configured"),

@@ -125,14 +125,14 @@ def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
         nodes = [group.start(camera(n, film(tmp_path / f"{n}.avi", frames(n)))) for n in CAMERAS]
         topics = [f"line_scan/{name}/lines" for name in CAMERAS]
         listener.wait(lambda: all(listener.node.count_publishers(topic) for topic in topics))
-        # All films begin with the node that hears them.
+        # All videos begin when the odometry subscribes.
         group.start(graph.Nodes(configuration, tmp_path, lockstep=True).odometry(listeners=1))
         listener.wait(lambda: len(listener.measured()) > 5)
         found = np.array([twist for twist, _ in listener.measured()])
         assert np.median(found, axis=0) == pytest.approx(TWIST, abs=0.01)
         assert set(listener.infos) == set(CAMERAS)
         assert all(i.k[0] == pytest.approx(PIXELS / LENGTH) for i in listener.infos.values())
-        # A film ends, and so does its camera.
+        # A camera node ends at the end of its video.
         listener.wait(lambda: all(node.returncode == 0 for node in nodes))
 
 

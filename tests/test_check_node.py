@@ -89,8 +89,8 @@ def test_our_nodes_keep_their_contract(node: str, module: str, parameters: Path)
     file = parameters / f"{name}.yaml"
     start = f"{sys.executable} -m {module} --ros-args --params-file {file}"
     _, document = check(node, "--start", start)
-    # How late answers come, and so their number, depends on the load of the machine; that silence
-    # has all brakes on is shown by test_brake_assist_node.py, recovery by test_odometry.py.
+    # Delay and number of the answers depend on the load of the machine. Other tests require all
+    # brakes on without inputs (test_brake_assist_node.py) and recovery (test_odometry.py).
     late = ("% of the answers", "were answered", "s after the last input", "later than 0.5 s")
     assert [one for one in document["breaches"] if not any(word in one for word in late)] == []
     assert document["metrics"]["answers.all"]["value"] > 100

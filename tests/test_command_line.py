@@ -126,7 +126,7 @@ def test_a_vehicle_that_rolls_on_under_the_pedal_is_a_failed_run(tmp_path: Path)
     result = omni(["run", "small_stop", *changes, "--out", str(out)])
     assert result.returncode == 1
     assert "assisted: the pedal is down and the vehicle still moves at 0.50 s" in result.stderr
-    assert (out / "assisted/summary.json").is_file()  # what there is, is kept
+    assert (out / "assisted/summary.json").is_file()  # the finished run is kept
 
 
 @pytest.mark.parametrize("moment", ["before Python", "importing"])

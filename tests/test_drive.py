@@ -189,7 +189,7 @@ def test_a_page_that_falls_silent_brakes(page: Page) -> None:
     page.until(lambda state: state["pedal"] == 1.0)
     assert page.state["source"] == "none"
     page.until(lambda state: abs(state["twist"][0]) < 0.05)
-    page.drive_to(0.5)  # and goes on when it speaks again
+    page.drive_to(0.5)  # and continues with the next demand
 
 
 def test_the_assistant_is_switched_from_the_page(page: Page) -> None:
@@ -223,7 +223,7 @@ def test_a_second_page_takes_over(drive: Drive, page: Page) -> None:
         page.until(lambda _: False)
     assert closed.value.rcvd is not None
     assert closed.value.rcvd.code == 4001
-    second.drive_to(1.5)  # its end has taken nothing from the other
+    second.drive_to(1.5)  # the end of the first page does not affect the second
     second.socket.close()
 
 
@@ -238,7 +238,7 @@ def test_a_page_that_makes_no_sense_is_closed_and_brakes(page: Page, onlooker: O
 def test_cmd_vel_drives_as_long_as_it_is_repeated(onlooker: Onlooker) -> None:
     forward = TwistStamped()
     forward.twist.linear.x = 1.0
-    # After the pages before, whose end brakes: first of all zero.
+    # The end of the previous pages applies the brakes: a command of zero comes first.
     onlooker.wait(lambda: onlooker.command.get_subscription_count() == 1)
     onlooker.wait_saying(TwistStamped(), lambda: onlooker.pedal == 0.0)
     onlooker.wait_saying(forward, lambda: onlooker.speed > 0.9)
@@ -277,7 +277,7 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
     steps = counts["/ground_truth/odom"]
     assert steps > 100
-    assert 0 <= steps - counts["/clock"] < 100  # waits until it knows of other publishers
+    assert 0 <= steps - counts["/clock"] < 100  # waits for the discovery of publishers
     for topic in ("/tf", "/brake/pedal", "/driver/command"):
         assert counts[topic] == steps
     assert (recording / "configuration.yaml").exists()

@@ -121,7 +121,7 @@ def test_the_page_chooses_what_is_driven() -> None:
             assert browser.run("vehicle.wheels.length") == 3
             choose(browser, "law", "allocation")
             assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
-            # On a busy machine answers come late, and a late answer means all brakes on.
+            # On a busy machine, enables are late, and late enables mean all brakes on.
             cards = (stop_from(browser, 2.0, number) for number in range(1, 6))
             assert any("assisted by allocation" in card for card in cards)
             for dark in (False, True):

@@ -134,6 +134,6 @@ def test_output_and_faults_of_a_law_reach_the_screen(tmp_path: Path) -> None:
     assert finished.stderr.count("all brakes are on (shown once)") == 1
     assert "RuntimeError: lost count" in finished.stderr
     assert f'{tmp_path / "noisy.py"}", line 6' in finished.stderr
-    document = json.loads(finished.stdout)  # which stands there alone
+    document = json.loads(finished.stdout)  # the only output
     assert [path.name for path in (tmp_path / "bag").iterdir() if path.is_dir()] == ["assisted"]
     assert document["name"] == "small_stop"

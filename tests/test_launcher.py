@@ -33,7 +33,7 @@ def built_once(tmp_path_factory: pytest.TempPathFactory) -> Workspace:
 @pytest.mark.parametrize("path", ["omni", "setup/__init__.py", "setup/pythons.py"])
 def test_what_an_old_python_reads_parses_there(path: str) -> None:
     tree = ast.parse((WORKSPACE / path).read_text(), feature_version=(3, 5))
-    # The parser accepts f-strings whatever the version.
+    # The parser accepts f-strings in every version.
     assert not [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
 
 

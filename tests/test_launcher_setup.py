@@ -232,7 +232,7 @@ def test_a_killed_set_up_leaves_no_process_at_work(tmp_path: Path) -> None:
         assert child.exists()
         process.kill()
         process.wait(60)
-        # Whoever inherits it may not have asked for its end yet: then it is a zombie.
+        # Its new parent process may not have collected its exit code: then it is a zombie.
         wait_until(lambda: not child.exists() or child.read_text().split()[2] == "Z")
 
 

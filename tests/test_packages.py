@@ -37,7 +37,7 @@ KEYS = {
     "yaml": "python3-yaml",
     "zstandard": "python3-zstandard",
 }
-# Looked for where they may be missing.
+# Packages that are used only if they are installed.
 OPTIONAL = {"tf2_msgs"}
 OF_ROSDEP = {
     "python3-matplotlib",
@@ -136,7 +136,7 @@ def test_all_packages_carry_one_version_and_a_license() -> None:
 
 
 def test_colcon_test_runs_the_tests_of_the_packages(tmp_path: Path) -> None:
-    # What colcon goes by; without it, it looks for unittest's tests and finds none.
+    # By this entry colcon selects pytest; otherwise it looks for unittest's tests.
     shared = (WORKSPACE / "src/omni_platform/ament_package.py").read_text()
     assert 'extras_require={"test": ["pytest"]}' in shared
     places = ["--base-paths", "src", "--build-base", str(tmp_path / "build")]

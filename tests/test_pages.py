@@ -22,14 +22,14 @@ PAGES = (
     "bags/README.md",
     "benchmarks/README.md",
 )
-_MEANT = {"COMMAND": "run", "N": "1"}  # what a reader puts in their place
+_MEANT = {"COMMAND": "run", "N": "1"}  # values that a reader inserts
 _OF_THE_LAUNCHER = ("exec", "test")
 _ELSEWHERE = {  # pages that a test follows word for word
     "docs/tutorials/your_vehicle.md": "test_tutorial.py",
     "docs/real_vehicle.md": "test_real_vehicle.py",
     "docs/extending.md": "test_extending.py",
 }
-_NOT_HERE = {  # what a command begins with, and why it is not run here
+_NOT_HERE = {  # beginning of a command, and why it is not run here
     "run": "a stop over the graph: test_straight_line.py, test_command_line.py, test_sweep.py",
     "drive": "waits for a person: test_drive_page.py has one",
     "new-vehicle": "test_tutorial.py",

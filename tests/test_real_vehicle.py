@@ -129,7 +129,7 @@ def test_the_page_leads_to_an_assisted_stop(vehicle: StandIn) -> None:
     (result,) = vehicle.call(SetParameters, f"{node}/set_parameters", request).results
     assert result.successful
     vehicle.wait(lambda: vehicle.said == "assisting" and vehicle.released[-1])
-    # The cable of the sensor is taken out: all brakes come on unasked.
+    # The cable of the sensor is unplugged: all brakes are applied automatically.
     vehicle.node.destroy_publisher(vehicle.twist)
     vehicle.twist = vehicle.node.create_publisher(TwistWithCovarianceStamped, "unheard", RELIABLE)
     vehicle.wait(lambda: vehicle.said == "stale_feedback" and not any(vehicle.released[-3:]))
@@ -179,7 +179,7 @@ def test_a_node_that_died_starts_again_and_a_refused_one_does_not() -> None:
     given = launch_arguments()
     assert starts_again(1, given)
     assert starts_again(-9, given)
-    assert not starts_again(2, given)  # its configuration is as wrong the next time
+    assert not starts_again(2, given)  # its configuration stays invalid
     assert not starts_again(0, given)
     assert not starts_again(1, launch_arguments("respawn:=false"))
 
@@ -198,7 +198,7 @@ def test_nodes_of_any_name_start_with_the_files_of_every_example(
         if not (tmp_path / f"{name}.yaml").exists():
             continue
         told = [word for f in files for word in ("--params-file", str(tmp_path / f"{f}.yaml"))]
-        # A listener that never comes: it ends by itself, once it has taken its parameters.
+        # No subscriber ever starts: the node ends by itself after reading its parameters.
         ended = subprocess.run(
             [
                 str(find_executable(package, executable)),

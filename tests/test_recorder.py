@@ -97,7 +97,7 @@ class Graph:
 
     def publisher(self, kind: Any, topic: str, *, depth: int, latched: bool = False) -> Publisher:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
-        # As deep as all that is sent: then a reliable topic may lose nothing at any speed.
+        # The queue holds all messages, so a reliable topic loses none at any speed.
         qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
         return self._node.create_publisher(kind, topic, qos)
 
@@ -224,7 +224,7 @@ def test_every_message_is_recorded_in_order_and_unchanged(graph: Graph, tmp_path
     info = graph.publisher(CameraInfo, INFO, depth=1, latched=True)
     described = CameraInfo(width=512, distortion_model="plumb_bob")
     described.header.stamp.sec = 1
-    info.publish(described)  # before there is a recorder
+    info.publish(described)  # before the recorder starts
 
     with recording(graph, tmp_path / "run", list(TYPES), latched_topics=[INFO]) as recorder:
         wait_for_match([*publishers, markers, info])
@@ -267,7 +267,7 @@ def test_three_fast_line_cameras_are_recorded_without_a_gap(
     """Three cameras with 2500 lines/s of 1024 px give 100 batches of 25 lines a second."""
     count = 150
     batches = [serialized_image(k, lines=25, pixels=1024) for k in range(count)]
-    # The depth of the nodes' own publishers, no deeper: a recorder that stalls loses some.
+    # The queue depth of the nodes' publishers: a recorder that stalls loses messages.
     publishers = [graph.publisher(Image, topic, depth=RELIABLE.depth) for topic in CAMERAS]
     with recording(graph, tmp_path / "run", CAMERAS, queue_depth=2000, **options) as recorder:
         wait_for_match(publishers)

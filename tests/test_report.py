@@ -202,7 +202,7 @@ def test_texts_of_a_recording_stay_texts(opened: Chromium) -> None:
     headings = "[...document.querySelectorAll('#metrics thead th')].map(e => e.textContent)"
     assert opened.run(headings) == ["", "unit", FOLDER, "assisted"]
     assert opened.run("typeof hit") == "undefined"
-    # What the cameras saw, of each recording, and no picture that a text brought.
+    # One figure of camera lines per recording, and no picture from a text of a recording.
     assert opened.run("document.images.length") == 2
     assert opened.run("[...document.images].every(e => e.naturalWidth > 500)")
     heads = "[...document.querySelectorAll('#seen h3')].map(e => e.textContent)"

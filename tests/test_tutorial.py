@@ -54,7 +54,7 @@ def test_every_command_of_the_page_works(page: Path, tmp_path: Path) -> None:
     forces_of_a_tire(tmp_path / "my_tire.csv")
     recommended: list[str] = []
     for words in commands(page):
-        if "my_robot/tuned" in words:  # what was recommended is what the page goes on with
+        if "my_robot/tuned" in words:  # the page continues with the recommended setting
             assert recommended
             assert {word for word in words if word.startswith("brake_assist.")} <= set(recommended)
         finished = subprocess.run(

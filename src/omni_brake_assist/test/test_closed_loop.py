@@ -198,7 +198,7 @@ def test_turning_is_learned_from_a_noisy_biased_sensor(straight: Callable[..., S
 
     stop = straight(measure=noisy, speed_noise=5.0, yaw_rate_noise=0.5, **ENHANCED)
     assert stop.stopped
-    # If the measured rate is zero, the vehicle turns by -0.05 rad/s * 4.3 s = -12 deg.
+    # At a measured rate of zero, the vehicle turns by -0.05 rad/s * 4.3 s = -12 deg.
     assert -15.0 < stop.orientation_change < 4.0
 
 

@@ -173,7 +173,7 @@ def test_less_pedal_may_have_less_effect(constants: EffectConstants) -> None:
 def test_brakes_are_not_released_for_longer_than_a_modest_stop_lasts(
     constants: EffectConstants,
 ) -> None:
-    # So slow that the missed distance just meets the bound.
+    # So slow that the missed distance does not exceed the bound.
     due = constants.grace + START / constants.least
     assert trip_time(constants, 0.9, 0.1) <= due + DT
 

@@ -11,7 +11,7 @@ import yaml
 from omni_platform.configuration import from_mapping
 from omni_sim.vehicle.configuration import VehicleConfiguration
 
-# The first example compiles the kernels; how long an example takes is no property of the code.
+# The first example compiles the kernels; the duration of an example does not matter.
 hypothesis.settings.register_profile("omni_sim", deadline=None)
 hypothesis.settings.load_profile("omni_sim")
 

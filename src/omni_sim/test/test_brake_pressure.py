@@ -67,7 +67,7 @@ def test_a_spring_applied_brake_releases_later_than_it_is_applied(dead_time: flo
     assert np.all(applied[round(dead_time / STEP) :] == 1500.0)
     released = brake_torques(pressure, 0.0, 500)[:, 0]
     assert np.argmin(released) == round(release_time / STEP)
-    # A release that is shorter than the difference is not felt at all.
+    # A release that is shorter than the difference has no effect.
     brake_torques(pressure, 1500.0, 500)
     brake_torques(pressure, 0.0, round(0.9 * (release_time - dead_time) / STEP))
     assert np.all(brake_torques(pressure, 1500.0, 500)[:, 0] == 1500.0)

@@ -1,4 +1,4 @@
-"""Braking: friction limit and passivity (48) at every step, convergence, and the swerve."""
+"""Braking: friction limit and passivity (48) at every step, convergence, and rotation."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def test_no_pattern_of_brakes_adds_energy_or_breaks_the_friction_limit(
     brake_at_random(vehicle, seed, 150)
 
 
-# The hardest tire swings a wheel through 0.5 rad in a step; there the wheels' coupling over the
-# body, which lags by a step, may leave a share of 1e-7 of the energy.
+# With the hardest tire the phase of a wheel's oscillation changes by 0.5 rad per step. The coupling
+# of the wheels through the body, which lags by a step, may then add a share of 1e-7 of the energy.
 @pytest.mark.parametrize(
     ("stiffness", "damping", "tolerance"), [(2.0e7, 1.0e5, 1e-9), (1.0e8, 1.0e6, 1e-6)]
 )
@@ -86,7 +86,7 @@ def test_stiff_tires_and_light_wheels_stay_passive_at_a_coarse_step(
     hard = dataclasses.replace(forklift, tire=tire, wheel_inertia=0.01)
     vehicle = Vehicle(hard, physics_step=0.001, twist=(6.0, 2.0, 1.0))
     brake_at_random(vehicle, seed, 250, tolerance)
-    # Locked, nothing but the step's own coupling could keep it shaking.
+    # With locked wheels, only the coupling between steps could sustain an oscillation.
     vehicle.advance(2000, 1.0, np.ones(4), np.zeros(3))
     np.testing.assert_allclose(vehicle.twist, 0.0, atol=1e-6)
 
@@ -139,8 +139,8 @@ def test_unassisted_forklift_swerves_around_its_most_loaded_wheel(
     vehicle = Vehicle(forklift, twist=(10.0, 0.0, 0.0))
     assert vehicle.wheel_names[int(np.argmax(vehicle.wheels["load"]))] == "front_left"
     end = stop(vehicle)[-1]
-    # Section 3.1: it turns to the loaded side, until that wheel's active direction, 45 deg to
-    # the right of forward, points along the motion.
+    # Section 3.1: the vehicle turns to the loaded side until the active direction of that wheel,
+    # 45 deg to the right of forward, points along the motion.
     assert math.radians(25.0) < end[2] < math.radians(50.0)
     assert 8.0 < np.hypot(end[0], end[1]) < 12.0
     assert vehicle.overloaded_steps == 0

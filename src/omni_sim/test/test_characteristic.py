@@ -61,7 +61,7 @@ def test_curve_rises_to_one_peak_and_falls_to_sliding(load: float, friction: flo
     assert np.all(steps[slips[1:] <= point.peak_slip] > 0.0)
     assert np.all(steps[slips[:-1] >= point.peak_slip] <= 0.0)
     assert np.max(force) <= point.peak_force * (1.0 + 1e-12)
-    # No jump: each step is at most what the steepest slope allows.
+    # No jump: no step exceeds the one at the steepest slope.
     assert np.max(np.abs(steps)) <= point.slope * slips[1] * (1.0 + 1e-9)
 
 

@@ -55,7 +55,7 @@ def test_brake_holds_the_wheel_at_exactly_zero_against_the_tire() -> None:
             0.0, brake=500.0, hub_velocity=0.01, deflection=deflection, sliding=slides
         )
         assert omega == 0.0
-        # The brake carries what the tire turns the wheel with.
+        # The brake torque balances the torque of the tire on the wheel.
         assert torque == pytest.approx(LEVER * force)
     assert abs(force) > 300.0
 
@@ -97,7 +97,7 @@ def test_brake_never_drives_a_wheel(
     )
     assert abs(torque) <= brake * (1.0 + 1e-12)
     assert torque * after <= 0.0
-    # The wheel's equation of motion holds, whatever state the brake is in.
+    # The wheel's equation of motion holds in every state of the brake.
     assert INERTIA * (after - omega) / DT == pytest.approx(
         torque - LEVER * force, rel=1e-9, abs=1e-6
     )

@@ -70,7 +70,7 @@ def test_footprints_of_any_shape_agree_with_the_exact_integral(
         center = (0.02, 0.047, heading)
         got = integrate_lines(PADDED, np.array([center]), length, width, pixels)[0]
         exact = integrate_exactly(CORK.gray, SIZE, center, length, width, pixels)
-        # A texel's misplacement by up to an eighth counts the more, the fewer are averaged.
+        # Texels are misplaced by up to an eighth, which matters more if fewer are averaged.
         assert rms(got - exact) < 0.08 * max(1.0, 0.02 / width)
 
 
@@ -139,7 +139,7 @@ def test_moving_by_one_pitch_shifts_the_line_by_one_pixel(heading_deg: float) ->
     here = line(0.021, 0.008, heading)
     there = line(0.021 + pitch * math.cos(heading), 0.008 + pitch * math.sin(heading), heading)
     assert rms(there[:-1] - here[1:]) < 0.15
-    assert rms(there - here) > 0.5  # not because nothing changes
+    assert rms(there - here) > 0.5  # the gray levels do change
 
 
 @pytest.mark.parametrize("heading_deg", HEADINGS_DEG)
@@ -160,7 +160,7 @@ def test_half_a_turn_reverses_the_line(heading_deg: float) -> None:
 
 
 def test_every_heading_is_continuous() -> None:
-    # No seam where the transposed texture takes over or the rows run the other way.
+    # No jump where the transposed texture is used or the order of the rows is reversed.
     for seam in np.arange(8) * math.pi / 4:
         before, behind = (line(0.02, 0.03, seam + sign * 1e-7) for sign in (-1.0, 1.0))
         assert rms(before - behind) < 0.1

@@ -54,6 +54,6 @@ def test_ellipse_is_what_a_stretched_circle_covers() -> None:
             along, across = stretch * 2.0 * math.cos(angle), stretch * 0.5 * math.sin(angle)
             x, y = 1.0 + cos * along - sin * across, -2.0 + sin * along + cos * across
             assert ground.at(x, y) == expected
-    # Its box reaches farther than it does.
+    # Its bounding box is larger than the patch.
     corner = FrictionMap(1.0, {"oil": dataclasses.replace(ellipse, heading_deg=0.0)})
     assert corner.at(1.0 + 1.9, -2.0 + 0.45) == 1.0

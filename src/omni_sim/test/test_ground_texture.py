@@ -47,7 +47,7 @@ def test_texels_are_resolution_only(kind: str) -> None:
 def test_the_seed_decides_everything(kind: str) -> None:
     first, again, other = ground(kind), ground(kind), ground(kind, seed=2)
     np.testing.assert_array_equal(first, again)
-    # Studs are where they are, whatever the seed; of plastic's mottles there are few on 5 cm.
+    # The positions of studs do not depend on the seed; plastic has few mottles in 5 cm.
     laid = {"walking_tile": 0.95, "brick": 0.9, "planks": 0.6}
     limit = {"plastic": 0.6, **laid}.get(kind, 0.3)
     assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < limit
@@ -67,14 +67,14 @@ def test_contrast_uses_the_range_without_clipping(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["cork", "asphalt", "stone"])
 def test_standard_grounds_stay_what_they_were(kind: str) -> None:
-    # Recordings and figures of all versions rest on them.
+    # Recordings and figures of all versions depend on them.
     gray = ground(kind).astype(np.uint8)
     digest = {"cork": 0x965032A8, "asphalt": 0xC6AFA54F, "stone": 0x3CDC908C}
     assert zlib.crc32(gray.data) == digest[kind]
 
 
 def test_wood_is_a_bar_code() -> None:
-    # Looked at by a camera 20 mm wide, the grain along x leaves nothing to see along x.
+    # For a camera 20 mm wide, the grain along x has no contrast along x.
     gray = ground("wood")
     wide = 1024 * 20 // 50
     across_grain, along_grain = gray[:, :wide].mean(axis=1), gray[:wide].mean(axis=0)

@@ -182,7 +182,7 @@ with open("/proc/self/status") as status:
 
 
 def test_a_ground_of_2400_dpi_takes_less_than_a_gigabyte_at_every_heading() -> None:
-    # The peak of a process of its own, with the finest and the usual camera over 20 cm.
+    # Peak memory of a separate process, with the finest and the usual camera over 20 cm.
     texels = 18912
     peak = subprocess.run(
         [sys.executable, "-c", _TURN_AROUND, str(texels)],

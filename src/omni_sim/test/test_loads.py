@@ -82,7 +82,7 @@ def test_polygon_leaves_out_inner_wheels_and_turns_counter_clockwise() -> None:
 
 
 def test_nine_wheels_of_which_few_reach_out_settle_on_one_plane() -> None:
-    # Undamped, the search for the contact set ends at a single wheel here.
+    # Without damping, the search for the contact set would end at a single wheel here.
     angle = np.radians(40.0 * np.arange(9) + np.array([3.0, *([0.0] * 8)]))
     radius = np.array([2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 0.5, 0.75])
     require_carried(

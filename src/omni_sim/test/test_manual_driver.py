@@ -35,12 +35,12 @@ def test_a_velocity_alone_drives_who_has_no_pedal() -> None:
     inbox.take_twist(FORWARD, 1.0)
     assert inbox.demand(1.2)[0] == 0.0
     np.testing.assert_array_equal(inbox.demand(1.2)[1], FORWARD)
-    assert inbox.demand(1.31)[0] == 1.0  # silence is full braking
+    assert inbox.demand(1.31)[0] == 1.0  # no command: full braking
     inbox.take_pedal(0.5, 2.0)
     inbox.take_twist(FORWARD, 2.2)
     assert inbox.demand(2.2)[0] == 0.5
     inbox.take_twist(FORWARD, 3.0)
-    assert inbox.demand(3.0)[0] == 1.0  # whoever had a pedal is missed
+    assert inbox.demand(3.0)[0] == 1.0  # the pedal is no longer received
 
 
 def test_a_pedal_alone_keeps_the_vehicle_from_braking_but_not_going() -> None:

@@ -62,7 +62,7 @@ def test_without_overload_nothing_is_reported(forklift: VehicleConfiguration) ->
 def test_time_is_added_up_over_wheels_and_a_short_overload_is_not_lost() -> None:
     watch = Overload(("a", "b"), "linear", 100.0, 0.01)
     assert not watch.update(np.array([99.0, 100.0]), 0)
-    # Within the period, over again at its end.
+    # An overload that begins and ends within the period.
     assert watch.update(np.array([90.0, 100.0]), 3)
     assert watch.largest_load == {}
     assert "0.03 s" in watch.sentence()

@@ -165,7 +165,7 @@ def test_coasting_vehicle_comes_to_rest_sideways_and_stays(forklift: VehicleConf
     losses = PassiveLossConfiguration(rolling_resistance=0.02, roller_mass=5.0)
     vehicle = Vehicle(losing(forklift, losses), twist=(0.0, 0.2, 0.0))
     log = advance_logged(vehicle, 6000, 1.0, OFF, NO_COMMAND)
-    # It stops as it slows down: no force beyond the resistance of some 60 N a wheel.
+    # It stops gradually: no force exceeds the resistance of about 60 N per wheel by much.
     assert np.max(np.abs(log.wheels["force"])) < 100.0
     stopped = vehicle.pose
     assert np.max(np.abs(vehicle.twist)) < 1e-6
@@ -231,7 +231,7 @@ def test_individual_rollers_lose_as_the_single_roller_does(forklift: VehicleConf
             vehicle = Vehicle(configuration, twist=(0.0, 2.0, 0.0))
             vehicle.advance(1000, 1.0, OFF, NO_COMMAND)
             slowed[model, active.active] = 2.0 - float(vehicle.twist[1])
-    # Contacts that come to rollers at rest cost a little without any losses.
+    # Contacts that move to rollers at rest lose a little energy even without losses.
     one, each = (slowed[m, True] - slowed[m, False] for m in ("single", "rollers"))
     assert each == pytest.approx(one, rel=0.05)
 

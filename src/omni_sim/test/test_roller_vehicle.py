@@ -124,7 +124,7 @@ def test_driving_straight_turns_no_roller_of_a_mecanum_wheel(
 
 
 def test_contact_of_an_unturned_wheel_is_the_ideal_one(forklift: VehicleConfiguration) -> None:
-    # A locked wheel keeps its roller: lowest, it pushes as the ideal one does.
+    # A locked wheel stays on one roller, whose force in the lowest position is the ideal one.
     moving = dataclasses.replace(forklift, contact="roller")
     ideal, roller = Vehicle(forklift), Vehicle(moving)
     for vehicle in (ideal, roller):

@@ -100,9 +100,9 @@ def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCa
     simulator.advance(ON)
     lines = simulator.observe().line_batches["left"].lines.astype(int)
     assert len(lines) == 25
-    # Moving forward along the axis: what was ahead comes one pixel nearer to the start.
+    # In motion along the axis, the ground moves one pixel towards the start of the line.
     assert np.abs(lines[1:, :-1] - lines[:-1, 1:]).max() <= 2
-    assert np.abs(np.diff(lines, axis=0)).max() > 10  # against itself unshifted
+    assert np.abs(np.diff(lines, axis=0)).max() > 10  # without the shift
 
 
 def test_lines_are_blurred_by_the_way_during_their_exposure(textures: TextureCache) -> None:

@@ -111,7 +111,7 @@ def test_speed_passes_smoothly_through_zero(
         command = 0.5 * along * (1.0 - (k + 1) / 100.0)
         moving.advance(20, 0.0, np.ones(len(vehicle.wheels)), command)
         speed.append(float(moving.twist @ along))
-    # Commanded -0.5 m/s^2 throughout, the start has died away: no plateau and no jerk at zero.
+    # Commanded -0.5 m/s^2, after the initial transient: no plateau and no jerk at zero.
     acceleration = np.diff(speed)[80:] / 0.01
     assert speed[80] > 0.05
     assert speed[-1] < -0.4

@@ -60,7 +60,7 @@ def test_chords_along_the_first_axes_give_the_exact_motion(
         sensors.append(SensorDisplacement(*end))
     moved = two_sensor_displacement(sensors[0], sensors[1], D_1, D_2)
     assert components(moved) == pytest.approx((x, y, angle), abs=1e-12)
-    # The y of the sensors differ: that of a single one would not do.
+    # The y displacements of the sensors differ, so a single one is not sufficient.
     assert sensors[1].y - sensors[0].y == pytest.approx((D_1 + D_2) * (1.0 - math.cos(angle)))
 
 
@@ -69,7 +69,7 @@ def test_the_straight_line_errs_as_stated(twist: tuple[float, float, float]) -> 
     straight = two_sensor_displacement(*paths(twist), D_1, D_2)
     x, y, angle = pose_after(twist, DT)
     length = math.hypot(straight.x, straight.y)
-    # The path is turned by half the angle, whatever its direction ...
+    # The path is rotated by half the angle, for every direction ...
     turned = math.atan2(y, x) - math.atan2(straight.y, straight.x)
     assert turned == pytest.approx(angle / 2.0, rel=1e-9)
     # ... it is longer than the chord ...
@@ -109,7 +109,7 @@ def test_in_a_steady_turn_the_error_is_no_noise() -> None:
         ends.append(whole)
     straight, exact = ends
     assert components(exact) == pytest.approx((0.0, 5.0 / math.pi, math.pi), abs=1e-9)
-    # All 50 errors add up: the end lies phi / 2 off as seen from the start.
+    # All 50 errors add up: the direction from start to end is wrong by phi / 2.
     assert straight.x == pytest.approx(5.0 / math.pi * math.pi / 100.0, rel=0.05)
 
 

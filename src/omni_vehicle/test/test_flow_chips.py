@@ -162,7 +162,7 @@ def test_counts_become_a_velocity_within_its_stated_deviation(chip: str) -> None
     np.testing.assert_allclose(values.mean(axis=0), bench.board.velocity, atol=1e-3)
     stated = samples[-1].deviation[0]
     assert stated == pytest.approx(1.0 / (COUNTS_PER_METER * PERIOD * math.sqrt(12.0)))
-    # Counts cut off what the next reading makes up for: two roundings, each within the stated one.
+    # A reading rounds its counts, and the next one adds the remainder: two rounding errors.
     assert np.all(values.std(axis=0) < 2.0 * stated)
     assert np.isnan(samples[-1].velocity[2])  # one chip measures no yaw rate
 
@@ -217,7 +217,7 @@ def test_an_unplugged_chip_is_noticed_at_once_and_opened_again(
     with pytest.raises(FlowChipError, match="does not answer"):
         open_chip(bench.configuration)
     monkeypatch.setattr(SpiFlowChip, "plugged", True)
-    # Power came back within a period: the chip answers, without the settings that were written.
+    # The power returned within a period: the chip responds, but has lost its settings.
     again = Bench(invert_x=True)
     again.board.power_up()
     with pytest.raises(FlowChipError, match="reset"):

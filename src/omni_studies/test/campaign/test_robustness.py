@@ -196,7 +196,7 @@ def test_an_interrupted_campaign_goes_on(
         run(twice, interrupt_at=0.3)
     rows = (twice / "runs.csv").read_text().splitlines()
     assert 6 <= len(rows) - 2 < 20
-    # What was there is not run again: it may even be wrong.
+    # Existing results are not computed again, even if they are wrong.
     cells = rows[2].split(",")
     cells[2] = "0.125"
     (twice / "runs.csv").write_text("\n".join([*rows[:2], ",".join(cells), *rows[3:]]) + "\n")

@@ -42,7 +42,7 @@ def stops() -> FaultyStops:
 @pytest.mark.parametrize(
     ("channel", "kind", "axis", "amplitude"),
     [
-        ("twist", "offset", 1, 0.5),  # never came to rest once
+        ("twist", "offset", 1, 0.5),  # may prevent a stop
         ("twist", "offset", 2, -3.0),
         ("twist", "stuck_noise", -1, 0.0),
         ("twist", "zero", 1, 0.0),
@@ -68,7 +68,7 @@ def test_a_sensor_fault_makes_no_stop_worse(
 @pytest.mark.parametrize(
     ("case", "kind", "axis", "onset", "amplitude", "period"),
     [
-        ("table_2", "ramp", 2, 0.43, 0.675, 0.17),  # cost the gyro its word, and 41 deg
+        ("table_2", "ramp", 2, 0.43, 0.675, 0.17),  # resembles a fault of the gyro
         ("six_wheels", "ramp", 2, -0.11, 0.582, 0.57),
         ("slippery", "drift", -1, 0.06, 0.189, 0.15),
         ("turn_while_translate", "stuck", 0, -0.14, 0.0, 0.1),
@@ -227,7 +227,7 @@ def test_a_jump_across_a_gap_without_messages_is_still_detected(
         Setting("sliding_mode", True, case), Fault("twist", "swap", -1, onset, 0.0, 0.3)
     )
     assert stop.rest
-    assert stop.distance <= DISTANCE  # 1.41 with the biases that it taught
+    assert stop.distance <= DISTANCE  # 1.41 if the twist changes the biases
     assert stop.rotation <= ROTATION  # 19 deg
 
 
@@ -251,7 +251,7 @@ def test_a_stop_continues_without_the_twist(stops: FaultyStops) -> None:
 @pytest.mark.parametrize(
     ("kind", "onset", "amplitude", "wheel"),
     [
-        ("zero", -0.03, 0.0, 2),  # took 2.5 times the distance of all brakes on
+        ("zero", -0.03, 0.0, 2),  # may multiply the distance
         ("zero", 0.3, 0.0, 0),
         ("sign", 0.22, 0.0, 1),
         ("offset", 0.3, -20.0, 3),

@@ -67,7 +67,7 @@ def test_rotation_that_is_allowed_is_spent_for_distance() -> None:
     ]
     distances = [stop.stopping_distance for stop in stops]
     assert distances == sorted(distances, reverse=True)
-    # Better in both numbers than Table 2's psi = 0 and k = 7 are here, without rotation at that.
+    # Both numbers are better than those of Table 2's psi = 0 and k = 7 on this vehicle.
     assert distances[0] < 10.64
     assert stops[0].orientation_change < 1.0
 
@@ -79,12 +79,12 @@ def test_a_turn_is_stopped_without_rotation_in_spite_of_lag(brakes: str) -> None
 
 
 def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
-    alone = "brake_assist.fault_detection=false"  # so that all brakes act meanwhile
+    alone = "brake_assist.fault_detection=false"  # so that all brakes act in the gap
     silence = "faults.silence={channel: twist, kind: drop_out, time: 0.6, duration: 0.1}"
     run = _stop("straight_line", "assisted", PROPORTIONAL, alone, silence)
     untouched = _stop("straight_line", "assisted", PROPORTIONAL, alone)
     assert run.stopping_distance < untouched.stopping_distance + 0.4
-    # The heading of the law leaves out what the vehicle turns in the gap.
+    # The heading in the law does not include the rotation during the gap.
     assert run.orientation_change < 2.4
 
 
@@ -98,7 +98,7 @@ def test_wheels_that_a_silent_sensor_has_locked_turn_again() -> None:
         "vehicle.brake.dead_time=0.05",
         "vehicle.brake.dead_time=0.05 brake_assist.brake.dead_time=0",  # which is not configured
         "vehicle.brake.time_constant=0.1 brake_assist.brake.time_constant=0",
-        "vehicle.wheel_inertia=2",  # valves that let it spin up in time
+        "vehicle.wheel_inertia=2",  # lets the wheel spin up in time
     ],
 )
 def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes: str) -> None:
@@ -107,8 +107,8 @@ def test_what_is_unknown_costs_neither_distance_nor_heading(unknown: str, brakes
     settings = ("feedback=velocity_sensor", *changes)
     alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
     assert run.stopping_distance <= 1.05 * alone.stopping_distance
-    # Valves with a lag of ten decisions that the law does not know act in another decision than
-    # predicted; small changes of anything then change the rotation by several degrees.
+    # Valves with an unmodeled lag of ten control steps act in another step than predicted. The
+    # rotation is then sensitive: small changes of any value change it by several degrees.
     late = brakes == "on_off" and "time_constant=0.1 " in unknown
     assert run.orientation_change <= (alone.orientation_change / 3.0 if late else 5.0)
 
@@ -136,7 +136,7 @@ def test_a_stop_from_walking_speed_is_short_and_turns_less(vehicle: str) -> None
     settings = ("feedback=velocity_sensor", *slow)
     alone = run_fast_loop(LIBRARY.load("straight_line", "unassisted", settings))
     assert run.stopping_distance <= 1.05 * alone.stopping_distance
-    # Tires must deflect first: a heading kept from the start costs 1.06 to 1.07 times the way.
+    # Tires must first deflect: keeping the heading from the start lengthens stops by 6 to 7 %.
     assert run.orientation_change < 0.65 * alone.orientation_change
 
 

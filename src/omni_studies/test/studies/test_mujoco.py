@@ -63,5 +63,5 @@ def test_wheels_on_springs_carry_the_weight_and_forgive_a_millimeter() -> None:
         machine.advance(4000, 1.0, np.ones(4), np.zeros(3), traced=False)
         assert machine.wheels["load"].sum() == pytest.approx(weight, rel=0.01)
     change = tilted.wheels["load"] - level.wheels["load"]
-    # Diagonal wheels give and take alike; springs of 200 N/mm share a warp of 1 mm by quarters.
+    # The loads of diagonal wheels change equally: a quarter of 1 mm at 200 N/mm on each wheel.
     np.testing.assert_allclose(change, [-50.0, 50.0, -50.0, 50.0], atol=15.0)

@@ -53,7 +53,7 @@ def test_study_reports_the_difference_of_both_feedbacks(tmp_path: Path) -> None:
         assert difference != 0.0
     # The twist of the odometry is the mean over a control period of 10 ms.
     assert metrics["odometry_lag.small_stop_assisted"] == pytest.approx(0.005, rel=0.3)
-    # Not taken for granted, but it stops the vehicle as well: within 10 %.
+    # With the odometry, the stopping distance is the same within 10 %.
     assert abs(metrics["stopping_distance_difference.small_stop_assisted"]) < 0.3
     assert metrics["fail_safe_share.small_stop_assisted"] == 0.0
     assert all(path.stat().st_size > 0 for path in result.files)

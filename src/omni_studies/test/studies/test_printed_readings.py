@@ -28,12 +28,12 @@ def states(count: int) -> NDArray[np.float64]:
 
 
 def test_of_51_the_platform_velocity_makes_drift_vanish_without_drift() -> None:
-    # A vehicle that still moves along its first line has no drift, however it turns ...
+    # A vehicle that moves along its initial line has no drift at any yaw rate ...
     twist, across = np.array([8.0, 0.0, 1.5]), np.array([0.0, 1.0])
     geometry = KINEMATICS.geometry
     errors = SlidingManifold(geometry, weighting_function("zero", 1)).errors(twist, across)
     np.testing.assert_allclose(errors.perpendicular, 0.0, atol=1e-12)
-    # ... while the printed v_i sees the wheels swing about the center.
+    # ... but the printed v_i includes the rotation of the wheels about the center.
     hubs = KINEMATICS.wheel_velocities(twist)
     force = -np.sign(np.sum(geometry.active * hubs, axis=1))
     printed = force * (geometry.active @ across) * (hubs @ across)

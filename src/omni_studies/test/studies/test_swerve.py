@@ -34,5 +34,5 @@ def test_a_mirrored_load_turns_it_the_other_way() -> None:
     )
     assert right.moment == pytest.approx(-left.moment, rel=1e-6)
     assert right.total == pytest.approx(left.total * (1.0, -1.0), rel=1e-6)
-    # Along its roller, and never more than the load that it carries bears.
+    # The force is along the roller and within the friction limit of the load.
     assert np.all(np.abs(left.force) < 1.2 * left.load)

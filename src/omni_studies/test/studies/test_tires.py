@@ -53,7 +53,7 @@ def test_figure_6_is_the_inverted_parabola_of_equation_3_and_is_not_used_beyond_
         lines: dict[str, list[tuple[float, float]]] = {}
         for row in csv.DictReader(file):
             lines.setdefault(row["line"].split()[0], []).append((float(row["x"]), float(row["y"])))
-    # Two solutions to one slope: 75 kN at 6 kN and again at 9 kN; nothing is left at 15 kN.
+    # One slope at two loads: 75 kN at 6 kN and at 9 kN; the slope is zero at 15 kN.
     assert lines["model"][-1] == pytest.approx((6.0, 75.0))
     load, slope = np.transpose(lines["parabola"])
     np.testing.assert_allclose(np.interp([6.0, 9.0, 15.0], load, slope), [75, 75, 0], atol=1e-3)

@@ -94,7 +94,7 @@ def test_what_is_not_of_the_campaign_is_refused(tmp_path: Path) -> None:
 def test_a_campaign_goes_on_where_it_ended(tmp_path: Path) -> None:
     campaign(tmp_path, runs=10, workers=1)
     path = tmp_path / "runs.csv"
-    # What was there is not run again: it may even be wrong.
+    # Existing results are not computed again, even if they are wrong.
     path.write_text(path.read_text().replace("6,2.449489742783178,", "6,0.5,")[:-3])
     rows = campaign(tmp_path, runs=12, workers=1, resume=True)
     assert rows[1] == Row(6, 0.5, "")
@@ -152,5 +152,5 @@ def test_workers_end_with_the_process_that_started_them() -> None:
     while len(workers) < 2:
         workers.add(int(starter.stdout.readline()))
     starter.kill()
-    # Their output ends with the last of them; the time only ends a test that hangs.
+    # The output ends when the last worker ends; the timeout only ends a test that hangs.
     starter.communicate(timeout=60.0)

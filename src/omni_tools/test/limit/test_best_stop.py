@@ -46,12 +46,12 @@ def test_a_symmetric_vehicle_stops_best_near_its_bound(symmetric: ExperimentConf
     stops = [OptimalStop(symmetric.vehicle, 1.0, maneuver, Transcription(n)) for n in (10, 20)]
     plans = [stop.plan(0.5, guess) for stop in stops]
     for plan in plans:
-        # Brakes take 20 ms, slip a few more, until all friction is there.
+        # Brakes need 20 ms, and slip a few more, to build up the full friction.
         assert bound.distance - bound.tolerance < plan.distance < 1.05 * bound.distance
         assert plan.rotation <= 0.5 + 1e-3
         assert np.all(plan.torque <= 1500.0 * (1.0 + 1e-6))
     assert plans[0].distance == pytest.approx(plans[1].distance, rel=0.02)  # refinement
-    # The work of all friction is what the vehicle had: speed falls to the end.
+    # Friction only removes energy, so the speed decreases until the end.
     speed = np.hypot(plans[1].state[:, 3], plans[1].state[:, 4])
     assert speed[0] == pytest.approx(8.0)
     assert np.all(np.diff(speed) < 0.0)

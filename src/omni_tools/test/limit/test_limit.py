@@ -93,7 +93,7 @@ def test_no_random_forces_slow_a_straight_stop_down_faster(
     strongest = 0.0
     for share in random.uniform(-1.0, 1.0, 400):
         unit = wanted + share * null
-        low, high = 0.0, 3e4  # how far these forces can be scaled until friction ends
+        low, high = 0.0, 3e4  # scales of these forces up to the friction limit
         for _ in range(40):
             scale = 0.5 * (low + high)
             z = -masses.height / GRAVITY * limit.active.T @ (scale * unit) / masses.mass
@@ -103,7 +103,7 @@ def test_no_random_forces_slow_a_straight_stop_down_faster(
         if np.all(limit.active @ e * unit <= 1e-9):
             strongest = max(strongest, low / masses.mass)
     assert strongest <= found.bound
-    assert strongest > 0.9 * found.bound  # the bound is near what there is
+    assert strongest > 0.9 * found.bound  # the bound is tight
 
 
 def test_a_bound_over_headings_is_above_every_heading(forklift: VehicleConfiguration) -> None:

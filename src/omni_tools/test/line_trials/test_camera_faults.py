@@ -104,8 +104,8 @@ def test_a_fault_is_reported_within_20_ms(
     for estimate in estimates[:GOOD_BATCHES]:
         assert estimate.measured
         assert np.abs(estimate.twist - twist).max() < 0.1
-    # The batch in which it begins may have enough good lines; then it is right, too. Only half a
-    # batch of something on the lens may pass, until the next one.
+    # The batch in which the fault begins may have enough valid lines; it is then correct. Only mud
+    # that covers half a batch may give an error, until the next batch.
     first = estimates[GOOD_BATCHES]
     if first.measured:
         assert late > 0
@@ -115,7 +115,7 @@ def test_a_fault_is_reported_within_20_ms(
         assert not estimate.readings["camera_0"].measured
         assert "camera_0: " in estimate.reason
     if fault is mud:
-        # Its motion ends where no vehicle's can, or stands still while the others move.
+        # The motion of this camera stops implausibly fast, or it is zero while the others move.
         reasons = ("covered: its view does not change", "not plausible")
         assert any(words in estimates[-1].reason for words in reasons)
 

@@ -79,10 +79,10 @@ def test_the_best_placement_beats_known_ones_and_can_be_mounted(vehicle: str) ->
     tangential = criterion.mean_error(common_placements(area, 3)["tangential"])
     assert best.mean_error < 0.85 * default.mean_error
     assert best.mean_error < tangential
-    # What is drilled: whole millimeters and degrees, at nearly no loss.
+    # Positions for drilling: whole millimeters and degrees, with nearly no loss.
     assert found.poses[:, :2] * 1e3 == pytest.approx(np.round(found.poses[:, :2] * 1e3), abs=1e-6)
     assert found.rounding < 0.002
-    # Left and right, or front and rear, are alike.
+    # Left and right, or front and rear, are symmetric.
     assert found.symmetry != ""
     x, y, _ = found.poses.T
     assert np.isclose(x.sum(), 0.0) or np.isclose(y.sum(), 0.0)

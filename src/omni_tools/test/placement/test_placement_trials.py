@@ -43,5 +43,5 @@ def test_predicted_errors_hold_and_the_best_placement_equals_the_default() -> No
         # 6 batches in 24 orientations of 2 motions: some 5 % of scatter of their own.
         assert measured[-1] == pytest.approx(predicted[-1], rel=0.25)
     assert predicted[0] < 0.92 * predicted[1]
-    # The estimator leaves little of the predicted gain, which is of the size of the scatter.
+    # Little of the predicted gain remains; it is about as large as the scatter.
     assert measured[0] < 1.05 * measured[1]

@@ -86,7 +86,7 @@ def test_slip_of_one_sign_and_loads_in_between_suffice() -> None:
 def test_a_curve_that_never_falls_puts_the_shape_on_its_bound() -> None:
     data = measure(TireConfiguration(), rows=800, slips=(-4.0, 4.0))
     noise = np.random.default_rng(3).normal(0.0, 20.0, 800)
-    # The Magic Formula with C = 1, which is below what a tire with a peak has.
+    # The Magic Formula with C = 1; a tire with a peak has a larger C.
     force = 0.9 * data.load * np.sin(np.arctan(15.0 / 0.9 * data.slip)) + noise
     fit = fit_tire(TireData(data.slip, data.load, force), "magic_formula")
     assert [key for key, at in zip(fit.keys, fit.at_bound, strict=True) if at] == ["shape"]
