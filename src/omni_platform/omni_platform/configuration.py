@@ -163,7 +163,7 @@ def section(make: Callable[[], Any], *, description: str | None = None) -> Any:
 
     Args:
         make: returns the default value: the class, or ``dict``.
-        description: description for people; by default the string below the field.
+        description: description in the documentation; by default the string below the field.
     """
     metadata = {_METADATA: ParameterInfo(description)}
     return dataclasses.field(default_factory=make, metadata=metadata, kw_only=True)

@@ -379,7 +379,7 @@ class Limits(NamedTuple):
 
 
 def limits(extent: str, *, imu: bool) -> Limits:
-    """Return the limits for both laws."""
+    """Return the limits of stops with faults of an extent; they are valid for both laws."""
     if extent == "brake":
         return Limits(1.2, 5.0, None)
     if extent == "pair":

@@ -181,7 +181,7 @@ def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
 
 
 def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> SensorError:
-    """Fit a and b to the logarithms of the errors, which gives all the same relative weight."""
+    """Fit a and b to the logarithms of the errors; all errors then have equal relative weights."""
     from scipy.optimize import least_squares
 
     straight = float(rms[np.argmin(across)]) ** 2
