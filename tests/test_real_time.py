@@ -47,7 +47,7 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
     within="some seconds",
 )
 def test_a_hung_assistant_puts_all_brakes_on(tmp_path: Path) -> None:
-    """The vehicle then brakes without the assistant: it swerves but stops; an error is reported."""
+    """The vehicle then brakes without the assistant: it rotates but stops; an error is reported."""
     folder = tmp_path / "run"
     process = subprocess.Popen(
         omni_command([*REAL_TIME, "--set", "maneuver.brake_time=3", "--out", str(folder)]),

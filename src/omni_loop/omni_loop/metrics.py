@@ -98,9 +98,9 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
     if it never exceeds the larger limits of rocking afterwards. With the deceleration a, this stamp
-    is earlier than the zero of the speed by the time `REST_SPEED` / a. A run ends by another
-    rule, `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time,
-    because later rocking cannot be known in advance.
+    is earlier than the zero of the speed by the time `REST_SPEED` / a. A run ends by another rule,
+    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time, because
+    later rocking cannot be known in advance.
 
     Args:
         twist: body twists [m/s, m/s, rad/s], shape (T, 3).

@@ -143,8 +143,8 @@ def parameter(
 
     Args:
         default: value used if none is given; without it the key is required.
-        description: description for people, shown by ``--help`` and ``ros2 param describe``; by
-            default the string below the field.
+        description: text shown by ``--help`` and ``ros2 param describe``; by default the string
+            below the field.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
         minimum: smallest permitted value.
         maximum: largest permitted value.

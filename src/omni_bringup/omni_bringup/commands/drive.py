@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
-# Ice ahead of the left wheels only, where an unassisted stop swerves most.
+# Ice ahead of the left wheels only, where an unassisted stop rotates most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 

@@ -2,9 +2,9 @@
 
 Both laws brake several vehicles, with and without an IMU. The faults are faults of one sensor,
 faults that two sensors share, and brakes that fail before or during the stop. Every eighth stop is
-the worst result of a local search. Of the unassisted and the fault-free assisted stop, the longer
-distance and the larger rotation are the reference for sensor faults. Brake faults are compared with
-a stop with all other brakes on.
+the worst result of a local search. The reference for sensor faults is the longer distance and the
+larger rotation of two stops: unassisted, and assisted without the fault. The reference for brake
+faults is the stop with all other brakes on.
 """
 
 from collections.abc import Sequence
