@@ -127,7 +127,7 @@ def test_brakes_that_help_act_at_once_if_no_other_does(mecanum: Wheels) -> None:
     drive.step(LEFT)
     drive.run(LEFT, 20)
     drive.step(RIGHT)
-    # Right valves have been open for long and shut; the left, shut for long, open: no gap.
+    # After a long time the right valves shut and the left ones open in the same step.
     np.testing.assert_array_equal(drive.step(RIGHT).enable, RIGHT_ENABLE)
     # All valves are held. A turn to the other side must wait, because brakes act.
     np.testing.assert_array_equal(drive.step(LEFT).enable, RIGHT_ENABLE)

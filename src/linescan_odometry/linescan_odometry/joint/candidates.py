@@ -198,9 +198,9 @@ def farthest(displacement: float, layout: Layout) -> int:
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
     """Refine a peak of the correlation, summed over line spacings, to a fraction of a pixel.
 
-    The sum contains all spacings at which enough of the lines overlaps. The largest spacing resolves
-    the displacement best, but its lines may show different ground if the camera moves across its
-    axis. Its correlation is then noise, and smaller spacings determine the maximum of the sum.
+    The sum contains all spacings at which lines overlap enough. The largest spacing resolves the
+    displacement best, but its lines may show different ground if the camera moves across its axis.
+    Its correlation is then noise, and smaller spacings determine the maximum of the sum.
     """
     distances, last = lags(layout.lines), farthest(peak, layout)
     fine = distances[last]  # grid points per pixel

@@ -20,7 +20,7 @@ from omni_platform.signals import Lines
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road has 10
 _STEPS = 4  # largest number of Newton steps; the pattern is estimated before each of them
 _CONVERGED = 0.1  # px within a batch; after a smaller step, a further one changes little
-_MEMORY = 50.0  # batches; time constant with which the estimated pattern forgets
+_MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = (
     0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous

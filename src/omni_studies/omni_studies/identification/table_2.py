@@ -47,7 +47,7 @@ def deviations(measured: Mapping[str, float]) -> dict[str, float]:
     """Return the deviations from the dissertation's numbers, in tolerances [1].
 
     Args:
-        measured: all of `REFERENCES` in their units.
+        measured: simulated values of all metrics in `REFERENCES`, in their units.
     """
     return {
         name: (measured[name] - reference) / tolerance(name)
@@ -59,7 +59,7 @@ def metrics(measured: Mapping[str, float]) -> dict[str, Metric]:
     """Return the ten numbers of Table 2 and their deviations from the dissertation's numbers.
 
     Args:
-        measured: all of `REFERENCES` in their units.
+        measured: simulated values of all metrics in `REFERENCES`, in their units.
 
     Returns:
         Every number with its reference value, and the ends of its tolerance as limits. The
