@@ -44,6 +44,7 @@ class Controllers(Bystander):
         listen(JointState, "brake/pedal", lambda m: self.pedals.append(m.position[0]), RELIABLE)
         self.problems: list[str] = []
         self.enables: tuple[float, ...] | None = (1.0, 1.0)
+        self.names: tuple[str, ...] = WHEELS
         self.speed, self.commanded, self.pressed = (5.0, -5.0), 0.5, False
         self.node.create_timer(0.01, self._step)
 
@@ -66,7 +67,7 @@ class Controllers(Bystander):
         self.twist.publish(message)
         self.estop.publish(Bool(data=self.pressed))
         if self.enables is not None:
-            self.enable.publish(joint_state(now_ns, WHEELS, effort=np.array(self.enables)))
+            self.enable.publish(joint_state(now_ns, self.names, effort=np.array(self.enables)))
 
     def description(self) -> str:
         return f"commands {self.commands[-3:]}, pedals {self.pedals[-3:]}"
@@ -109,6 +110,9 @@ def test_torque_drives_brake_by_sign_and_drive_again() -> None:
         rest.enables = (1.0, 0.0)
         rest.until(-8.0, 0.0)
         rest.wait(lambda: rest.pedals[-1] == 1.0)
+        rest.names, rest.enables = ("left", "right", "right"), (0.0, 1.0, 0.0)
+        rest.until(0.0, 8.0)  # a repeated name is ambiguous
+        rest.names = WHEELS
         rest.commanded, rest.enables = float("nan"), (1.0, 1.0)
         rest.until(-8.0, 8.0)  # a command that is not a number brakes
         rest.commanded = 0.5

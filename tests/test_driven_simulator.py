@@ -106,9 +106,14 @@ def test_time_halts_and_goes_on_and_the_vehicle_is_put_elsewhere(
 
     place = PoseWithCovarianceStamped()
     place.header.frame_id = "odom"
-    place.pose.pose.position.x, place.pose.pose.position.y = -3.0, 5.0
+    place.pose.pose.position.x, place.pose.pose.position.y = 1e20, 5.0
     viewer = teleoperator.node.create_publisher(PoseWithCovarianceStamped, "initialpose", RELIABLE)
     teleoperator.wait(viewer.get_subscription_count)
+    viewer.publish(place)  # too far from the origin for the pattern of a ground
+    asked = teleoperator.stamp
+    teleoperator.wait(lambda: teleoperator.stamp > asked + 10 * PERIOD_NS)
+    assert teleoperator.pose == pytest.approx((2.0, 0.0))
+    place.pose.pose.position.x = -3.0
     viewer.publish(place)
     teleoperator.wait(lambda: math.dist(teleoperator.pose, (-3.0, 5.0)) < 1e-3)
     before = teleoperator.stamp

@@ -39,6 +39,8 @@ class Assistant(Bystander):
         self.torque = np.zeros(len(wheels))
         self.stamp = 0
         self.answers = True
+        self.names = wheels[::-1]  # in any order: the names count
+        self.efforts = np.zeros(len(wheels))
         self._enable = self.node.create_publisher(JointState, "brake/enable", RELIABLE)
         self.node.create_subscription(JointState, "wheel_states", self._on_wheels, RELIABLE)
 
@@ -48,9 +50,8 @@ class Assistant(Bystander):
     def _on_wheels(self, message: JointState) -> None:
         self.torque = np.array(message.effort)
         self.stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        released = np.zeros(len(self.wheels))
-        if self.answers:  # in any order: the names count
-            self._enable.publish(joint_state(self.stamp, self.wheels[::-1], effort=released))
+        if self.answers:
+            self._enable.publish(joint_state(self.stamp, self.names, effort=self.efforts))
 
 
 @pytest.fixture
@@ -128,6 +129,20 @@ def test_missing_enables_apply_all_brakes(assistant: Assistant) -> None:
     assistant.answers, last = False, assistant.stamp
     assistant.wait(lambda: bool(assistant.torque.all()))
     assert assistant.stamp - last <= 80_000_000  # 50 ms, rounded up to whole steps
+
+
+def test_invalid_enables_release_no_brake(assistant: Assistant) -> None:
+    wheels, released = assistant.wheels, np.zeros(len(assistant.wheels))
+    for names, efforts in (
+        (wheels, released - 1.0),
+        (wheels, released + np.nan),
+        (wheels, released[1:]),
+        ((*wheels, wheels[0]), np.zeros(len(wheels) + 1)),
+    ):
+        assistant.names, assistant.efforts = wheels, released
+        assistant.wait(lambda: not assistant.torque.any())
+        assistant.names, assistant.efforts = names, efforts
+        assistant.wait(lambda: bool(assistant.torque.all()))
 
 
 @pytest.mark.safety(

@@ -17,7 +17,9 @@ from std_srvs.srv import SetBool, Trigger
 from omni_platform.quantities import FloatArray
 from omni_ros import process, qos
 from omni_ros.messages import planar_pose_of
+from omni_sim.driver.scripted import FARTHEST
 
+_SHOWN = 40  # longest part of a frame ID that a message shows
 _SCRIPTED = "not possible in a scripted run; restart the node, or start it with driver: "
 
 
@@ -77,10 +79,13 @@ class RunControl:
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = planar_pose_of(message.pose.pose)
-        if message.header.frame_id not in ("", self._frame) or not np.all(np.isfinite(pose)):
-            self._node.get_logger().error(
-                f"initialpose must be finite and in {self._frame}, not in "
-                f"{message.header.frame_id or 'no frame'}: ignored"
-            )
+        frame, problem = message.header.frame_id, ""
+        if frame not in ("", self._frame):
+            problem = f"the frame {frame[:_SHOWN]!r} must be {self._frame!r} or empty"
+        elif not (np.isfinite(pose).all() and np.abs(pose[:2]).max() <= FARTHEST):
+            problem = f"the pose must be finite and within {FARTHEST:g} m of the origin"
+        if problem:
+            words = f"initialpose was ignored: {problem}"
+            self._node.get_logger().error(words, throttle_duration_sec=1.0)
             return
         self._pose = pose

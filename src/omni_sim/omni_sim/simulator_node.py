@@ -304,18 +304,20 @@ class SimulatorNode(Node):
         self._inbox.take_twist(values, time.monotonic())
 
     def _on_enable(self, message: JointState) -> None:
-        values = dict(zip(message.name, message.effort, strict=False))
-        if set(values) == set(self._wheels):
+        names = list(message.name)
+        if sorted(names) == sorted(self._wheels) and len(message.effort) == len(names):
+            values = dict(zip(names, message.effort, strict=True))
             enable = np.array([values[name] for name in self._wheels])
         else:
             self.get_logger().error(
-                f"brake/enable names {', '.join(message.name) or 'no wheel'} and must name "
-                f"{', '.join(self._wheels)}: all brakes on",
+                f"brake/enable has {len(message.effort)} efforts for {len(names)} names, "
+                f"{', '.join(names[: len(self._wheels)]) or 'no wheel'}; it must have one for each "
+                f"of {', '.join(self._wheels)}: all brakes on",
                 throttle_duration_sec=1.0,
             )
             enable = self._all_on
-        # NaN must not release a brake.
-        self._enable = np.where(np.isfinite(enable), np.clip(enable, 0.0, 1.0), 1.0)
+        # An invalid value must not release a brake; the comparison is false for NaN.
+        self._enable = np.where((enable >= 0.0) & (enable <= 1.0), enable, 1.0)
         self._enable_stamp_ns = messages.to_nanoseconds(message.header.stamp)
         self._last_message["brake_assist"] = time.monotonic()
 

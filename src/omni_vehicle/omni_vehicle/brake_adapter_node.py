@@ -94,7 +94,10 @@ class BrakeAdapterNode(Node):
 
     def _on_enable(self, message: JointState) -> None:
         given = dict(zip(message.name, message.effort, strict=False))
-        self._enable = np.array([given.get(w, math.nan) for w in self._configuration.wheels])
+        # A repeated name is ambiguous, and its brake must not be released.
+        once = {name for name in given if message.name.count(name) == 1}
+        wheels = self._configuration.wheels
+        self._enable = np.array([given[w] if w in once else math.nan for w in wheels])
         now_ns = self.get_clock().now().nanoseconds
         self._enable_age = 1e-9 * (now_ns - to_nanoseconds(message.header.stamp))
         self._received["enable"] = time.monotonic()

@@ -9,6 +9,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
 
+FARTHEST = 1.0e4  # m; largest coordinate of a vehicle, for which grounds can be rendered
+
 
 class DemandConfiguration(Configuration):
     """Table of the driver's demands over time, interpolated linearly.
@@ -47,9 +49,9 @@ class DemandConfiguration(Configuration):
 class ManeuverConfiguration(Configuration):
     """Demands of the scripted driver during a run."""
 
-    x: float = parameter(0.0, unit="m", minimum=-1.0e4, maximum=1.0e4)
+    x: float = parameter(0.0, unit="m", minimum=-FARTHEST, maximum=FARTHEST)
     """Start position of base_link in the world frame, x"""
-    y: float = parameter(0.0, unit="m", minimum=-1.0e4, maximum=1.0e4)
+    y: float = parameter(0.0, unit="m", minimum=-FARTHEST, maximum=FARTHEST)
     """Start position of base_link in the world frame, y"""
     heading_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Heading of the body at the start, counter-clockwise from the x axis"""
