@@ -56,6 +56,10 @@ class BrokenToo(Broken):
     def step(self, motion, error, enable):
         raise RuntimeError("lost count")
 
+class Ends(Constant):
+    def step(self, motion, error, enable):
+        raise SystemExit(0)
+
 class Yes(Constant):
     answer = True
 
@@ -72,6 +76,10 @@ class NoLaw:
 class Unmakeable(Constant):
     def __init__(self, configuration, geometry):
         raise KeyError("mass")
+
+class EndsAtOnce(Constant):
+    def __init__(self, configuration, geometry):
+        raise SystemExit(0)
 """
 
 
@@ -148,6 +156,7 @@ def test_a_law_does_not_receive_old_wheel_speeds(
         ("NotANumber", AssistState.INTERNAL_ERROR, "outside [0, 1]: [nan"),
         ("TooMuch", AssistState.INTERNAL_ERROR, "outside [0, 1]"),
         ("Broken", AssistState.INTERNAL_ERROR, "RuntimeError: lost count"),
+        ("Ends", AssistState.INTERNAL_ERROR, "SystemExit: 0"),
         ("Yes", AssistState.INTERNAL_ERROR, "True, must be None, ASSIST or NO_HELP"),
         ("Words", AssistState.INTERNAL_ERROR, "'brake', must be None, ASSIST or NO_HELP"),
     ],
@@ -182,6 +191,7 @@ def test_the_first_fault_is_shown_once_with_its_place_in_the_law_s_file(
         ("laws_of_a_test:Missing", "it has Constant, Half"),
         ("laws_of_a_test:NoLaw", "has no method 'step'"),
         ("laws_of_a_test:Unmakeable", "cannot be made (KeyError: 'mass')"),
+        ("laws_of_a_test:EndsAtOnce", "cannot be made (SystemExit: 0)"),
     ],
 )
 @pytest.mark.usefixtures("module")

@@ -92,7 +92,7 @@ def load_class(
         sys.path.append(folder)
     try:
         module = importlib.import_module(module_name)
-    except Exception as error:  # a user's module may raise any exception
+    except (Exception, SystemExit) as error:  # a user's module may raise any exception
         raise ConfigurationError(
             key,
             f"{name!r}: cannot import {module_name!r} ({type(error).__name__}: {error}); it must "
@@ -127,7 +127,7 @@ def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
         return cls(*arguments)
     except ConfigurationError:
         raise
-    except Exception as error:  # a user's class may raise any exception
+    except (Exception, SystemExit) as error:  # a user's class may raise any exception
         raise ConfigurationError(
             key, f"{name!r} cannot be made ({type(error).__name__}: {error})"
         ) from error

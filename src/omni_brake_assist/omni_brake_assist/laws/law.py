@@ -102,13 +102,13 @@ def call_law(
                 "shares of the brake pressure into enable"
             )
         return answer, ""
-    except Exception as problem:  # an error in the law must not release a brake
+    except (Exception, SystemExit) as problem:  # no error of a law may release a brake
         if enabled:
             _report(law, problem)
         return FAILED, f"{type(problem).__name__}: {problem}"
 
 
-def _report(law: Law, problem: Exception) -> None:
+def _report(law: Law, problem: BaseException) -> None:
     if type(law) in _reported:
         return
     _reported.add(type(law))
