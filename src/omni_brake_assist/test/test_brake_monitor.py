@@ -108,6 +108,18 @@ def test_a_brake_that_may_well_act_is_not_reported_as_failed(
     assert wheel == NO_WHEEL
 
 
+def test_short_commands_to_a_brake_are_no_failure(
+    configuration: BrakeAssistConfiguration,
+) -> None:
+    """Between them the pressure of a brake with an unknown lag falls before its wheel slides."""
+    constants, memory = constants_of(configuration), brake_memory(4)
+    speeds = (1.0 - np.array([0.0, 0.3, 0.3, 0.3])) * rolling(constants, TWIST)
+    for step in range(100):
+        told = np.array([float(step % 3 == 0), 1.0, 1.0, 1.0])
+        wheels = BrakedWheels(told, speeds, 0.0)
+        assert watch_brakes(constants, memory, DT, 1.0, wheels, TWIST) == NO_WHEEL
+
+
 class LeftWheels:
     """A user's law that brakes on the left."""
 

@@ -6,6 +6,10 @@ under the same or less pressure. A law that assumes that the failed brake works 
 wrong brakes. After a failure, until the pedal is released, either `allocation` controls the on-off
 valves of the other brakes, or all brakes act if they are proportional.
 
+The time of free rolling is counted over several commands. The count restarts after the brake has
+been released for longer than it was commanded to act, because the pressure of a brake with a lag
+then falls before the wheel slides.
+
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
 
@@ -71,12 +75,14 @@ def brake_constants(
 
 
 def brake_memory(wheels: int) -> FloatArray:
-    """Return the initial memory, shape (N + 1,).
+    """Return the initial memory, shape (2 N + 1,).
 
-    Entries: time for which each braked wheel has rolled freely [s]; time since any wheel slid [s].
+    Entries: time for which each braked wheel has rolled freely [s]; time for which each brake was
+    commanded to act, less the time for which it was released since [s]; time since any wheel slid
+    [s].
     """
-    memory = np.zeros(wheels + 1)
-    memory[wheels] = _SLIDE_VALIDITY
+    memory = np.zeros(2 * wheels + 1)
+    memory[-1] = _SLIDE_VALIDITY
     return memory
 
 
@@ -111,6 +117,11 @@ def watch_brakes(
             hub += constants.lever[i] * twist[2]
             command = wheels.commanded[i]
             weak = pedal * command < _LEAST if looks_for_slides else command < 1.0 - RELEASED
+            if not looks_for_slides:
+                net = speeds.size + i
+                if weak and memory[net] == 0.0:
+                    memory[i] = 0.0
+                memory[net] = max(memory[net] + (-dt if weak else dt), 0.0)
             if weak or abs(hub) < _SLOW:
                 continue
             rim = constants.roll[i] * speeds[i] / (1.0 + wheels.scale)
