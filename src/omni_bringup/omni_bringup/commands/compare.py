@@ -56,11 +56,15 @@ def run(options: Options, _workspace: workspace.Workspace) -> command_report.Rep
     if options.csv is not None:
         values = {name: {key: m.value for key, m in one.items()} for name, one in columns.items()}
         write_cases(options.csv, "stop", values)
-    differences = differing_values(options.bags)
+    differences, problems = differing_values(options.bags)
+    unread = [
+        command_report.printable(f"{path}: its configuration is not compared: {problem}")
+        for path, problem in problems.items()
+    ]
     return command_report.Report(
         **results_document("compare", columns),
         details={"differences": differences},
-        text=(ComparisonTable(columns), *_in_words(differences), *missed),
+        text=(ComparisonTable(columns), *_in_words(differences), *unread, *missed),
         ok=not missed,
     )
 

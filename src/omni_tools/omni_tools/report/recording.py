@@ -3,7 +3,7 @@
 import dataclasses
 import stat
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from itertools import compress, islice
 from pathlib import Path
 from typing import Any
 
@@ -172,23 +172,29 @@ def run_names(paths: Sequence[Path]) -> list[str]:
     return ["/".join(place.parts[-depth:]) for place in places] if names else []
 
 
-def differing_values(paths: Sequence[Path]) -> dict[str, list[str]]:
-    """Return the values that differ between recorded configurations, by dotted key.
+def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[Path, str]]:
+    """Compare recorded configurations.
 
     Args:
-        paths: paths of the recordings; one without a configuration has an empty text for every
-            value.
+        paths: paths of the recordings.
+
+    Returns:
+        The values that differ, by dotted key, with an empty text where a configuration does not
+        name the value; and the reasons for which configurations cannot be read, by recording.
     """
-    found = []
+    found, problems = [], {}
     for path in paths:
         folder = path if path.is_dir() else path.parent
         try:
             found.append(dict(islice(_flattened(_read_tree(folder / CONFIGURATION)), _MOST_VALUES)))
-        except ValueError:
+        except ValueError as error:
             found.append({})
+            problems[path] = str(error)[:_LONGEST_TEXT]
     keys = dict.fromkeys(key for values in found for key in values)
     rows = {key: [values.get(key, "") for values in found] for key in keys}
-    return {key: row for key, row in rows.items() if len(set(row)) > 1}
+    readable = [path not in problems for path in paths]
+    differing = {key: row for key, row in rows.items() if len(set(compress(row, readable))) > 1}
+    return differing, problems
 
 
 def read_configuration(
