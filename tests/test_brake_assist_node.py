@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
@@ -18,12 +19,14 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
+from omni_brake_assist.brake_assist_node import BrakeAssistNode
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import ProcessGroup
-from omni_loop.experiment import ExperimentLibrary
+from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
+from omni_ros.process import Spinner, StopFlag
 from omni_ros.qos import RELIABLE
 
 STEP_NS = 10_000_000
@@ -100,15 +103,19 @@ class Vehicle(Bystander):
         return enable
 
 
-@pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
-def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
-    """A vehicle with a brake assistant process, in a separate ROS domain."""
-    configuration = ExperimentLibrary(WORKSPACE / "config").load(
+def straight_line() -> ExperimentConfiguration:
+    return ExperimentLibrary(WORKSPACE / "config").load(
         # There are no wheel speeds for fault detection.
         "straight_line",
         "assisted",
         ["brake_assist.fault_detection=false"],
     )
+
+
+@pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
+def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
+    """A vehicle with a brake assistant process, in a separate ROS domain."""
+    configuration = straight_line()
     process = graph.Nodes(configuration, tmp_path, lockstep=request.param).brake_assist()
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
@@ -252,3 +259,41 @@ def test_the_running_assistant_can_be_switched_and_tuned_while_the_pedal_is_up(
     for name, unfit in (("k", 8), ("weighting", "none"), ("speed_threshold", -1.0)):
         assert not vehicle.set_parameter(name, unfit).successful
     vehicle.swerve_until_assisted()
+
+
+def test_time_in_which_the_process_does_not_run_is_no_silence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configuration, timeout = straight_line(), 0.25
+    process = graph.Nodes(configuration, tmp_path, lockstep=False).brake_assist()
+    timeouts = (f"demand_timeout:={timeout}", f"feedback_timeout:={timeout}")
+    arguments = [*process.arguments, *(word for given in timeouts for word in ("-p", given))]
+    with reserved_domain() as domain:
+        rclpy.init(args=arguments, domain_id=domain)
+        assistant = BrakeAssistNode()
+        spinner = Spinner(assistant, StopFlag())
+        with closing(Vehicle(domain, tuple(configuration.vehicle.wheels))) as vehicle:
+            wait = vehicle.wait
+
+            def wait_while_spinning(condition: Callable[[], object]) -> None:
+                def spun_condition() -> object:
+                    spinner.spin_once(0.0)
+                    return condition()
+
+                wait(spun_condition)
+
+            monkeypatch.setattr(vehicle, "wait", wait_while_spinning)
+            vehicle.wait(lambda: vehicle.pedal.get_subscription_count() == 1)
+            vehicle.wait(lambda: vehicle.twist.get_subscription_count() == 1)
+            vehicle.wait(lambda: vehicle.node.count_publishers("brake/enable") == 1)
+            vehicle.swerve_until_assisted()
+            vehicle.states.clear()
+            time.sleep(2.0 * timeout)  # no callback runs
+            spinner.spin_once(0.0)  # the tick of the watchdog comes before the waiting messages
+            for _ in range(5):
+                vehicle.step(SWERVING * np.random.default_rng().uniform(0.98, 1.0))
+            assert 0.0 in vehicle.enables[-1].effort
+            vehicle.wait(lambda: vehicle.states)  # reported at each change, and periodically
+            assert set(vehicle.states) == {"assisting"}
+        assistant.destroy_node()
+        rclpy.shutdown()

@@ -6,7 +6,6 @@ The README of this package describes the contract: topics, types, QoS, parameter
 import dataclasses
 import gc
 import math
-import time
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -39,6 +38,7 @@ from omni_ros.parameters import declare_configuration
 from omni_ros.process import Spinner, run_process, spin_until_stopped
 from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
+from omni_ros.running_clock import RunningClock
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusReporter, steady_clock
 
@@ -112,7 +112,10 @@ class BrakeAssistNode(Node):
             imu=timing.await_imu,
             twist_period_ns=round(timing.twist_period * 1e9),
         )
-        self._pedal_received = self._twist_received = time.monotonic()
+        self._feedback_timeout = configuration.feedback_timeout
+        period = min(self._demand_timeout, self._feedback_timeout) / 2.0
+        self._running = RunningClock(period)
+        self._pedal_received = self._twist_received = self._running.now()
         self._decisions = {
             topics.ENABLE.name: advertise(self, JointState, topics.ENABLE.name),
             topics.SLIDING.name: advertise(self, JointState, topics.SLIDING.name),
@@ -131,10 +134,8 @@ class BrakeAssistNode(Node):
             subscribe(self, Imu, "imu", self._on_imu, qos),
         )
         self._guard = PublisherGuard(self, guarded, (self._decisions[topics.ENABLE.name],))
-        self._feedback_timeout = configuration.feedback_timeout
         if not self._lockstep:
-            shorter = min(self._demand_timeout, self._feedback_timeout)
-            self.create_timer(shorter / 2.0, self._watch, clock=steady_clock())
+            self.create_timer(period, self._watch, clock=steady_clock())
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Reject invalid values, and any change of a tunable parameter while the pedal is down."""
@@ -162,11 +163,11 @@ class BrakeAssistNode(Node):
                 self._assist.switch(enabled=given.value)
 
     def _on_pedal(self, message: JointState) -> None:
-        self._pedal_received = time.monotonic()
+        self._pedal_received = self._running.now()
         self._take(pedal_of(message))
 
     def _on_twist(self, message: TwistWithCovarianceStamped) -> None:
-        self._twist_received = time.monotonic()
+        self._twist_received = self._running.now()
         self._take(twist_of(message))
         if not self._lockstep:
             self._answer()
@@ -181,7 +182,7 @@ class BrakeAssistNode(Node):
     def _on_imu(self, message: Imu) -> None:
         if not self._fault_detection:
             return
-        self._imu_received = time.monotonic()
+        self._imu_received = self._running.now()
         self._take(imu_reading_of(message))
         silent = self._imu_received - self._twist_received > self._feedback_timeout
         if silent and not self._lockstep:
@@ -210,7 +211,7 @@ class BrakeAssistNode(Node):
         return Fault(AssistState.SECOND_PUBLISHER, rival) if rival is not None else None
 
     def _silence(self) -> Fault | None:
-        now = time.monotonic()
+        now = self._running.now()
         no_pedal, no_twist = now - self._pedal_received, now - self._twist_received
         if no_pedal > self._demand_timeout:
             return Fault(
