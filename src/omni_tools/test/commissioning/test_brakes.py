@@ -126,15 +126,15 @@ def test_a_wrong_dead_time_is_named(brakes: str, law: str, wrong: float) -> None
 
 
 @pytest.mark.parametrize(
-    ("brakes", "power", "law"),
+    ("brakes", "power", "law", "fewest"),
     [
-        (PROPORTIONAL, 0.0, "sliding_mode"),
-        (SPRING, 0.0, "sliding_mode"),
-        (TORQUE, 3000.0, "allocation"),
+        (PROPORTIONAL, 0.0, "sliding_mode", 13),
+        (SPRING, 0.0, "sliding_mode", 13),
+        (TORQUE, 3000.0, "allocation", 5),  # five of the six wheels get similar demands
     ],
 )
 def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
-    brakes: str, power: float, law: str
+    brakes: str, power: float, law: str, fewest: int
 ) -> None:
     limit, vehicle = f"vehicle.brake.max_power={power}", "six_wheel_mecanum"
     changes = *typical_changes(brakes), limit, f"brake_assist.law={law}"
@@ -146,7 +146,7 @@ def test_an_exchange_of_brakes_is_found_or_its_brakes_are_named_as_alike(
     alike = undistinguished_brakes(wheels, signals, motions_of(signals), vehicle=known_vehicle)
     pairs = itertools.combinations(enumerate(wheels), 2)
     shown = [pair for pair in pairs if tuple(name for _, name in pair) not in alike]
-    assert len(shown) > 6
+    assert len(shown) >= fewest
     for (one, first), (other, second) in shown:
         enable = exchanged(one, other)(signals.enable.copy())
         names = found(wheels, signals._replace(enable=enable), known, known_vehicle)
