@@ -1,0 +1,120 @@
+"""Encoders whose readings a rolling or sliding wheel can, or cannot, have."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from omni_brake_assist.configuration import BrakeAssistConfiguration
+from omni_brake_assist.filter_bank.bank import estimate
+from omni_brake_assist.filter_bank.state import (
+    ALL,
+    Readings,
+    Twist,
+    bank_constants,
+    bank_memory,
+)
+from omni_platform.brakes import BrakeConfiguration
+from omni_platform.geometry import PlatformGeometry, WheelMount
+
+PERIOD_NS = 10_000_000
+STEP = 0.01  # [s]
+DIRECT = BrakeConfiguration()  # on-off valves without delay
+PEDAL, START, BRAKE = 50, 8.0, 4.0  # step; [m/s], [m/s^2]
+
+
+def isolated_encoder(
+    mounts: dict[str, WheelMount],
+    speed: Callable[[float, float], float],
+    released: bool,
+    *,
+    seconds: float = 1.0,
+    release: float = 0.0,
+    brake: BrakeConfiguration = DIRECT,
+) -> bool:
+    """Brake from 8 m/s with 4 m/s^2; return whether the first encoder is isolated at the end.
+
+    Args:
+        mounts: mounts of four wheels.
+        speed: speed of the first wheel [rad/s] as a function of time [s] and rolling speed [rad/s].
+        released: whether the brake of this wheel is released.
+        seconds: time for which the pedal is down [s].
+        release: time of the release [s].
+        brake: brake of each wheel.
+    """
+    configuration = BrakeAssistConfiguration(wheels=mounts, brake=brake)
+    constants = bank_constants(configuration, PlatformGeometry.from_wheels(mounts))
+    memory, answer = bank_memory(len(mounts)), np.empty(3)
+    for k in range(-PEDAL, round(seconds / STEP)):
+        time = max(k * STEP, 0.0)
+        v, braking = START - BRAKE * time, k >= 0
+        rolling = v * constants.n_x / constants.roll
+        speeds = 0.9 * rolling if braking else rolling.copy()
+        if braking:
+            speeds[0] = speed(time, float(rolling[0]))
+        estimate(
+            constants,
+            memory,
+            (k + PEDAL) * PERIOD_NS,
+            Readings(
+                1.0 if braking else 0.0,
+                np.array([float(not released or time < release), 1.0, 1.0, 1.0]),
+                np.array([0.0, -BRAKE if k > 0 else 0.0, 0.0]),
+                speeds,
+            ),
+            Twist(True, (k + PEDAL) * PERIOD_NS, np.array([v, 0.0, 0.0]), np.full(3, 1e-6)),
+            answer,
+        )
+        assert memory.record[0]["best"] == ALL
+        assert np.all(memory.faulty[1:] < 0.5)
+    return bool(memory.faulty[0] > 0.5)
+
+
+@pytest.mark.safety(
+    "the stop is longer or rotates more",
+    "an encoder reads nothing, too little, too much, or backwards, with the law `allocation`",
+    "fault isolation: no wheel can have this speed, so the law does not receive the speed",
+    within=0.3,
+)
+@pytest.mark.parametrize(
+    ("speed", "released"),
+    [
+        (lambda _t, _rolling: 0.0, True),
+        (lambda _t, rolling: rolling - 6.0, True),
+        (lambda _t, _rolling: 20.0, True),
+        (lambda _t, rolling: -rolling, False),
+        (lambda _t, rolling: rolling + 6.0, False),
+    ],
+)
+def test_an_impossible_wheel_speed_is_isolated(
+    mecanum: dict[str, WheelMount],
+    speed: Callable[[float, float], float],
+    released: bool,
+    within: float,
+) -> None:
+    assert isolated_encoder(mecanum, speed, released, seconds=within)
+
+
+@pytest.mark.parametrize(
+    ("speed", "released"),
+    [
+        (lambda _t, _rolling: 0.0, False),  # locked
+        (lambda _t, rolling: rolling, False),  # no brake, or a weak one
+        (lambda t, rolling: min(3.0 + 12.0 * t, rolling), True),  # gains, on ice of 0.02
+        (lambda t, rolling: rolling + (1.2 if t < 0.15 else 0.0), True),  # the tire springs back
+    ],
+)
+def test_a_possible_wheel_speed_is_used(
+    mecanum: dict[str, WheelMount], speed: Callable[[float, float], float], released: bool
+) -> None:
+    assert not isolated_encoder(mecanum, speed, released)
+
+
+def test_a_wheel_whose_brake_releases_late_is_no_faulty_encoder(
+    mecanum: dict[str, WheelMount],
+) -> None:
+    brake = BrakeConfiguration(dead_time=0.06, release_time=0.2)
+
+    assert not isolated_encoder(
+        mecanum, lambda _t, _rolling: 0.0, True, seconds=0.3, release=0.1, brake=brake
+    )
