@@ -19,7 +19,6 @@ from omni_brake_assist.filter_bank.state import (
     bank_constants,
     bank_memory,
 )
-from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -28,7 +27,6 @@ RELEASED = "brakes released when they should act"
 ISOLATED = "fault isolation: the reading contradicts "
 PERIOD_NS = 10_000_000
 STEP = 0.01  # [s]
-DIRECT = BrakeConfiguration()  # on-off valves without delay
 PEDAL, START, BRAKE, TURN = 50, 8.0, 4.0, 0.4  # step; [m/s], [m/s^2], [rad/s^2]
 
 
@@ -44,10 +42,9 @@ class Drive:
         wheels: dict[str, WheelMount],
         place: tuple[float, float] = (0.0, 0.0),
         delay: float = 0.0,
-        brake: BrakeConfiguration = DIRECT,
     ) -> None:
         configuration = BrakeAssistConfiguration(
-            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay, brake=brake
+            wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
         )
         self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which a twist is older than its stamp
         self.constants: BankConstants = bank_constants(

@@ -14,10 +14,11 @@ def load_transforms() -> None:
     hidden = "scipy.fft" not in sys.modules
     if hidden:
         sys.modules["scipy.fft"] = None  # type: ignore[assignment]
-    import rocket_fft  # noqa: F401
-
-    if hidden:
-        del sys.modules["scipy.fft"]
+    try:
+        import rocket_fft  # noqa: F401
+    finally:
+        if hidden:
+            del sys.modules["scipy.fft"]
 
 
 @lean
