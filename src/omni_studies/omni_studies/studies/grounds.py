@@ -134,9 +134,7 @@ def _panels(
 
 
 def _plate(appearances: dict[str, Appearance]) -> Figure:
-    title = (
-        "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of their lines after 20 mm"
-    )
+    title = "Grounds, 100 x 100 mm each (Figures 59, 67), and the contrast of lines 20 mm wide"
     figure, panels = _panels(title, len(appearances), (2.2, 2.65))
     for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
         axes.set_axis_off()

@@ -197,7 +197,7 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
         speed: speed of the vehicle along this line [m/s].
     """
     title = f"Which wheels may brake at {speed:g} m/s along the line"
-    x = "velocity to the left of it [m/s]"
+    x = "velocity to the left of the line [m/s]"
     y = "yaw rate to the left [rad/s]"
     figure, (panels,) = style.panels(
         title, 1, len(manifolds), size=(11.0, 4.8), x=x, y=y, sharex=True, sharey=True

@@ -209,9 +209,9 @@ def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
         words = f"dwell {1e3 * dwell:g} ms" if dwell else "no dwell"
         axes.plot(*_places(line), label=words, **look)
     axes.margins(x=0.15)  # room for labels next to their points
-    for trial in best:
+    for words, trial in {_weighting(trial): trial for trial in reversed(best)}.items():
         place = trial.worst_distance, trial.worst_rotation
-        style.note(axes, _weighting(trial), place, (-7, -4), ha="right", va="center")
+        style.note(axes, words, place, (-3, -5), ha="right", va="top", rotation=45)
 
 
 class Cost(NamedTuple):
