@@ -272,10 +272,10 @@ class LineScanOdometry:
     def _wrong_views(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return occluded cameras, or else cameras over oblique textures, as unmeasured readings.
+        """Return the readings of occluded cameras, or else of those over oblique textures.
 
-        The twist must not be computed from faulty sensors, since fault-free cameras would then seem
-        occluded.
+        They are marked as unmeasured. The twist must not be computed from faulty sensors, since
+        fault-free cameras would then seem occluded.
         """
         if self._covers is None or self._oblique is None:
             return {}

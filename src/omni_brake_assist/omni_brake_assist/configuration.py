@@ -63,7 +63,7 @@ class BrakeAssistConfiguration(Configuration):
     the shortest distance, enhanced is between them, depending on k"""
     k: int = parameter(7, minimum=1, maximum=999)
     """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
-    closer to zero"""
+    closer to `zero`"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
     """Largest change of heading, and of the direction of motion, that the law allocation leaves
     uncorrected"""

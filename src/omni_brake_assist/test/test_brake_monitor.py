@@ -62,8 +62,8 @@ def found(
 @pytest.mark.safety(
     "a brake does not follow its command",
     "a brake without torque",
-    "brake monitor: the wheel rolls while others slide; `allocation` plans the rest of the stop "
-    "with on-off valves, or all proportional brakes are on; an error is reported",
+    "brake monitor: the wheel rolls while others slide; `allocation` controls the other on-off "
+    "valves, or all proportional brakes are on; an error is reported",
     within=0.2,
 )
 @pytest.mark.parametrize("brake", [BrakeConfiguration(), LAG])

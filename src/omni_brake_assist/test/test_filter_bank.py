@@ -183,7 +183,7 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
             "rate", 0.3, NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "the yaw rate of the twist is wrong by 0.3 rad/s",
-                ISOLATED + "the gyro, which explains how the velocity changes", within=0.1,
+                ISOLATED + "the gyro, with which the change of the velocity agrees", within=0.1,
             ),
         ),
         ("rate", -0.5, NO_TWIST),
@@ -191,7 +191,7 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
             "gyro", 0.3, NO_GYRO,
             marks=pytest.mark.safety(
                 RELEASED, "the gyro is wrong by 0.3 rad/s",
-                ISOLATED + "the twist, whose rate explains how its velocity changes", within=0.1,
+                ISOLATED + "the twist, with which the change of the velocity agrees", within=0.1,
             ),
         ),
         ("gyro", -0.5, NO_GYRO),

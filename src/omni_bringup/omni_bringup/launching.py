@@ -22,9 +22,12 @@ from omni_ros.environment import REPORT_FILE_VARIABLE
 
 
 def run_description(mode: str) -> LaunchDescription:
-    """Return the arguments and nodes of a mode; the end of one node ends all nodes.
+    """Return the arguments and the nodes of a launch file; the end of one node ends all nodes.
 
     A failed node or an invalid run ends the launch with an error.
+
+    Args:
+        mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.
     """
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=words)

@@ -15,9 +15,10 @@ from omni_platform.configuration import ParameterInfo
 _HEAD = """\
 # Parameters
 
-This page lists every parameter with its default, unit, range and meaning.
-Use it to look up the keys of experiments and of the nodes' ROS parameters.
+This page lists the parameters of experiments and nodes with default, unit, range and meaning.
 It is generated from the code by `python -m omni_bringup.parameter_reference`; do not edit it.
+The READMEs of the packages list the parameters for the communication of each node, such as its
+timeouts, and those of the nodes `recorder`, `player` and `driver`.
 `<name>` stands for the name of a wheel, sensor or patch. As ROS parameters the names themselves
 are listed in `wheels.names`, `sensors.names` and so on.
 Sections, equations and tables are those of the dissertation.

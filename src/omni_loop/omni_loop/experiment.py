@@ -261,7 +261,13 @@ class ExperimentLibrary:
     def _resolve(
         self, tree: Mapping[str, Any], prefix: str = "", near: Path | None = None
     ) -> dict[str, Any]:
-        """Replace the names of parts by their content; paths may be relative to `near`."""
+        """Replace the names of parts by the content of their files.
+
+        Args:
+            tree: nested values of an experiment or a part.
+            prefix: dotted path of `tree`.
+            near: folder to which paths may be relative; None for the working directory.
+        """
         resolved: dict[str, Any] = {}
         for key, value in tree.items():
             path = declared.join_key(prefix, str(key))

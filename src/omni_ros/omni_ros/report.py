@@ -1,4 +1,4 @@
-"""Reports of a node to the process that started it: one JSON document per line on a pipe.
+"""Reports of a node to the process that started it: one JSON document per line.
 
 Standard output is not used because the DDS implementation prints its errors there.
 """
@@ -14,7 +14,7 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the descriptor and the file given by environment variables, if any.
+    """Write a document to the file descriptor and the file that environment variables name, if any.
 
     Args:
         document: strict JSON.

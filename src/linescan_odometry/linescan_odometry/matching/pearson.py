@@ -143,11 +143,13 @@ def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) -> np.float32:
-    """Write upper bounds of a pair's correlation at each shift; return the largest lower bound.
+    """Write an upper bound of a pair's correlation at each shift; return the largest lower bound.
+
+    The largest correlation is at a shift whose upper bound is at least this lower bound.
 
     Args:
         product: products of both lines by shift, negative shifts at the end, shape (length,).
-        ends: parts of the lines.
+        ends: sums over the overlapping parts of the lines.
         pair: number of the pair.
         pixels: number of pixels n of a line.
         upper: receives the bounds at shifts s and -s, shape (2, shifts).

@@ -215,7 +215,7 @@ class ObliqueTextures:
             readings: readings of all cameras by name, too few for a twist.
 
         Returns:
-            Rejected readings, as unmeasured, by the names of their cameras.
+            Rejected readings, marked as unmeasured, by the names of their cameras.
         """
         blind = [
             name for name, reading in readings.items() if reading.unmatched and not reading.measured
@@ -262,7 +262,7 @@ class ObliqueTextures:
     def over_oblique_texture(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras over oblique textures, as unmeasured.
+        """Return the readings of cameras over oblique textures, marked as unmeasured.
 
         Args:
             stamp_ns: stamp of the readings [ns].

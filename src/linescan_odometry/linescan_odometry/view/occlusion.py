@@ -47,9 +47,10 @@ class Covers:
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return, as unmeasured, the readings whose velocity became zero faster than possible.
+        """Return the readings of occluded cameras, marked as unmeasured.
 
-        A camera remains occluded until its view changes.
+        A camera is occluded if its velocity became zero faster than a vehicle can stop. It remains
+        occluded until its view changes.
 
         Args:
             stamp_ns: stamp of the readings [ns].
@@ -79,7 +80,7 @@ class Covers:
     def contradicted(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return, as unmeasured, the reading whose constant view contradicts the twist most.
+        """Return the reading whose constant view contradicts the twist most, marked as unmeasured.
 
         Args:
             readings: readings of all cameras by name.

@@ -140,7 +140,7 @@ class RunningProcess:
             self.process.send_signal(number)
 
     def request_stop(self) -> None:
-        """Request the end of the process; after a second request it no longer waits for readers."""
+        """Request the end of the process; a second request ends its wait for acknowledgments."""
         self._note_halts()  # SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end

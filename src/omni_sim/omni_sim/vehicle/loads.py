@@ -27,7 +27,7 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
 MAXIMUM_WHEELS = 32
-"""Largest number of wheels in the contact set of the load equilibrium."""
+"""Largest number of wheels of a vehicle; `lifted_wheels` stores sets of wheels as bits."""
 
 
 class MassConfiguration(Configuration):

@@ -61,7 +61,10 @@ class Placement(NamedTuple):
 
 
 class Cover(NamedTuple):
-    """Column c covers rows ``low + c climb`` to ``low + c climb + height`` [fixed point]."""
+    """Rows that each column covers: column c ``low + climb c`` to ``low + climb c + height``.
+
+    All values are rows as fixed-point numbers.
+    """
 
     low: int
     climb: int
@@ -73,10 +76,10 @@ class Rows(NamedTuple):
 
     Attributes:
         offsets: index in the texture of column 0 of each row.
-        starts: first column that each row covers in full.
+        starts: first column in which each row is covered completely.
         ends: one past the last such column.
         classes: class of the fractional shift of each row.
-        listed: rows that cover at least one column, for each class.
+        listed: rows that are covered completely in at least one column, for each class.
         used: number of listed rows in each class.
     """
 
@@ -130,9 +133,10 @@ def _rounding(row: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
-    """Determine which of `count` columns each row covers completely.
+    """Determine in which of `count` columns each row is covered completely.
 
-    Row j covers column c completely if low + climb c <= j and j + 1 <= low + climb c + height.
+    Row j is covered in column c if ``low + climb c <= j`` and ``j + 1 <= low + climb c + height``,
+    with the fields of `cover`.
     """
     low, climb, height = cover
     starts, ends = rows.starts, rows.ends
@@ -140,7 +144,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
     shorter = (1 << POINT) - height - 1
     divisor = climb
     per_row = 1 << POINT
-    if climb == 0:  # a row covers either all columns or none
+    if climb == 0:  # a row is covered in all columns or in none
         divisor = 1
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
@@ -157,7 +161,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
 
 @njit(cache=True, nogil=True)
 def list_rows(count: int, rows: Rows) -> None:
-    """List, for each class, the rows that cover at least one of `count` columns completely.
+    """List, for each class, the rows that are covered completely in any of `count` columns.
 
     The lists are padded with an empty row to a multiple of the group size.
     """
