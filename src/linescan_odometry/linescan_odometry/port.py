@@ -1,9 +1,11 @@
 """Odometries by name, and the grouping of their inputs, as in the node but without topics."""
 
-from collections.abc import Iterator, Mapping
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
-from linescan_odometry.batching import BatchCollector
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.measurements import TwistEstimate
 from linescan_odometry.odometry import LineScanOdometry
@@ -14,6 +16,8 @@ from omni_platform.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
 """Group of entry points under which an installed package offers odometries by name."""
+
+_MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
 
 
 class Odometry(Protocol):
@@ -60,6 +64,144 @@ def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
         return LineScanOdometry(configuration)
     cls = load_class("feedback", name, (), ODOMETRY_GROUP, "update")
     return _OwnOdometry(make_part("feedback", name, cls, configuration))
+
+
+class BatchCollector:
+    """Groups batches by their stamps; cameras may deliver in any order.
+
+    Batches form a group if their stamps differ by at most `maximum_skew`. A group waits for a
+    missing camera until another camera has delivered two batches that are newer than the group. The
+    group is then returned without the missing camera, and later groups do not wait for this camera
+    until it delivers again. A batch that arrives after its group was returned is dropped; the
+    odometry detects the gap in the lines and restarts the chain of lines.
+
+    Flow sensors that are used together with cameras are followers: they have their own rate and do
+    not start groups. If the next measurement of a follower is due before the end of a group, the
+    group waits for it as long as for a missing camera.
+    """
+
+    def __init__(
+        self,
+        sensors: Iterable[str],
+        maximum_skew: float,
+        followers: Mapping[str, float] | None = None,
+    ) -> None:
+        """Create a collector without batches.
+
+        Args:
+            sensors: names of the sensors; a group lists its batches in this order.
+            maximum_skew: largest difference of stamps within a group [s].
+            followers: rate [1/s] of each sensor that has its own rate, by name.
+        """
+        self._skew_ns = round(1e9 * maximum_skew)
+        self._pending: dict[str, deque[LineBatch | Flow]] = {name: deque() for name in sensors}
+        self._periods = {name: round(1e9 / rate) for name, rate in (followers or {}).items()}
+        self._following: dict[str, deque[Flow]] = {name: deque() for name in self._periods}
+        self._last_ns: dict[str, int] = {}  # newest stamp of each sensor
+        self._silent: set[str] = set()
+        self._handed_on_ns: int | None = None  # newest stamp of the groups returned so far
+
+    @classmethod
+    def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
+        """Return the collector for an odometry; without cameras, flow sensors start the groups."""
+        flows = configuration.flow_sensors
+        leading = list(configuration.sensors)
+        if not leading and flows:
+            fastest = max(sensor.rate for sensor in flows.values())
+            leading = [name for name, sensor in flows.items() if sensor.rate == fastest]
+        followers = {name: s.rate for name, s in flows.items() if name not in leading}
+        return cls(leading, configuration.maximum_skew, followers)
+
+    def add(self, sensor: str, batch: LineBatch | Flow) -> list[dict[str, LineBatch | Flow]]:
+        """Add a batch and return the groups that are now complete, oldest first.
+
+        Args:
+            sensor: name of a camera or flow sensor.
+            batch: lines of a camera, or measurement of a flow sensor.
+
+        Raises:
+            KeyError: the sensor is unknown.
+        """
+        following = self._following.get(sensor)
+        if following is not None and isinstance(batch, Flow):
+            self._silent.discard(sensor)
+            if batch.stamp_ns > self._last_ns.get(sensor, batch.stamp_ns - 1):
+                self._last_ns[sensor] = batch.stamp_ns
+                following.append(batch)
+            return self._ready()
+        queue = self._pending[sensor]
+        if batch.stamp_ns <= self._last_ns.get(sensor, batch.stamp_ns - 1):
+            self._start_anew()  # its stamp went back: the recording is played again
+        self._last_ns[sensor] = batch.stamp_ns
+        self._silent.discard(sensor)
+        if self._handed_on_ns is not None and batch.stamp_ns <= self._handed_on_ns:
+            return []
+        queue.append(batch)
+        return self._ready()
+
+    def _ready(self) -> list[dict[str, LineBatch | Flow]]:
+        ready = []
+        while group := self._take_group():
+            ready.append(group)
+        return ready
+
+    def _start_anew(self) -> None:
+        for queue in self._pending.values():
+            queue.clear()
+        for follower in self._following.values():
+            follower.clear()
+        self._last_ns.clear()
+        self._handed_on_ns = None
+
+    def _take_group(self) -> dict[str, LineBatch | Flow]:
+        """Return the oldest group if it is complete, otherwise an empty dictionary."""
+        oldest = {name: queue[0] for name, queue in self._pending.items() if queue}
+        awaited = self._pending.keys() - oldest.keys() - self._silent
+        backlog = max(len(queue) for queue in self._pending.values())
+        if not oldest:
+            return {}
+        until_ns = min(batch.stamp_ns for batch in oldest.values()) + self._skew_ns
+        newest_ns = max(b.stamp_ns for b in oldest.values() if b.stamp_ns <= until_ns)
+        from_ns = until_ns - 2 * self._skew_ns
+        choices = {name: self._choice(name, from_ns, newest_ns, until_ns) for name in self._periods}
+        awaited |= {
+            name
+            for name, period_ns in self._periods.items()
+            # The follower's next measurement is due before the end of the group.
+            if self._last_ns.get(name, from_ns - period_ns) + period_ns
+            <= (until_ns if choices[name] is None else newest_ns)
+        } - self._silent
+        if awaited and backlog <= _MOST_AHEAD:
+            return {}
+        self._silent |= awaited
+        group = {name: batch for name, batch in oldest.items() if batch.stamp_ns <= until_ns}
+        for name in group:
+            self._pending[name].popleft()
+        self._handed_on_ns = max(batch.stamp_ns for batch in group.values())
+        for name, chosen in choices.items():
+            queue = self._following[name]
+            while queue and queue[0].stamp_ns <= newest_ns:
+                queue.popleft()
+            if chosen is not None:
+                group[name] = chosen
+                if chosen.stamp_ns > newest_ns:
+                    queue.popleft()
+        return group
+
+    def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
+        """Return the flow measurement that belongs to a group of batches, None if there is none.
+
+        This is the last measurement up to the newest batch, or else the first one after it.
+
+        Args:
+            name: name of the flow sensor.
+            from_ns: earliest stamp of the measurement [ns].
+            newest_ns: stamp of the newest batch of the group [ns].
+            until_ns: latest stamp of the measurement [ns].
+        """
+        near = [flow for flow in self._following[name] if from_ns <= flow.stamp_ns <= until_ns]
+        before = [flow for flow in near if flow.stamp_ns <= newest_ns]
+        return before[-1] if before else (near[0] if near else None)
 
 
 class OdometryPort:

@@ -72,6 +72,7 @@ class SensorOdometry:
             LineBatchError: the file contains no tables of this camera.
         """
         self._sensor = sensor
+        self._scale = sensor.pixel_pitch * sensor.line_rate  # [m/s per px]
         self._configuration = configuration
         self._chain = LineChain(sensor)
         self._references = References(sensor.pixels)
@@ -123,8 +124,7 @@ class SensorOdometry:
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
         """Convert a displacement to a velocity reading."""
-        scale = self._sensor.pixel_pitch * self._sensor.line_rate
-        velocity = displacement.value * scale
+        velocity = displacement.value * self._scale
         if self._chain.stretch > _LONGEST_STRETCH:
             raise Unmeasured(self._chain.remark)
         if not self._chain.joined:
@@ -138,7 +138,7 @@ class SensorOdometry:
         )
         return SensorReading(
             velocity=velocity,
-            variance=displacement.variance * scale**2 + (velocity * self._chain.stretch) ** 2,
+            variance=displacement.variance * self._scale**2 + (velocity * self._chain.stretch) ** 2,
             correlation=displacement.correlation,
             inlier_share=displacement.share,
             measured=True,

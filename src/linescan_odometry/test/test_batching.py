@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linescan_odometry.batching import BatchCollector
+from linescan_odometry.port import BatchCollector
 from omni_platform.signals import LineBatch
 
 SENSORS = ("left", "right", "front")

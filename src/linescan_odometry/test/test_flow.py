@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from linescan_odometry.batching import BatchCollector
 from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration, TwistEstimate
+from linescan_odometry.port import BatchCollector
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.configuration import ConfigurationError
 from omni_platform.sensors import FlowSensor, LineSensor, sensor_matrix

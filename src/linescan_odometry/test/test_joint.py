@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from linescan_odometry.configuration import OdometryConfiguration
-from linescan_odometry.joint.defects import without_defects
 from linescan_odometry.joint.estimator import JointEstimator
-from linescan_odometry.joint.fixed_pattern import prior
+from linescan_odometry.joint.fixed_pattern import prior, without_defects
 from linescan_odometry.joint.spectra import whiten
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry

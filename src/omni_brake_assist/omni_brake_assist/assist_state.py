@@ -11,7 +11,6 @@ from omni_brake_assist.filter_bank import state as bank_state
 from omni_brake_assist.laws import allocation, allocation_state, built_in
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
-from omni_brake_assist.valve_dwell import new_valves
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
@@ -31,6 +30,13 @@ _STEP = np.dtype(
         ("assisting", "?"),  # whether the law has been called since the pedal went down
         ("answer", "i8"),  # last return value of the law, such as ASSIST
         ("dead", "i8"),  # number of the wheel whose brake failed, counted from 1; 0 for none
+    ]
+)
+
+_VALVE = np.dtype(
+    [
+        ("shut", "?"),  # whether the valve is shut, which lets its wheel roll freely
+        ("held", "f8"),  # remaining time until the valve may switch [ns]
     ]
 )
 
@@ -79,7 +85,7 @@ class Memory(NamedTuple):
         gate: state of the gate, a record of `fail_safe.GATE_STATE`, shape (1,).
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
-        valves: state of the valves, see `valve_dwell`, shape (N,).
+        valves: state of the valves, shape (N,).
         laws: state of the law `allocation`; no other built-in law has one.
         bank: state of the filter bank, see `filter_bank`.
         effect: state of the effect monitor, see `effect_monitor`, shape (1,).
@@ -175,7 +181,7 @@ def new_memory(wheels: int) -> Memory:
         fail_safe.new_gate(),
         np.zeros(1, _STEP),
         braking_line.new_line(),
-        new_valves(wheels),
+        np.zeros(wheels, _VALVE),
         allocation.new_memory(wheels),
         bank_state.bank_memory(wheels),
         effect_monitor.effect_memory(),

@@ -3,10 +3,18 @@
 `BrakeAssist` calls the kernel with received messages, and the simulation of many runs calls it with
 simulated sensor readings. Both therefore use the same fail-safe and give bit-identical results. A
 user's own law is called between the two halves of a step, `receive` and `act`.
+
+Some valves cannot switch in every control step of 10 ms. A valve that has switched keeps its state
+for the dwell time. There are two exceptions, and both apply more brakes. If all brakes must act,
+all valves open at once. If otherwise no brake would act, the valves with a command to brake open at
+once. With a dwell time of 0, every valve follows its command in every step.
 """
 
 import math
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from omni_brake_assist import braking_line, conditions, fail_safe
 from omni_brake_assist.assist_state import Constants, Inputs, LawCall, Memory
@@ -16,8 +24,6 @@ from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.laws import built_in
 from omni_brake_assist.laws.law import ASSIST, FAILED, HELD, NO_HELP, NO_WHEEL, Motion
 from omni_brake_assist.monitors import brake_monitor, effect_monitor
-from omni_brake_assist.sliding_manifold import fastest_wheel
-from omni_brake_assist.valve_dwell import open_valves, switch_valves
 from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import VALID
@@ -342,3 +348,63 @@ def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
         constants.r_x, constants.r_y, motion.v_x, motion.v_y, motion.yaw_rate
     )
     return bool(step.slow)
+
+
+@lean
+def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
+    """Return the speed of the fastest wheel center [m/s], Eq. (38).
+
+    Args:
+        r_x: wheel positions, x [m], shape (N,).
+        r_y: wheel positions, y [m], shape (N,).
+        v_x: velocity of the platform center, x [m/s].
+        v_y: velocity of the platform center, y [m/s].
+        omega: yaw rate [rad/s].
+    """
+    largest = 0.0
+    for i in range(r_x.size):
+        w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
+        largest = max(largest, w_x * w_x + w_y * w_y)
+    return math.sqrt(largest)
+
+
+@lean
+def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
+    """Open all valves, regardless of their dwell time.
+
+    Args:
+        valves: changed in place, shape (N,).
+        dwell: shortest time between two switchings [ns].
+        elapsed: time since the last step [ns].
+    """
+    for i in range(valves.size):
+        valve = valves[i]
+        valve.held = max(valve.held - elapsed, 0.0)
+        if valve.shut:
+            valve.shut, valve.held = False, dwell
+
+
+@lean
+def switch_valves(
+    valves: NDArray[np.void], dwell: float, elapsed: float, enable: FloatArray
+) -> None:
+    """Switch the valves whose dwell time has passed.
+
+    Args:
+        valves: changed in place, shape (N,).
+        dwell: shortest time between two switchings [ns].
+        elapsed: time since the last step [ns].
+        enable: command to each valve [1], at least one above 0, shape (N,); 0 shuts a valve. The
+            command to a valve that must keep its state is overwritten with 0 or 1.
+    """
+    acting = False
+    for i in range(valves.size):
+        valve = valves[i]
+        valve.held = max(valve.held - elapsed, 0.0)
+        acting |= not valve.shut if valve.held > 0.0 else enable[i] != 0.0
+    for i in range(valves.size):
+        valve, shut = valves[i], enable[i] == 0.0
+        if acting and valve.held > 0.0:
+            enable[i] = 0.0 if valve.shut else 1.0
+        elif shut != valve.shut:
+            valve.shut, valve.held = shut, dwell

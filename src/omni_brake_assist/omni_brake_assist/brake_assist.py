@@ -4,7 +4,7 @@ Source: dissertation, section 3.3, Eqs. (44)-(46).
 
 With the law `sliding_mode` and the pedal down, the brake of wheel i acts while the error ``s_i`` of
 the wheel is negative. A valve that has just switched keeps its state for the minimum dwell time
-(`valve_dwell`). All brakes act at once
+(`assist_step`). All brakes act at once
 
 - while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
@@ -33,7 +33,6 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
 from omni_brake_assist.sources import Source, sources
-from omni_brake_assist.valve_dwell import open_valves
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
@@ -261,6 +260,6 @@ class BrakeAssist:
         elapsed = max(self._stamp_ns - int(memory.step["switched_ns"][0]), 0)
         memory.step["switched_ns"] = self._stamp_ns
         memory.commanded[:] = 1.0
-        open_valves(memory.valves, self._constants.dwell, float(elapsed))
+        assist_step.open_valves(memory.valves, self._constants.dwell, float(elapsed))
         ones, zeros = np.ones(self._wheels), np.zeros(self._wheels)
         return Decision(self._stamp_ns, ones, zeros, fault.state, fault.reason, fault)

@@ -94,24 +94,6 @@ def wheel_error(
     return s_perp, s_omega, weight * (force * (n_x * e_x + n_y * e_y)) * along  # Eq. (57)
 
 
-@lean
-def fastest_wheel(r_x: FloatArray, r_y: FloatArray, v_x: float, v_y: float, omega: float) -> float:
-    """Return the speed of the fastest wheel center [m/s], Eq. (38).
-
-    Args:
-        r_x: wheel positions, x [m], shape (N,).
-        r_y: wheel positions, y [m], shape (N,).
-        v_x: velocity of the platform center, x [m/s].
-        v_y: velocity of the platform center, y [m/s].
-        omega: yaw rate [rad/s].
-    """
-    largest = 0.0
-    for i in range(r_x.size):
-        w_x, w_y = v_x - omega * r_y[i], v_y + omega * r_x[i]
-        largest = max(largest, w_x * w_x + w_y * w_y)
-    return math.sqrt(largest)
-
-
 @kernel
 def _errors(
     manifold: Manifold, twist: FloatArray, p_x: float, p_y: float, components: FloatArray

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference_equations import force_directions, sliding_velocities
 
-from omni_brake_assist.sliding_manifold import SlidingManifold, fastest_wheel
+from omni_brake_assist.assist_step import fastest_wheel
+from omni_brake_assist.sliding_manifold import SlidingManifold
 from omni_brake_assist.weighting import WEIGHTINGS, weighting_function
 from omni_platform.geometry import PlatformGeometry, WheelMount, cross
 from omni_platform.kinematics import PlatformKinematics

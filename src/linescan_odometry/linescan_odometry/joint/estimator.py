@@ -7,9 +7,16 @@ import numpy as np
 
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint import candidates, spectra
-from linescan_odometry.joint.defects import FEWEST_LINES, without_defects
 from linescan_odometry.joint.fit import Fit, assess
-from linescan_odometry.joint.fixed_pattern import FixedPattern, observe, posterior, prior, shrink
+from linescan_odometry.joint.fixed_pattern import (
+    FEWEST_LINES,
+    FixedPattern,
+    observe,
+    posterior,
+    prior,
+    shrink,
+    without_defects,
+)
 from linescan_odometry.joint.likelihood import Precision, step
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
