@@ -150,12 +150,14 @@ class LineScanOdometry:
         trial = LineScanOdometry(self._configuration)
         generator = np.random.default_rng(0)
         for name, sensor in self._configuration.sensors.items():
-            line = generator.integers(0, 200, sensor.pixels)
-            at_rest = line + generator.integers(0, 5, (5, sensor.pixels))  # includes slow motion
-            unmatched = generator.integers(0, 200, (16, sensor.pixels))  # for the whole batch
-            for whole in (at_rest, unmatched):
-                for lines in (whole.astype(np.uint8), whole.astype(np.uint16)):
-                    trial.update({name: LineBatch(0, lines)})
+            ground = generator.integers(0, 200, 2 * sensor.pixels)
+            rows, columns = np.ogrid[:16, : sensor.pixels]
+            at_rest, moving = ground[0 * rows + columns], ground[rows + columns]
+            noise = generator.integers(0, 5, at_rest.shape)
+            unmatched = generator.integers(0, 200, at_rest.shape)
+            for lines in (at_rest + noise, (at_rest + noise)[:5], moving + noise, unmatched):
+                for kind in (np.uint8, np.uint16):
+                    trial.update({name: LineBatch(0, lines.astype(kind))})
 
     def _read(self, name: str, batch: LineBatch | None) -> SensorReading:
         if batch is None:

@@ -22,7 +22,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import IO, Any
+from typing import IO, Any, get_type_hints
 
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -30,10 +30,12 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 from numba.core.runtime import rtsys
 
+from omni_platform.compilation import calls
 from omni_platform.compilation.calls import CompiledKernel, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
 _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
+_LINKAGE = hashlib.sha256(Path(calls.__file__).read_bytes()).hexdigest()
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
 
 
@@ -119,7 +121,7 @@ def kernel_digest(dispatcher: Dispatcher) -> str:
     """Return a digest of the code and constants of a kernel, without the types of its arguments."""
     reached: dict[FunctionType, str] = {}
     pending: list[FunctionType] = []
-    root = _describe(dispatcher, pending)
+    root = _LINKAGE + _describe(dispatcher, pending)
     while pending:
         function = pending.pop()
         if function not in reached:
@@ -137,7 +139,7 @@ def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]
     parts = [_describe(value, callees) for value in (function.__defaults__, cells)]
     parts += _describe_names(names, function.__globals__, callees)
     # numba reads the fields of a named tuple by their positions.
-    parts += map(_describe_fields, function.__annotations__.values())
+    parts += map(_describe_fields, get_type_hints(function).values())
     code = _describe(function.__code__, callees).replace(repr(function.__doc__), "")
     return f"{function.__module__}.{function.__qualname__} {code} {parts}", callees
 
@@ -158,7 +160,7 @@ def _describe_fields(value: Any) -> str:
     """Return the names of a named tuple's fields in their order, with those of nested tuples."""
     if not hasattr(value, "_fields"):
         return ""
-    nested = map(_describe_fields, value.__annotations__.values())
+    nested = map(_describe_fields, get_type_hints(value).values())
     return f"{value.__qualname__} {value._fields} {[*nested]}"
 
 

@@ -1,7 +1,9 @@
-"""Linkage of compiled kernels: a kernel calls linked kernels and does not include their code.
+"""Linkage of compiled kernels: a kernel calls its own copies of its callees, or linked kernels.
 
 numba includes the code of a kernel in every kernel that calls it, and LLVM optimizes it again with
-each level of the call tree. The callers of a `linked` kernel contain only a call of its address.
+each level of the call tree. The copies differ in their rounding. They are private to the caller
+here; as numba links them, a call reaches the copy that the process has loaded first. The callers of
+a `linked` kernel contain only a call of its address.
 """
 
 import functools
@@ -12,6 +14,7 @@ from typing import Any
 import llvmlite.binding
 from llvmlite import ir
 from numba.core.caching import CompileResultCacheImpl
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
@@ -24,6 +27,23 @@ _EMPTY_MODULE = llvmlite.binding.parse_assembly("").as_bitcode()
 
 _published: dict[str, _Kernel] = {}
 """The linked kernels that this process has compiled or loaded, by symbol."""
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """The code of a kernel, in which the copies of its callees are private."""
+
+    def _finalize_final_module(self) -> None:
+        if self._shared_module is None:  # compiled, not loaded from the cache
+            self._finalized = True
+            shared, module = self._get_module_for_linking(), self._final_module
+            if shared is not module:
+                for function in module.functions:
+                    if function.linkage == llvmlite.binding.Linkage.linkonce_odr:
+                        function.linkage = "internal"
+        super()._finalize_final_module()
+
+
+JITCPUCodegen._library_class = _KernelLibrary
 
 
 def linked(dispatcher: Any) -> Any:

@@ -1,0 +1,58 @@
+"""Warming up loads every kernel, so that no later update waits for one."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+_PROGRAM = """
+import sys
+import numpy as np
+from linescan_odometry.configuration import OdometryConfiguration
+from linescan_odometry.odometry import LineScanOdometry
+from omni_platform.compilation.cache import KernelCache
+from omni_platform.sensors import LineSensor
+from omni_platform.signals import LineBatch
+
+kept, found = KernelCache.load_overload, []
+def load(cache, *arguments):
+    found.append(cache._py_func.__qualname__)
+    return kept(cache, *arguments)
+KernelCache.load_overload = load
+
+lines = np.load(sys.argv[1])
+placement = {"front": (0.6, 0.0, 90.0), "left": (0.0, 0.6, 180.0), "right": (0.0, -0.6, 0.0)}
+sensors = {
+    name: LineSensor(x=x, y=y, heading_deg=h, pixels=256, length=0.0128, line_rate=2500.0)
+    for name, (x, y, h) in placement.items()
+}
+odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+odometry.warm_up()
+assert found
+found.clear()
+for newest in range(25, len(lines) + 1, 25):
+    batch = LineBatch(newest * 400_000, lines[newest - 25 : newest])
+    odometry.update(dict.fromkeys(sensors, batch))
+print(*sorted(found))
+"""
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_no_kernel_is_loaded_after_warming_up(
+    expose: Callable[..., Any], tmp_path: Path, dtype: Any
+) -> None:
+    moving = 7.3 * np.arange(75)
+    stopping = moving[-1] + np.cumsum(np.linspace(7.3, 0.0, 75))
+    at_rest = np.full(50, stopping[-1])
+    positions = np.concatenate([moving, stopping, at_rest])
+    np.save(tmp_path / "lines.npy", expose(positions, 256, noise=2.0, dtype=dtype))
+    arguments = [sys.executable, "-c", _PROGRAM, str(tmp_path / "lines.npy")]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
