@@ -214,7 +214,7 @@ def test_a_kernel_is_compiled_again_if_the_fields_of_its_argument_move(
     for first, second in ("ab", "ab", "ba"):
         module = ModuleType("difference")
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        exec(_DIFFERENCE.format(imported=imported, first=first, second=second), vars(module))  # noqa: S102
+        exec(_DIFFERENCE.format(imported=imported, first=first, second=second), vars(module))
         digests.append(kernel_digest(njit(module.difference)))
     assert digests[0] == digests[1]
     assert digests[0] != digests[2]
