@@ -98,7 +98,7 @@ def folder(first: Path) -> Iterator[Path]:
         path.write_bytes(content)
 
 
-def call(folder: Path) -> list[str]:
+def call(folder: Path, program: str = CALL) -> list[str]:
     environment = {
         **os.environ,
         "NUMBA_CACHE_DIR": str(folder / "cache"),
@@ -107,7 +107,11 @@ def call(folder: Path) -> list[str]:
     }
     environment.pop("PYTHONHASHSEED", None)  # a digest must not depend on it
     done = subprocess.run(
-        [sys.executable, "-c", CALL], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
@@ -154,6 +158,14 @@ def test_of_two_processes_one_compiles_a_kernel(folder: Path) -> None:
         ["113.0 0.0 5.0", "cached", "cached", "cached"],
         ["113.0 0.0 5.0", "compiled", "cached", "cached"],
     ]
+
+
+def test_reference_counts_are_compiled_only_for_a_new_kernel(folder: Path) -> None:
+    count = "\nfrom numba.core.runtime import rtsys\nprint(rtsys._library.cache_info().currsize)"
+    assert call(folder, CALL + count)[-1] == "0"
+    path = folder / "shared.py"
+    path.write_text(path.read_text().replace("2.0 * x", "16.0 * x"))
+    assert call(folder, CALL + count)[-1] == "1"
 
 
 @linked

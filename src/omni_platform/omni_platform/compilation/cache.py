@@ -19,10 +19,10 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import IO, Any, get_type_hints
+from typing import IO, Any, ForwardRef, get_type_hints
 
 import numpy as np
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -34,6 +34,7 @@ from omni_platform.compilation import calls
 from omni_platform.compilation.calls import CompiledKernel, linked_kernels, publish
 
 _LIBRARIES = sys.stdlib_module_names | {"llvmlite", "numba", "numpy", "rocket_fft", "scipy"}
+_PLAIN = {bool, bytes, float, int, str, type(None)}
 _DEPTH = 3  # levels of modules in modules, as in numpy.linalg
 _LINKAGE = hashlib.sha256(Path(calls.__file__).read_bytes()).hexdigest()
 _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need not be compiled
@@ -139,7 +140,7 @@ def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]
     parts = [_describe(value, callees) for value in (function.__defaults__, cells)]
     parts += _describe_names(names, function.__globals__, callees)
     # numba reads the fields of a named tuple by their positions.
-    parts += map(_describe_fields, get_type_hints(function).values())
+    parts += map(_describe_fields, _annotations(function))
     code = _describe(function.__code__, callees).replace(repr(function.__doc__), "")
     return f"{function.__module__}.{function.__qualname__} {code} {parts}", callees
 
@@ -160,8 +161,15 @@ def _describe_fields(value: Any) -> str:
     """Return the names of a named tuple's fields in their order, with those of nested tuples."""
     if not hasattr(value, "_fields"):
         return ""
-    nested = map(_describe_fields, get_type_hints(value).values())
+    nested = map(_describe_fields, _annotations(value))
     return f"{value.__qualname__} {value._fields} {[*nested]}"
+
+
+def _annotations(value: Any) -> Iterable[Any]:
+    """Return the annotations of a function or class; those in text are evaluated."""
+    found = value.__annotations__
+    in_text = any(isinstance(kind, (str, ForwardRef)) for kind in found.values())
+    return (get_type_hints(value) if in_text else found).values()
 
 
 def _names(code: CodeType) -> Iterator[str]:
@@ -173,6 +181,8 @@ def _names(code: CodeType) -> Iterator[str]:
 
 def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
     """Return a text that changes with a value; append the functions in it to `callees`."""
+    if type(value) in _PLAIN:  # most constants
+        return repr(value)
     if isinstance(value, Dispatcher):
         callees.append(value.py_func)
         options = _describe(value.targetoptions, callees)
