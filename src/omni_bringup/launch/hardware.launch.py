@@ -4,37 +4,31 @@
 written by ``./omni ros-params``.
 """
 
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler, TimerAction
+from launch.actions import OpaqueFunction, RegisterEventHandler, TimerAction
 from launch.event_handlers import OnProcessExit
 from launch_ros.actions import Node
 
 from omni_bringup.graph.hardware import ARGUMENTS, HardwareNode, hardware_nodes, starts_again
+from omni_bringup.launching import declared, given_arguments
 
 RESPAWN_DELAY = 1.0  # [s]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the arguments and the nodes."""
-    declared = [
-        DeclareLaunchArgument(name, default_value=default, description=words)
-        for name, (default, words) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=start)])
 
 
 def start(context: LaunchContext) -> list[Any]:
     """Return the nodes that the launch arguments select, with their exit handlers."""
-    given = {name: context.launch_configurations[name] for name in ARGUMENTS}
-    # A launch file that includes this one has its own arguments, which are not checked here.
-    directly = any(Path(word).name == Path(__file__).name for word in sys.argv)
-    nodes = hardware_nodes(given, context.argv if directly else ())
+    given = given_arguments(Path(__file__).name, ARGUMENTS, context)
+    nodes = hardware_nodes(given)
     for node in nodes:
         get_package_prefix(node.package)  # raises an error before any node starts
     return [action for node in nodes for action in started(node, given)]

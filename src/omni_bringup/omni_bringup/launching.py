@@ -6,7 +6,10 @@ import this module.
 
 import atexit
 import shutil
+import sys
+from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from launch import LaunchDescription
@@ -18,6 +21,7 @@ from rich.console import Console
 
 from omni_bringup.graph.launch_plan import ARGUMENTS, LaunchPlan, launch_plan
 from omni_figures.comparison_table import ComparisonTable
+from omni_platform.configuration import check_choice
 from omni_ros.environment import REPORT_FILE_VARIABLE
 
 
@@ -29,15 +33,40 @@ def run_description(mode: str) -> LaunchDescription:
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.
     """
-    declared = [
+    start = partial(_start, mode)
+    return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=start)])
+
+
+def declared(arguments: Mapping[str, tuple[str | None, str]]) -> list[DeclareLaunchArgument]:
+    """Return the declarations of launch arguments, given by name with default and description."""
+    return [
         DeclareLaunchArgument(name, default_value=default, description=words)
-        for name, (default, words) in ARGUMENTS.items()
+        for name, (default, words) in arguments.items()
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=partial(_start, mode))])
+
+
+def given_arguments(file: str, known: Mapping[str, Any], context: Any) -> dict[str, str]:
+    """Return the values of the known launch arguments by name.
+
+    Args:
+        file: name of the launch file.
+        known: launch arguments by name.
+        context: context of the launch.
+
+    Raises:
+        ConfigurationError: the command line of this launch file has an unknown argument.
+    """
+    # A launch file that includes this one has its own arguments, which are not checked here.
+    directly = any(Path(word).name == file for word in sys.argv)
+    for word in context.argv if directly else ():
+        name, assigned, _ = word.partition(":=")
+        if assigned:
+            check_choice("", name, known)
+    return {name: context.launch_configurations[name] for name in known}
 
 
 def _start(mode: str, context: Any) -> list[Any]:
-    plan = launch_plan(mode, {name: context.launch_configurations[name] for name in ARGUMENTS})
+    plan = launch_plan(mode, given_arguments(f"{mode}.launch.py", ARGUMENTS, context))
     atexit.register(shutil.rmtree, plan.scratch, ignore_errors=True)
     actions: list[Any] = []
     ended: list[str] = []

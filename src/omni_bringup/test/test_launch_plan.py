@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import ast
+import runpy
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 import yaml
@@ -124,3 +128,17 @@ def test_a_namespace_holds_for_every_node(tmp_path: Path) -> None:
     plan = launch_plan("lockstep", arguments(out=str(tmp_path / "bag"), namespace="robot1"))
     for node in plan.nodes:
         assert list(node.arguments[-2:]) == ["-r", "__ns:=/robot1"]
+
+
+@pytest.mark.parametrize("file", sorted((PACKAGE / "launch").glob("*.py")), ids=lambda f: f.name)
+def test_a_misspelled_argument_is_refused(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("", ".actions", ".event_handlers", ".events"):
+        monkeypatch.setitem(sys.modules, f"launch{name}", MagicMock())
+    for name in ("launch_ros", "launch_ros.actions"):
+        monkeypatch.setitem(sys.modules, name, MagicMock())
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "omni_bringup", file.name])
+    runpy.run_path(str(file))["generate_launch_description"]()
+    del sys.modules["omni_bringup.launching"]  # it has imported the replacements
+    start = sys.modules["launch.actions"].OpaqueFunction.call_args.kwargs["function"]
+    with pytest.raises(ConfigurationError, match="did you mean 'namespace'"):
+        start(SimpleNamespace(argv=["namespac:=robot1"], launch_configurations={}))

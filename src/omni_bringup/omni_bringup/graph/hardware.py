@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -89,21 +89,12 @@ class HardwareNode:
     ros_arguments: tuple[str, ...] = ()
 
 
-def hardware_nodes(given: Mapping[str, str], words: Iterable[str] = ()) -> list[HardwareNode]:
-    """Return the nodes that the launch arguments select.
-
-    Args:
-        given: launch arguments by name.
-        words: arguments ``NAME:=VALUE`` of the command line.
+def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
+    """Return the nodes that the launch arguments `given` select, by name.
 
     Raises:
-        ConfigurationError: an argument is unknown or invalid, or the folder does not contain a
-            required file.
+        ConfigurationError: an argument is invalid, or the folder does not contain a required file.
     """
-    for word in words:
-        name, assigned, _ = word.partition(":=")
-        if assigned:
-            check_choice("", name, ARGUMENTS)
     for name, (default, _) in ARGUMENTS.items():
         if default in ("true", "false") and given[name] not in ("true", "false"):
             raise ConfigurationError(name, f"is {given[name]!r}, must be true or false")
