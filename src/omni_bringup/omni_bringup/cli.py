@@ -8,6 +8,7 @@ Ctrl-C (143 by SIGTERM).
 
 import argparse
 import dataclasses
+import errno
 import json
 import os
 import re
@@ -83,8 +84,11 @@ def _run(words: Sequence[str]) -> int:
     except configuration.WorkError as error:
         code, problem = ExitCode.FAILED, str(error)
     except OSError as error:
-        place = "" if error.filename is None else f" to {error.filename}"
-        code, problem = ExitCode.FAILED, f"cannot write{place}: {error.strerror or error}"
+        # No file can have such a name, so the name is wrong input.
+        refused = error.errno == errno.ENAMETOOLONG
+        code = ExitCode.REFUSED if refused else ExitCode.FAILED
+        problem = f"cannot access {error.filename or 'a file'}: {error.strerror or error}"
+        problem = configuration.shortened(problem)
     _complain(program, problem)
     if as_json:
         _print_json(_failure(program, problem, code))
@@ -186,7 +190,7 @@ class _Parser(argparse.ArgumentParser):
         found = re.match(r"unrecognized arguments: (--[^ =]+)", message)
         if found:
             message += configuration.did_you_mean(found[1], self._option_string_actions)
-        super().error(message)
+        super().error(configuration.shortened(message))
 
     def exit(self, status: int = 0, message: str | None = None) -> NoReturn:
         if status and self.as_json:

@@ -39,6 +39,32 @@ def test_a_refusal_is_json_where_json_is_asked_for(
     assert problem in printed.err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "{}"],
+        ["run", "small_stop", "--set", "{}=1"],
+        ["run", "--{}"],
+        ["show", "{}"],
+        ["bag", "info", "{}"],
+        ["study", "{}"],
+        ["{}"],
+    ],
+)
+def test_a_very_long_word_is_refused_and_not_repeated_in_full(
+    words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
+    with pytest.raises(SystemExit) as ended:
+        main([*(word.format("x" * 3000) for word in words), "--json"])
+    printed = capsys.readouterr()
+    error = json.loads(printed.out)["error"]
+    assert ended.value.code == 2
+    for text in (error, printed.err):
+        assert "x" * 20 in text
+        assert "x" * 256 not in text
+
+
 def test_a_failed_write_is_a_failure_and_no_refusal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -49,7 +75,7 @@ def test_a_failed_write_is_a_failure_and_no_refusal(
     with pytest.raises(SystemExit) as ended:
         main(["ros-params", str(vehicle), "--out", str(tmp_path / "file/below"), "--json"])
     assert ended.value.code == 1
-    assert "cannot write to" in json.loads(capsys.readouterr().out)["error"]
+    assert "cannot access" in json.loads(capsys.readouterr().out)["error"]
 
 
 def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -90,7 +90,7 @@ def test_a_folder_that_cannot_be_written_is_a_failure(
     measurements: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert omni(measurements, "--model", "linear", "--out", measurements) == 1
-    assert "cannot write" in capsys.readouterr().err
+    assert "cannot access" in capsys.readouterr().err
 
 
 def test_help_loads_nothing_heavy() -> None:

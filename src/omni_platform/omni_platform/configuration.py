@@ -53,6 +53,9 @@ C = TypeVar("C", bound="Configuration")
 class InputError(ValueError):
     """Input is refused before anything starts; the message names the value and a remedy."""
 
+    def __init__(self, words: str) -> None:
+        super().__init__(shortened(words))
+
 
 class WorkError(RuntimeError):
     """Work has begun and cannot be finished; the message gives the reason."""
@@ -311,6 +314,15 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``; did you mean ...?`` if one of the known names is close to the one given."""
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def shortened(text: str, longest: int = 255) -> str:
+    """Return a text with every word cut that is longer than `longest`, as no file name can be."""
+    return re.sub(
+        rf"(\S{{60}})\S{{{longest - 59},}}",
+        lambda word: f"{word[1]}... ({len(word[0])} characters)",
+        text,
+    )
 
 
 def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
