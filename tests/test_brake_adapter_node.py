@@ -6,8 +6,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from typing import Any
 
 import numpy as np
+import pytest
 from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
@@ -187,3 +189,18 @@ def test_a_joint_that_is_never_named_applies_all_brakes_and_is_reported() -> Non
         rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [0.0] * 5)
         rest.until(0.0, 0.0)
         assert [1.0, 1.0] not in rest.commands
+
+
+@pytest.mark.parametrize(
+    ("kind", "topic"),
+    [(JointState, "brake/enable"), (Bool, "estop"), (Float64MultiArray, "commands")],
+)
+def test_a_second_publisher_applies_all_brakes_and_is_reported(kind: type[Any], topic: str) -> None:
+    with vehicle(True, kind="spring") as rest:
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        rest.until(1.0, 1.0)
+        second = rest.node.create_publisher(kind, topic, RELIABLE)
+        rest.until(0.0, 0.0)
+        rest.wait(lambda: any(f"{topic} has more than one" in words for words in rest.problems))
+        rest.node.destroy_publisher(second)
+        rest.until(1.0, 1.0)

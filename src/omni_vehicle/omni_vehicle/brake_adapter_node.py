@@ -20,6 +20,7 @@ from omni_platform.quantities import FloatArray
 from omni_ros.messages import joint_state, to_nanoseconds
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import run_process, spin_until_stopped
+from omni_ros.publisher_guard import PublisherGuard
 from omni_ros.qos import RECENT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusReporter, steady_clock
 from omni_vehicle.brake_adapter import (
@@ -82,12 +83,15 @@ class BrakeAdapterNode(Node):
         if topics.pedal != "joint_state":
             self._pedal_output = advertise(self, JointState, "brake/pedal")
         topic = _PEDAL_TOPICS.get(topics.pedal, "pedal_input")
-        subscribe(self, JointState, "brake/enable", self._on_enable, RECENT)
+        guarded = [subscribe(self, JointState, "brake/enable", self._on_enable, RECENT)]
         subscribe(self, JointState, "joint_states", self._on_joints, RECENT)
         subscribe(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
-        subscribe(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
+        pedal = subscribe(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
+        if topic != "cmd_vel":  # Nav2 has several publishers of velocity commands
+            guarded.append(pedal)
         if topics.estop:
-            subscribe(self, Bool, "estop", self._on_estop, RECENT)
+            guarded.append(subscribe(self, Bool, "estop", self._on_estop, RECENT))
+        self._guard = PublisherGuard(self, guarded, (self._command,))
         self._status = StatusReporter(self, Status(ERROR, "no enables yet: all brakes on"))
         self._stepped = time.monotonic()
         self.create_timer(topics.period, self._step, clock=steady_clock())
@@ -175,13 +179,16 @@ class BrakeAdapterNode(Node):
             pedal = 1.0
         elif not np.all((enable >= 0.0) & (enable <= 1.0)):
             problems.append("an enable is missing or outside [0, 1]")
+        misconnected = list(filter(None, [self._guard.second()]))
         if "other joints" in self._received and "joints" not in self._received:
-            pedal, enable = 1.0, np.ones(len(enable))
             missing = [joint for joint in self._joints if joint in self._unnamed]
-            problems.append(
+            misconnected.append(
                 f"joint_states never named {', '.join(missing) or 'all joints in one message'}, "
                 f"only {', '.join(self._named) or 'nothing'}; correct the parameter joints"
             )
+        if misconnected:
+            problems += misconnected
+            pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
         if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
             problems.append("no wheel speeds: the drives cannot brake")
