@@ -90,7 +90,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         text=[f"{one.name}: {one.remedy}" for one in mistakes] or ["no mistake found"],
         hints=[
             *(
-                f"not checked, because {topic} is missing: {what}"
+                f"not checked, because {topic} lacks values: {what}"
                 for topic, what in missing.items()
             ),
             *[

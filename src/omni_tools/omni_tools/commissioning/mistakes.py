@@ -169,7 +169,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
     radius = min(mount.radius / max(scale, 0.1), 10.0)  # largest valid radius
-    other_radius = f"set radius to {radius:.4f}, or check the counts of the encoder"
+    other_radius = f"set radius to {radius:.4f}, or check counts and unit of the encoder"
     for part, remedy, changed in (
         ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
         ("roller", "negate roller_angle_deg", {"roller_angle_deg": -mount.roller_angle_deg}),

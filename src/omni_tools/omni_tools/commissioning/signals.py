@@ -100,7 +100,8 @@ def signals_of(
 
     Raises:
         ConfigurationError: the wheels of the messages have other names, or wheel speeds are missing
-            for so long that a motion or a rest may be missing, or for a whole wheel.
+            for so long that a motion or a rest may be missing, or for a whole wheel, or a braking
+            demand is not a share.
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
@@ -151,27 +152,35 @@ def signals_of(
         (message.angular_velocity.z, message.linear_acceleration.x, message.linear_acceleration.y)
         for message in streams[_IMU].messages
     ]
+    pedal = sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0]
+    if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
+        raise configuration.ConfigurationError(
+            _PEDAL,
+            f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1",
+        )
     twists = [measured_twist(message.twist) for message in streams[_TWIST].messages]
     return Signals(
         time=(time - time[0]) * 1e-9,
         wheel_speed=np.stack([np.interp(time, states.stamp_ns, s) for s in speeds.T], axis=1),
         twist=sampled(_TWIST, twists, 3),
         imu=sampled(_IMU, imu, 3),
-        pedal=sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0],
+        pedal=pedal,
         enable=sampled(_ENABLE, by_wheel(_ENABLE, "effort"), len(wheels)),
     )
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return topics without data in a motion or in all stops, each with the parts not checked."""
+    """Return topics without values in a motion or in all stops, each with the parts not checked."""
+    nothing = np.zeros(0)
     needs = {
-        _TWIST: (motions.twist, drive.twist[motions.stop], "twist sensor and brakes"),
-        _IMU: (motions.gyro, drive.imu[motions.stop], "IMU"),
+        _TWIST: (motions.twist, drive.twist, "twist sensor and brakes"),
+        _IMU: (motions.gyro, drive.imu, "IMU"),
+        _ENABLE: (nothing, drive.enable, "order of the brakes"),
     }
     return {
         topic: what
-        for topic, (moved, stopped, what) in needs.items()
-        if np.any(np.isnan(moved)) or np.all(np.isnan(stopped))
+        for topic, (moved, values, what) in needs.items()
+        if np.any(np.isnan(moved)) or np.any(np.all(np.isnan(values[motions.stop]), axis=0))
     }
 
 
@@ -181,13 +190,16 @@ def motions_of(drive: Signals) -> Motions:
     Raises:
         ConfigurationError: the drive does not contain three motions without the pedal, and a stop.
     """
+    free = np.nan_to_num(drive.pedal) <= 0.0
+    if np.all(free):
+        raise configuration.ConfigurationError(
+            _PEDAL, "is 0 or unknown during the whole recording; brake after the three motions"
+        )
     # The mean over 0.1 s removes the steps of an encoder of a wheel that hardly moves.
     smooth = uniform_filter1d(np.nan_to_num(drive.wheel_speed), round(0.1 / drive.period), axis=0)
     speed = np.max(np.abs(smooth), axis=1)
-    free = np.nan_to_num(drive.pedal) <= 0.0
-    slow = speed[: int(np.argmax(~free))] if not np.all(free) else speed
-    found = _runs(slow, drive.period)
-    if len(found) != len(MOTIONS) + 1 or np.all(free):
+    found = _runs(speed[: int(np.argmax(~free))], drive.period)
+    if len(found) != len(MOTIONS) + 1:
         raise configuration.ConfigurationError(
             "recording",
             f"has {max(len(found) - 1, 0)} motions before the first stop, must have three: drive "

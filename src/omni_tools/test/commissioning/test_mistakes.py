@@ -152,7 +152,18 @@ def test_a_twist_that_misses_a_motion_or_the_stops_is_unchecked(
     twist[rows] = math.nan
     signals = signals._replace(twist=twist)
     assert found(wheels, signals, known) == []
-    assert "odometry/twist" in unchecked(signals, motions_of(signals))
+    assert set(unchecked(signals, motions_of(signals))) == {"odometry/twist"}
+
+
+def test_enables_that_do_not_name_a_wheel_are_unchecked(
+    forklift: tuple[Wheels, Signals, tuple[float, float]],
+) -> None:
+    _, signals, _ = forklift
+    enable = signals.enable.copy()
+    enable[:, 2] = math.nan
+    assert unchecked(signals, motions_of(signals)) == {}
+    signals = signals._replace(enable=enable)
+    assert unchecked(signals, motions_of(signals)) == {"brake/enable": "order of the brakes"}
 
 
 @pytest.mark.filterwarnings("error")
@@ -253,6 +264,8 @@ def test_a_drive_that_is_not_the_expected_one_is_refused(
     forklift: tuple[Wheels, Signals, tuple[float, float]],
 ) -> None:
     _, signals, _ = forklift
-    short = signals._replace(pedal=np.zeros_like(signals.pedal))
+    short = signals._replace(
+        wheel_speed=np.where(signals.time[:, None] < 4, 0, signals.wheel_speed)
+    )
     with pytest.raises(ConfigurationError, match="drive forward, left, counter-clockwise"):
         motions_of(short)

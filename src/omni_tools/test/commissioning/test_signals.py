@@ -10,7 +10,7 @@ import pytest
 
 from omni_loop.recorded_run import Stream
 from omni_platform.configuration import ConfigurationError
-from omni_tools.commissioning.signals import signals_of
+from omni_tools.commissioning.signals import motions_of, signals_of
 
 WHEELS = ("left", "right")
 SECOND_NS = 10**9
@@ -53,3 +53,15 @@ def test_wheels_without_encoders_are_named(speeds: tuple[float, ...]) -> None:
 def test_a_pedal_without_a_value_is_unknown(position: tuple[float, ...]) -> None:
     assert np.all(np.isnan(signals_of(streams(400, position=position), WHEELS).pedal))
     assert np.all(signals_of(streams(400), WHEELS).pedal == 0.5)
+
+
+@pytest.mark.parametrize("position", [100.0, 1.01, -0.5])
+def test_a_pedal_that_is_no_share_is_refused(position: float) -> None:
+    with pytest.raises(ConfigurationError, match=f"{position:g}, must be a share from 0 to 1"):
+        signals_of(streams(400, position=(position,)), WHEELS)
+
+
+@pytest.mark.parametrize("position", [(), (np.nan,), (0.0,)])
+def test_a_drive_without_a_stop_is_refused(position: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigurationError, match="brake/pedal: is 0 or unknown"):
+        motions_of(signals_of(streams(400, position=position), WHEELS))
