@@ -370,7 +370,7 @@ class Limits(NamedTuple):
     Attributes:
         distance: largest ratio of the distance to that of the reference [1].
         rotation: largest excess of the rotation over that of the reference [deg].
-        assisting: largest share of stops with continued assistance [%].
+        assisting: smallest share of stops with continued assistance [%].
     """
 
     distance: float | None
