@@ -8,21 +8,14 @@ from typing import Any
 import yaml
 
 from omni_platform.configuration import ConfigurationError
+from omni_recording.safe_yaml import SafeLoader
 
 LARGEST_YAML = 1 << 20
 """Largest number of characters of a configuration; reading as many takes a few seconds."""
 
 
-class _Loader(yaml.composer.Composer, yaml.CSafeLoader):
-    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and rejects repeated keys.
-
-    libyaml parses the text and Python composes it, because deep nesting would crash libyaml's
-    composer.
-    """
-
-    def __init__(self, text: str) -> None:
-        yaml.CSafeLoader.__init__(self, text)
-        yaml.composer.Composer.__init__(self)
+class _Loader(SafeLoader):
+    """YAML loader that reads 1e-3 as a number, unlike YAML 1.1, and rejects repeated keys."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))

@@ -18,6 +18,7 @@ from omni_platform.quantities import SECOND_NS
 from omni_recording import mcap, metadata
 from omni_recording.error import BagError
 from omni_recording.limits import LIMITS
+from omni_recording.safe_yaml import SafeLoader
 
 METADATA = "metadata.yaml"
 
@@ -282,7 +283,7 @@ def _require_regular(folder: Path, path: Path) -> None:
         raise BagError(folder, f"{path.name} is not a regular file")
 
 
-class _PlainLoader(yaml.SafeLoader):
+class _PlainLoader(SafeLoader):
     """YAML loader without merge keys, since a few lines with such keys can exhaust the memory."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
@@ -297,7 +298,7 @@ def read_plain_yaml(text: str) -> Any:
     """
     load: Callable[..., Any] = yaml.load
     try:
-        return load(text, Loader=_PlainLoader)  # a SafeLoader
+        return load(text, Loader=_PlainLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         problem = " ".join(str(error).split())[:200]
         raise ValueError(f"is not valid YAML: {problem}") from None
