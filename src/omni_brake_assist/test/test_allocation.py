@@ -223,3 +223,17 @@ def test_any_motion_gets_shares_between_0_and_1(mecanum: Wheels, kind: str) -> N
         allocation.step(law, memory, motion, error, enable)
         assert np.all((enable >= 0.0) & (enable <= 1.0))
         assert np.all(np.isfinite(error))
+
+
+def test_the_force_of_a_wheel_without_a_speed_is_at_most_its_capacity(mecanum: Wheels) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(8):
+        motion = _motion(5.0, 25.0, 4, first=step == 0)
+        motion.wheel_speed[0] = math.nan
+        allocation.step(law, memory, motion, error, enable)
+        memory.body["responded"] = True
+        memory.wheel["mean_brake"][0] = 3.0 * memory.wheel["capacity"][0]
+    wheel = memory.wheel[0]
+    assert 0.0 < wheel["force"] <= wheel["capacity"]
+    assert 0.0 < wheel["measured"] <= wheel["capacity"]

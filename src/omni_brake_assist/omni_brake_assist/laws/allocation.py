@@ -47,7 +47,7 @@ def make_constants(
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
         wheel_mass=configuration.wheel_inertia / rim**2,
         most=brake.max_torque / np.abs(rim),
-        gyration=0.5 * float(np.vdot(position, position)) / len(position),
+        gyration=math.sqrt(0.5 * float(np.vdot(position, position)) / len(position)),
         mass=configuration.nominal_mass,
         max_rotation=math.radians(configuration.max_rotation),
         brake=NominalBrake(brake.dead_time, brake.time_constant, brake.pressure_step),
@@ -75,7 +75,7 @@ def step(
     The error of a wheel is its sliding speed minus the sliding speed at the target slip [m/s].
     """
     body = memory.body[0]
-    dt = motion.dt if motion.dt > 0.0 else _PERIOD
+    body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
     unknown = _read_wheels(law, memory, motion, error)
@@ -83,12 +83,12 @@ def step(
         return NO_HELP
     if body.steps > 0:
         if not body.responded:
-            estimate_dead_time(law, memory, dt)
-        observe_friction(law, memory, dt)
-        observe_body(law, memory, motion, dt)
+            estimate_dead_time(law, memory)
+        observe_friction(law, memory)
+        observe_body(law, memory, motion)
     allocate(law, memory, motion)
-    control_slip(law, memory, motion, dt, enable)
-    remember(law, memory, motion, dt, enable)
+    control_slip(law, memory, motion, enable)
+    remember(law, memory, motion, enable)
     return ASSIST
 
 
@@ -98,12 +98,12 @@ def _start(law: Constants, memory: Memory) -> None:
     body, wheel = memory.body[0], memory.wheel
     body.steps, body.heading = 0, 0.0
     body.yaw_disturbance = body.lateral_disturbance = 0.0
-    body.mass, body.deceleration, body.force = law.mass, _GRAVITY, law.mass * _GRAVITY
+    body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
     body.dead_time, body.responded = law.brake.dead_time, False
-    memory.sent[:] = memory.qp.solution[:] = 0.0
+    memory.sent[:], memory.qp.solution[:] = 0.0, 1.0
     for i in range(wheel.size):
         wheel[i].brake = wheel[i].mean_brake = wheel[i].force = 0.0
-        wheel[i].capacity, memory.qp.solution[i] = law.mass * _GRAVITY / wheel.size, 1.0
+        wheel[i].capacity = law.mass * _GRAVITY / wheel.size
 
 
 @lean
@@ -116,14 +116,12 @@ def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArr
         along = carried + law.lever[i] * motion.yaw_rate
         wheel.hub = abs(along)
         # A locked wheel can hold its hub while the vehicle rotates about it.
-        turned = abs(law.rim[i] * motion.wheel_speed[i])
-        holds = wheel.hub <= limit and turned <= law.locked_share * abs(carried)
+        rolled = law.rim[i] * motion.wheel_speed[i]
+        holds = wheel.hub <= limit and abs(rolled) <= law.locked_share * abs(carried)
         wheel.sign = math.copysign(1.0, carried if holds else along)
         wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
-        wheel.known = math.isfinite(motion.wheel_speed[i])
-        wheel.speed = wheel.hub
-        if wheel.known:
-            wheel.speed = max(wheel.sign * law.rim[i] * motion.wheel_speed[i], 0.0)
+        wheel.known = math.isfinite(rolled)
+        wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
         unknown += not wheel.known
     return unknown

@@ -35,14 +35,15 @@ WHEEL = np.dtype(
 )
 BODY = np.dtype(
     [
+        ("dt", "f8"),  # length of the last period [s]
         ("steps", "i8"),  # number of steps since the start of braking
         ("heading", "f8"),  # heading change since the start of braking [rad]
         ("v_x", "f8"),  # velocity in the last step, x [m/s]
         ("v_y", "f8"),  # velocity in the last step, y [m/s]
         ("yaw_rate", "f8"),  # yaw rate in the last step [rad/s]
         ("deceleration", "f8"),  # low-passed magnitude of the acceleration [m/s^2]
+        ("slowing", "f8"),  # deceleration as a share of the speed [1/s]
         ("force", "f8"),  # low-passed magnitude of the sum of friction forces [N]
-        ("mass", "f8"),  # estimated mass of the vehicle [kg]
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
         ("lateral_disturbance", "f8"),  # unexplained acceleration across the line [m/s^2]
         ("dead_time", "f8"),  # estimated dead time of the brakes, at least the nominal one [s]
@@ -64,7 +65,7 @@ class Constants(NamedTuple):
         peak_slip: ratio of sliding speed to rim speed at the target slip [1], shape (N,).
         wheel_mass: inertia of a wheel as a mass at its rim [kg], shape (N,).
         most: brake force with the pedal fully down [N], shape (N,).
-        gyration: assumed squared radius of gyration of the vehicle about the vertical axis [m^2].
+        gyration: assumed radius of gyration of the vehicle about the vertical axis [m].
         mass: nominal mass of the vehicle [kg].
         max_rotation: allowed change of heading and of the direction of motion [rad].
         brake: nominal lag of the brakes.

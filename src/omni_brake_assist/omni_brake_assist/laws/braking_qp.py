@@ -53,9 +53,8 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     total = 0.0
     for i in range(n):
         total += wheel[i].capacity
-    per = body.mass / total  # of an acceleration
+    per = body.force / body.deceleration / total  # of an acceleration
     speed = math.hypot(motion.v_x, motion.v_y)
-    reach = math.sqrt(law.gyration)
     # The time constants follow the remaining time of the stop; the inner loops must be faster.
     time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)
     outer = _DAMPED * time
@@ -66,7 +65,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     drift -= min(max(drift, -limit * speed), limit * speed)
     turn = (heading / outer + motion.yaw_rate) / time + body.yaw_disturbance
     qp.goals[DECELERATION] = 1.0
-    qp.goals[YAW] = -turn * reach * per
+    qp.goals[YAW] = -turn * law.gyration * per
     qp.goals[SIDE] = -(drift / outer + body.lateral_disturbance) * per
     failed = motion.failed_brake != NO_WHEEL
     weight = min(law.deviation_weight, _FAILED_HEADING_WEIGHT) if failed else law.deviation_weight
@@ -77,7 +76,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
         along = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
         across = law.n_x[i] * motion.across_x + law.n_y[i] * motion.across_y
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)
-        qp.rows[YAW, i] = -unit * law.lever[i] / reach
+        qp.rows[YAW, i] = -unit * law.lever[i] / law.gyration
         qp.rows[SIDE, i] = -unit * across
         qp.upper[i] = 1.0 if i != motion.failed_brake else 0.0
     box_least_squares(qp)
@@ -97,10 +96,8 @@ def cost(memory: Memory, pattern: int) -> float:
         excess = -qp.goals[row]
         for i in range(n):
             excess += qp.rows[row, i] * memory.forces[(pattern >> i) & 1, i]
-        if row == DECELERATION:
-            value += excess * excess
-            continue
-        weight = 2.0 * qp.linear[n + 2 * (row - YAW)]
-        square = min(abs(excess), 0.5 * weight / qp.weights[row])
-        value += qp.weights[row] * square * square + weight * (abs(excess) - square)
+        size = square = abs(excess)
+        if row != DECELERATION:  # the cost of a large excess is linear
+            square = min(size, qp.linear[n + 2 * (row - YAW)] / qp.weights[row])
+        value += qp.weights[row] * square * (2.0 * size - square)
     return value

@@ -27,42 +27,44 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 
 @lean
-def estimate_dead_time(law: Constants, memory: Memory, dt: float) -> None:
+def estimate_dead_time(law: Constants, memory: Memory) -> None:
     """Increase the dead time while the wheels slow much less than the nominal torque predicts."""
     body = memory.body[0]
     expected = lost = 0.0
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
-        after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, dt)
+        after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
         expected += wheel.last_speed - after
         lost += wheel.last_speed - wheel.speed
     if expected <= 0.0:
         return
-    if lost > _RESPONSE * expected or body.dead_time > law.brake.dead_time + _LONGEST_EXTRA:
-        body.responded = True
-        return
-    body.dead_time += dt
-    for i in range(law.rim.size):
-        memory.wheel[i].brake = memory.wheel[i].mean_brake = 0.0
+    longest = law.brake.dead_time + _LONGEST_EXTRA
+    body.responded = lost > _RESPONSE * expected or body.dead_time > longest
+    if not body.responded:
+        body.dead_time += body.dt
+        for i in range(law.rim.size):
+            memory.wheel[i].brake = memory.wheel[i].mean_brake = 0.0
 
 
 @lean
-def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
+def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
     The force is then a lower bound of the capacity, even if the wheel slides.
     Errors of the brakes' nominal lag appear as friction, so the capacity rises with this lag.
     """
-    gain = 1.0 - math.exp(-dt / law.observer_time)
-    largest = 0.0  # capacity of the wheels with a known speed
+    dt = memory.body[0].dt
+    gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         capacity = wheel.capacity
-        change = wheel.speed - wheel.last_speed if wheel.known else 0.0
+        change = wheel.speed - wheel.last_speed
         measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
-        if max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
+        if not wheel.known:
+            measured = min(measured, capacity)
+        elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
             measured = capacity  # the wheel does not turn while its hub moves, so it slides
         rise = gain * (measured - wheel.force)
         wheel.measured = measured
@@ -76,16 +78,16 @@ def observe_friction(law: Constants, memory: Memory, dt: float) -> None:
             elif memory.qp.solution[i] >= 1.0:
                 capacity += growth
             wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
-        largest = max(largest, wheel.capacity * wheel.known)
+            largest = max(largest, wheel.capacity)
     for i in range(law.rim.size):
-        if not memory.wheel[i].known:  # the encoder is faulty
+        if not memory.wheel[i].known:
             memory.wheel[i].capacity = largest
 
 
 @lean
-def observe_body(law: Constants, memory: Memory, motion: Motion, dt: float) -> None:
+def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     """Update heading, mass and disturbances with the motion over the last period."""
-    body = memory.body[0]
+    body, dt = memory.body[0], memory.body[0].dt
     f_x = f_y = moment = 0.0
     for i in range(law.rim.size):
         force = -memory.wheel[i].sign * memory.wheel[i].measured
@@ -98,9 +100,9 @@ def observe_body(law: Constants, memory: Memory, motion: Motion, dt: float) -> N
     share = 1.0 - math.exp(-dt / (CASCADE**2 * law.observer_time))
     body.deceleration += share * (math.hypot(a_x, a_y) - body.deceleration)
     body.force += share * (math.hypot(f_x, f_y) - body.force)
-    body.mass = mass = body.force / body.deceleration
+    mass = body.force / body.deceleration
     share = 1.0 - math.exp(-dt / (CASCADE * law.observer_time))
-    turned = (motion.yaw_rate - body.yaw_rate) / dt - moment / (mass * law.gyration)
+    turned = (motion.yaw_rate - body.yaw_rate) / dt - moment / (mass * law.gyration**2)
     body.yaw_disturbance += share * (turned - body.yaw_disturbance)
     pushed = (a_x - f_x / mass) * motion.across_x + (a_y - f_y / mass) * motion.across_y
     body.lateral_disturbance += share * (pushed - body.lateral_disturbance)

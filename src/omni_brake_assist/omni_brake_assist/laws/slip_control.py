@@ -21,59 +21,49 @@ _LEAST_ENABLE = 0.01  # enable of the last acting brake, as at least one must ac
 
 
 @lean
-def control_slip(
-    law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray
-) -> None:
+def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
     """Write the brake enables of all wheels to `enable`."""
-    # Relative rate of change of all speeds [1/s].
-    slowing = memory.body[0].deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
-    valves, strongest, total = law.brake.pressure_step >= 1.0, 0, 0.0
+    body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
+    times, strongest, total = (body.dt, law.observer_time), 0, 0.0
+    body.slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)
     for i in range(enable.size):
-        most = law.most[i] * motion.pedal
-        enable[i] = 1.0
-        memory.forces[0, i] = memory.forces[1, i] = memory.qp.solution[i]
+        enable[i], memory.forces[:, i] = 1.0, share[i]
         if not memory.wheel[i].fixed:
-            model, rim = _at_effect(law, memory, i, slowing, dt)
+            model, rim = _at_effect(law, memory, i)
+            most = law.most[i] * motion.pedal
             if valves:
-                _predict_pulses(law, memory, i, model, rim, most, dt)
+                memory.forces[0, i] = wheel_model.predict_share(law.brake, model, rim, 0.0, *times)
+                memory.forces[1, i] = wheel_model.predict_share(law.brake, model, rim, most, *times)
             else:
-                need = _brake_force(law, memory, i, model, rim, slowing)
-                need = wheel_model.command_for(law.brake, rim.brake, need, dt)
+                need = _brake_force(law, memory, i, model, rim)
                 enable[i] = min(max(need / most, 0.0), 1.0)
     if valves:
         _choose_valves(memory, enable)
     for i in range(enable.size):
         total += enable[i]
-        if memory.qp.solution[i] > memory.qp.solution[strongest]:
+        if share[i] > share[strongest]:
             strongest = i
     if total <= 0.0:
         enable[strongest] = max(law.brake.pressure_step, _LEAST_ENABLE)
 
 
 @lean
-def _at_effect(
-    law: Constants, memory: Memory, i: int, slowing: float, dt: float
-) -> tuple[BrakedWheel, Rim]:
-    """Return the model of wheel `i`, and its state when a new command begins to act.
-
-    `slowing` is the deceleration of the vehicle divided by its speed [1/s].
-    """
+def _at_effect(law: Constants, memory: Memory, i: int) -> tuple[BrakedWheel, Rim]:
+    """Return the model of wheel `i`, and its state when a new command begins to act."""
     body, wheel = memory.body[0], memory.wheel[i]
-    newest, delay = body.steps - 1, body.dead_time / dt
-    hub = wheel.hub / (1.0 + slowing * body.dead_time)
+    newest, delay = body.steps - 1, body.dead_time / body.dt
+    hub = wheel.hub / (1.0 + body.slowing * body.dead_time)
     model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], hub)
     rim = Rim(wheel.speed, wheel.brake, wheel.force)
     for k in range(min(math.ceil(delay - 1e-9), wheel_model.QUEUE)):
         command = command_at(memory.sent, newest, max(delay - 1.0 - k, 0.0), i)
-        rim = advance(law.brake, model, rim, command, dt, law.observer_time)
+        rim = advance(law.brake, model, rim, command, body.dt, law.observer_time)
     return model, rim
 
 
 @lean
-def _brake_force(
-    law: Constants, memory: Memory, i: int, model: BrakedWheel, rim: Rim, slowing: float
-) -> float:
-    """Return the brake force of wheel `i` for its demand [N].
+def _brake_force(law: Constants, memory: Memory, i: int, model: BrakedWheel, rim: Rim) -> float:
+    """Return the force to command to brake `i`, so that the next period ends at its demand [N].
 
     Args:
         law: constants.
@@ -81,45 +71,18 @@ def _brake_force(
         i: index of the wheel.
         model: assumed properties of the wheel.
         rim: state of the wheel when the command begins to act.
-        slowing: deceleration of the vehicle divided by its speed [1/s].
     """
-    wheel, share = memory.wheel[i], memory.qp.solution[i]
+    body, wheel, share = memory.body[0], memory.wheel[i], memory.qp.solution[i]
     # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
     push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
     need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
     if goal > 0.0:
         # This loop is inside the friction observer.
-        time = law.observer_time / CASCADE + memory.body[0].dead_time
+        time = law.observer_time / CASCADE + body.dead_time
         need = model.capacity + model.mass * (rim.speed - goal) / time
     if share < 1.0 or not wheel.known:
-        need = min(need, share * model.capacity + model.mass * rim.speed * slowing)
-    return need
-
-
-@lean
-def _predict_pulses(
-    law: Constants, memory: Memory, i: int, model: BrakedWheel, start: Rim, most: float, dt: float
-) -> None:
-    """Predict the observed force of wheel `i` after a period with its valve shut or open.
-
-    With a brake lag, the prediction ends one time constant later. The observed force is low-passed
-    like the measured one. A force that alternates between periods therefore counts as its mean.
-
-    Args:
-        law: constants.
-        memory: state of the law; `forces` is written.
-        i: index of the wheel.
-        model: assumed properties of the wheel.
-        start: state of the wheel when the command begins to act.
-        most: brake force with the valve open [N].
-        dt: control period [s].
-    """
-    horizon = 1 + math.ceil(law.brake.time_constant / dt - 1e-9)
-    for state in range(2):
-        rim, command = start, most * state
-        for _ in range(horizon):
-            rim, command = advance(law.brake, model, rim, command, dt, law.observer_time), 0.0
-        memory.forces[state, i] = rim.force / model.capacity
+        need = min(need, share * model.capacity + model.mass * rim.speed * body.slowing)
+    return float(wheel_model.command_for(law.brake, rim.brake, need, body.dt))
 
 
 @lean
@@ -141,7 +104,7 @@ def _choose_valves(memory: Memory, enable: FloatArray) -> None:
 
 
 @lean
-def remember(law: Constants, memory: Memory, motion: Motion, dt: float, enable: FloatArray) -> None:
+def remember(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
     """Store motion and commands, and predict the brake forces of the next period."""
     body = memory.body[0]
     body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
@@ -151,7 +114,7 @@ def remember(law: Constants, memory: Memory, motion: Motion, dt: float, enable: 
         memory.sent[body.steps % wheel_model.QUEUE, i] = (
             enable[i] * law.most[i] * motion.pedal * acts
         )
-        command = command_at(memory.sent, body.steps, body.dead_time / dt, i)
-        wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, dt)
+        command = command_at(memory.sent, body.steps, body.dead_time / body.dt, i)
+        wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
         wheel.last_speed = wheel.speed
     body.steps += 1

@@ -150,3 +150,18 @@ def advance(
     after, mean = lagged(brake, rim.brake, command, dt)
     speed, force = advance_rim(wheel, rim.speed, mean, dt)
     return Rim(speed, after, force + (rim.force - force) * math.exp(-dt / time))
+
+
+@lean
+def predict_share(
+    brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
+) -> float:
+    """Return the share of the capacity that is used after a command for one period, then none.
+
+    With a brake lag, the prediction ends one time constant later. The friction force is low-passed
+    like the measured one. A force that alternates between periods therefore counts as its mean.
+    Arguments as in `advance`.
+    """
+    for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
+        rim, command = advance(brake, wheel, rim, command, dt, time), 0.0
+    return rim.force / wheel.capacity
