@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from linescan_odometry.configuration import METHODS
+
 _PROGRAM = """
 import sys
 import numpy as np
@@ -32,7 +34,7 @@ sensors = {
     name: LineSensor(x=x, y=y, heading_deg=h, pixels=256, length=0.0128, line_rate=2500.0)
     for name, (x, y, h) in placement.items()
 }
-odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors, method=sys.argv[2]))
 odometry.warm_up()
 assert found
 found.clear()
@@ -43,16 +45,17 @@ print(*sorted(found))
 """
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_no_kernel_is_loaded_after_warming_up(
-    expose: Callable[..., Any], tmp_path: Path, dtype: Any
+    expose: Callable[..., Any], tmp_path: Path, dtype: Any, method: str
 ) -> None:
     moving = 7.3 * np.arange(75)
     stopping = moving[-1] + np.cumsum(np.linspace(7.3, 0.0, 75))
     at_rest = np.full(50, stopping[-1])
     positions = np.concatenate([moving, stopping, at_rest])
     np.save(tmp_path / "lines.npy", expose(positions, 256, noise=2.0, dtype=dtype))
-    arguments = [sys.executable, "-c", _PROGRAM, str(tmp_path / "lines.npy")]
+    arguments = [sys.executable, "-c", _PROGRAM, str(tmp_path / "lines.npy"), method]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == []
