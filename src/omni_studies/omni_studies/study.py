@@ -4,9 +4,9 @@ A study is a module of `omni_studies.studies`. It has a docstring that describes
 `Configuration` called ``Options`` that becomes its command-line options, and a function
 ``run(options, study) -> StudyResult``. A module with several studies lists them in ``CASES``, a
 literal dictionary of their names and descriptions. ``study.case`` is then the name of the study
-that runs, and ``OPTIONS`` may contain other options for some of the studies. A study writes its
-figures and data into ``study.folder`` and does not print; `run_study` writes the metrics. A long
-study calls ``study.report(share, words)``.
+that runs, and ``OPTIONS`` and ``RUNS`` may contain other options and functions for some of them. A
+study writes its figures and data into ``study.folder`` and does not print; `run_study` writes the
+metrics. A long study calls ``study.report(share, words)``.
 """
 
 from __future__ import annotations
@@ -131,7 +131,8 @@ class _Case:
 
     def run(self, options: Any, study: StudyRun) -> StudyResult:
         """Run the case."""
-        result: StudyResult = self._module.run(options, dataclasses.replace(study, case=self._name))
+        run = getattr(self._module, "RUNS", {}).get(self._name, self._module.run)
+        result: StudyResult = run(options, dataclasses.replace(study, case=self._name))
         return result
 
 

@@ -1,12 +1,16 @@
-"""Experiments of section 3.6, with every variant run in one process: Figures 30 to 48.
+"""Experiments of section 3.6, with every variant run in one process: Figures 30 to 48, Table 2.
 
 A figure of the dissertation is written to ``figure_<number>.png``, and its data to
 ``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas this assistant
 also compares the twist with IMU and wheel speeds. If an experiment uses these sensors, the assisted
 variant is repeated without them, as ``<variant>_twist_alone``.
+
+``table2`` brakes the identified vehicle of ``config/``. ``--identify`` repeats the search for this
+vehicle; ``--assumptions`` changes one assumption at a time.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -22,9 +26,10 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric, run_metrics
 from omni_loop.options import LoopOptions
-from omni_platform.configuration import parameter
+from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
-from omni_studies.identification.files import VEHICLE
+from omni_studies.identification import figures, identification, sensitivity, table_2
+from omni_studies.identification.files import VEHICLE, write_files
 from omni_studies.study import StudyResult, StudyRun
 
 CASES = {
@@ -36,6 +41,7 @@ CASES = {
     "ice_patch_noisy": "Braking on ice with noisy feedback, Eqs. (60), (61): Figures 39 to 42",
     "turn_while_translate": "Braking from a turn-while-translate maneuver, with every "
     "weighting: Figures 43 to 48",
+    "table2": "Table 2: orientation change and stopping distance with each control law",
 }
 
 _QUANTITIES = (
@@ -138,7 +144,25 @@ class _StraightLine(LoopOptions):
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
 
 
-OPTIONS = {"straight_line": _StraightLine}
+class _Table2(Configuration):
+    """Options of ``table2``: identification and assumptions."""
+
+    identify: bool = parameter(False)
+    """identify a vehicle that reproduces Table 2 (takes minutes), and write its configuration
+    files next to the results"""
+    sound: bool = parameter(False)
+    """consider only vehicles whose load is between the wheels and whose wheel loads are within
+    the range of the tire model"""
+    assumptions: bool = parameter(False)
+    """also vary the assumptions on tires, wheels and patches, one at a time, for this vehicle
+    and two others that reproduce the table"""
+    seed: int = parameter(1, minimum=0)
+    """seed of the search"""
+    generations: int = parameter(250, minimum=1, maximum=100_000)
+    """largest number of generations of the search"""
+
+
+OPTIONS = {"straight_line": _StraightLine, "table2": _Table2}
 
 
 def run(options: LoopOptions, study: StudyRun) -> StudyResult:
@@ -151,6 +175,76 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
         study.plot(f"figure_{number}", drawing(runs))
     return study.result(runs.metrics)
 
+
+def _table_2(options: _Table2, study: StudyRun) -> StudyResult:
+    """Compute the ten numbers of the table and their sensitivities."""
+    bases = {
+        case: study.experiments.load(sensitivity.EXPERIMENT, case, [table_2.TWIST_ALONE])
+        for case in table_2.CASES
+    }
+    if options.identify:
+        done = 0
+
+        def on_generation(_generation: int, cost: float) -> None:
+            nonlocal done
+            done += 1
+            share = min(done / options.generations, 1.0)
+            study.report(share, f"generation {done}, cost {cost:.2f}")
+
+        found = identification.search(
+            bases,
+            seed=options.seed,
+            generations=options.generations,
+            sound=options.sound,
+            on_generation=on_generation,
+        )
+        bases = {case: identification.configure(base, found) for case, base in bases.items()}
+        config = study.experiments.folder
+        study.written.extend(write_files(bases[table_2.CASES[0]], config, study.folder))
+    measured = identification.measure(bases)
+    parameters = identification.parameters_of(bases[table_2.CASES[0]])
+    slopes = sensitivity.sensitivities(bases, parameters)
+    columns = slopes.columns()
+    study.table("sensitivity.csv", columns, zip(*columns.values(), strict=True), 6)
+    study.figure("trade_off.png", figures.trade_off(measured))
+    study.figure("weighting.png", figures.weighting_functions())
+    study.figure("sensitivity.png", figures.sensitivity_map(slopes))
+    metrics = table_2.metrics(measured)
+    if options.assumptions:
+        metrics |= _change_assumptions(study, parameters)
+    # A vehicle that does not stop has an infinite deviation.
+    worst = max(
+        abs(d) if math.isfinite(d) else math.inf for d in table_2.deviations(measured).values()
+    )
+    metrics["largest_deviation.all"] = Metric(worst, "1", note="in tolerances")
+    return study.result(metrics)
+
+
+def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
+    """Write the numbers of all vehicles and assumptions; return the first vehicle's ranges."""
+    vehicles = {"identified": parameters, **sensitivity.OTHERS}
+    names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
+    found = np.empty((len(vehicles), len(changed), len(names)))
+    for i, vehicle in enumerate(vehicles.values()):
+        for j, numbers in enumerate(sensitivity.under(study.experiments, vehicle)):
+            share = (i * len(changed) + j) / (len(vehicles) * len(changed))
+            study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
+            found[i, j] = [numbers[name] for name in names]
+    tables = {"": found[0], "low ": found.min(axis=0), "high ": found.max(axis=0)}
+    heads = ["changed", *(end + name for end in tables for name in names)]
+    rows = zip(changed, *np.hstack(list(tables.values())).T, strict=True)
+    study.table("assumptions.csv", heads, rows, 6)
+    columns = [[*vehicle.values(), *found[i, 0]] for i, vehicle in enumerate(vehicles.values())]
+    rows = zip([*parameters, *names], *columns, strict=True)
+    study.table("vehicles.csv", ("number", *vehicles), rows, 6)
+    return {
+        f"{name.replace('.', f'_{end}.')}": Metric(float(values[k]), table_2.unit(name))
+        for k, name in enumerate(names)
+        for end, values in (("low", found[0].min(axis=0)), ("high", found[0].max(axis=0)))
+    }
+
+
+RUNS = {"table2": _table_2}
 
 Drawing = Callable[[ExperimentRuns], Figure]
 """Draws one figure of the dissertation."""

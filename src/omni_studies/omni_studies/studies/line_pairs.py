@@ -131,11 +131,6 @@ class _CorrelationOptions(LineOptions):
 OPTIONS = {"correlation_functions": _CorrelationOptions}
 
 
-def run(options: LineOptions, study: StudyRun) -> StudyResult:
-    """Render the lines of a study; write figure, data and metrics."""
-    return (_correlation_functions if study.case in OPTIONS else _contrast)(options, study)
-
-
 def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult:
     """Evaluate the distances; write figure, data and metrics."""
     curves: dict[str, list[Curve]] = {}
@@ -201,7 +196,7 @@ def _draw_distances(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
     return figure
 
 
-def _contrast(options: LineOptions, study: StudyRun) -> StudyResult:
+def run(options: LineOptions, study: StudyRun) -> StudyResult:
     """Render the grounds with all widths; write figure, data and metrics."""
     found = {kind: _trials(kind, options) for kind in options.kinds}
     metrics: dict[str, Metric] = {}
@@ -293,3 +288,6 @@ def _draw_contrast(found: dict[str, list[Trial]], options: LineOptions) -> Figur
     correlation.set_ylabel("correlation (full),\nshare of right pairs (dotted)")
     contrast.legend(loc="upper right")
     return figure
+
+
+RUNS = {"correlation_functions": _correlation_functions}
