@@ -1,4 +1,4 @@
-"""Measure the line-camera renderer: throughput, accuracy, memory and share of a core.
+"""Measure the line-camera renderer: throughput, accuracy and memory.
 
 Run it on an otherwise idle machine, with the workspace's packages on the path:
 
@@ -31,11 +31,6 @@ SENSORS = {
         x=0.0, y=0.0, heading_deg=0.0, pixels=335, width=0.0025, line_rate=2985.0
     ),
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
-}
-THREE_GENERIC = {
-    "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
-    "right": LineSensor(x=0.0, y=-0.5, heading_deg=0.0),
-    "front": LineSensor(x=0.6, y=0.0, heading_deg=90.0),
 }
 LIMITS = {"generic": ((15e3,), (0.15,)), "s3901": ((100e3,), (0.15,))}
 """Least rate [lines/s] and largest error [gray levels] of cameras."""
@@ -70,18 +65,6 @@ def throughput(
         for gray, center in zip(camera.grays(picked), camera.footprints(picked), strict=True)
     ]
     return lines / best, float(np.sqrt(np.mean(np.square(errors))))
-
-
-def share_of_core(texture: GroundTexture, turn: float) -> float:
-    """Return CPU time [s] per simulated second for three sensors in batches of 25 lines."""
-    seed = np.random.SeedSequence(1)
-    array = LineCameraArray(THREE_GENERIC, texture, CameraConfiguration(), seed)
-    batches = np.split(path(5000, 0.3, turn), 200)  # of 10 ms
-    array.render(dict.fromkeys(THREE_GENERIC, batches[0]))
-    cpu = time.process_time()
-    for batch in batches:
-        array.render(dict.fromkeys(THREE_GENERIC, batch))
-    return (time.process_time() - cpu) / (0.01 * len(batches))
 
 
 def turn_around(kind: str, names: list[str]) -> float:
@@ -121,8 +104,6 @@ def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
     for names in (["generic"], ["lis_770i"], ["s3901"], list(SENSORS)):
         case = names[0] if len(names) == 1 else "all_three"
         metrics[f"peak_memory.{case}"] = peak_memory(kind, names), "GB", 1.0
-    for case, turn in (("straight", 0.0), ("turning", math.radians(60.0))):
-        metrics[f"cpu_per_second.{case}"] = share_of_core(texture, turn), "1"
     return metrics
 
 

@@ -1,21 +1,19 @@
-"""Measure the search for displacements: line pairs per second and time of a whole update.
+"""Measure the search for displacements: line pairs per second.
 
     python benchmarks/search_displacement.py [--json]
 
 The benchmark prints medians over repeated batches of 25 lines, on one core. The first row of each
 size is the full search over +/- n/2 by Pearson's correlation, and the second row the search with
-sub-pixel refinement. The next rows are the other metrics and the search in a window of +/- 32 px
-that follows the motion. The last rows are the speed of the full search relative to
+sub-pixel refinement. The last rows are the speed of the full search relative to
 `scipy.spatial.distance.pdist` at every shift, and relative to OpenCV's `matchTemplate` over the
-same shifts without any normalization, on one thread. The search and `matchTemplate` take turns
-with the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 (LIS-770i) and
-128 px at 15600 (S3901). Without OpenCV this comparison is omitted. Install it by
+same shifts without any normalization, on one thread. The search and `matchTemplate` take turns with
+the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 (LIS-770i) and 128
+px at 15600 (S3901). Without OpenCV this comparison is omitted. Install it by
 
     ./omni exec python -m pip install --no-deps --require-hashes -r requirements/opencv.lock
 """
 
 import importlib
-import math
 import statistics
 import sys
 import time
@@ -27,11 +25,8 @@ import output
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
-from linescan_odometry.matching.search import METRICS, make_search
+from linescan_odometry.matching.search import METRICS
 from linescan_odometry.matching.subpixel import SubpixelRefiner
-from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
-from omni_platform.sensors import LineSensor
-from omni_platform.signals import LineBatch
 
 cv2: Any
 try:
@@ -90,27 +85,17 @@ def measure(repetitions: int) -> output.Metrics:
             metrics[f"search_rate.{case}"] = LINES / alone, "1/s", *limit
             (refined,) = median_times(repetitions, both)
             metrics[f"displacement_rate.{case}"] = LINES / refined, "1/s"
-    metrics |= other_searches(repetitions)
+    metrics |= compared_with_pdist(repetitions)
     metrics |= compared_with_opencv(repetitions)
-    metrics["update_time.3x25x1024px"] = 1e3 * update_time(repetitions), "ms", 1.5
     return metrics
 
 
-def other_searches(repetitions: int) -> output.Metrics:
-    """Return the rates of the other metrics and of windows, and the speeds relative to `pdist`."""
+def compared_with_pdist(repetitions: int) -> output.Metrics:
+    """Return the speed of the full search relative to `pdist`."""
     metrics: output.Metrics = {}
     shift, similarity = np.empty(LINES, np.int64), np.empty(LINES)
     for pixels in (1024, 335, 128):
         lines = record(pixels, LINES + 1, np.uint8)
-        for name in METRICS:
-            for window, case in ((0, name), (32, f"{name}_window")):
-                if case == "pearson":
-                    continue
-                search = make_search(name, pixels // 2, window)
-                # Rank correlation is slow, so it has fewer repetitions.
-                count = max(3, repetitions // (20 if name == "spearman" else 2))
-                (spent,) = median_times(count, lambda: search.match(lines, shift, similarity))  # noqa: B023
-                metrics[f"search_rate.{pixels}px_{case}"] = LINES / spent, "1/s"
         full = METRICS["pearson"](pixels // 2)
         (direct,) = median_times(3, lambda: pdist_search(lines[0], lines[1]))  # noqa: B023
         (fast,) = median_times(repetitions, lambda: full.match(lines, shift, similarity))  # noqa: B023
@@ -158,27 +143,6 @@ def pdist_search(old: NDArray[np.uint8], new: NDArray[np.uint8]) -> int:
         for s in range(-(n // 2), n // 2 + 1)
     ]
     return int(np.argmin(distances)) - n // 2
-
-
-def update_time(repetitions: int) -> float:
-    """Return the median duration of an update with three sensors, 25 lines each [s]."""
-    sensors = {
-        f"sensor{i}": LineSensor(
-            x=math.cos(angle), y=math.sin(angle), heading_deg=math.degrees(angle) + 90.0
-        )
-        for i, angle in enumerate((0.0, 2.0, 4.0))
-    }
-    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
-    lines = record(1024, LINES * 8, np.uint8)
-    durations = []
-    for i in range(repetitions):
-        first = LINES * (i % 8)
-        stamp_ns = (i + 1) * 10_000_000
-        batch = LineBatch(stamp_ns, lines[first : first + LINES])
-        start = time.perf_counter()
-        odometry.update(dict.fromkeys(sensors, batch))
-        durations.append(time.perf_counter() - start)
-    return statistics.median(durations[1:])
 
 
 def main() -> None:
