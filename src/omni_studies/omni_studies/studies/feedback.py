@@ -162,7 +162,6 @@ class Cases:
             configuration.brake_assist,
             enabled=assisted,
             law=law if assisted else _LAWS[0],
-            feedback_delay=source.latency,
         )
         configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
         kinematics = PlatformKinematics.of(configuration.vehicle.wheels)

@@ -71,6 +71,22 @@ def test_wheels_measure_until_the_pedal_goes_down() -> None:
     assert dataclasses.asdict(SOURCES["encoders"])["kind"] == "wheels"
 
 
+def test_with_an_imu_a_late_source_is_as_good_as_its_stamps() -> None:
+    library = ExperimentLibrary(Path(__file__).parents[4] / "config")
+    options = feedback.Options(
+        vehicle=("mecanum_forklift",), source=("ideal", "late_50ms"), runs=1, named=True
+    )
+    cases = feedback.Cases.of(library, options)
+    stops = [cases.run(number) for number in range(len(cases))]
+    found = {(one.vehicle, one.stop, one.law, one.source): one for one in stops}
+    late = {key: one for key, one in found.items() if key[-1] == "late_50ms"}
+    assert len(late) == 10
+    for (vehicle, stop, law, _), one in late.items():
+        ideal = found[vehicle, stop, law, "ideal"]
+        assert one.distance <= 1.03 * ideal.distance
+        assert one.rotation <= ideal.rotation + 1.0
+
+
 def test_lines_are_rendered_in_the_first_stops_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
