@@ -9,6 +9,7 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.bank import estimate
 from omni_brake_assist.filter_bank.state import (
     ALL,
+    FAULTY,
     NO_ESTIMATE,
     NO_FORCE,
     NO_GYRO,
@@ -345,6 +346,48 @@ def test_a_wheel_that_spins_up_slowly_on_ice_does_not_mislead(
         truth = drive.truth(step)[0]
         assert np.hypot(*(drive.answers[step][:2] - truth[:2])) < 0.01
         assert np.hypot(*(drive.memory.state[NO_TWIST, :2] - drive.truth(169)[0][:2])) < 0.1
+
+
+def drive_and_brake(
+    drive: Drive, twist: FloatArray, driven: FloatArray, braked: FloatArray, lag: int
+) -> set[int]:
+    """Return the hypotheses of a stop without an IMU, in which all wheels are locked.
+
+    Args:
+        drive: the vehicle.
+        twist: fault-free twist [m/s, m/s, rad/s].
+        driven: twist at which the wheels roll until the pedal is pressed.
+        braked: enables from then on, shape (N,).
+        lag: number of steps for which the wheels stay locked.
+    """
+    found, answer, missing = set(), np.empty(3), np.full(3, np.nan)
+    for step in range(PEDAL + lag):
+        braking = step >= PEDAL
+        enable = braked if step > PEDAL else np.ones(4)
+        speeds = drive.kinematics.wheel_speeds(np.zeros(3) if step > PEDAL else driven)
+        readings = Readings(1.0 if braking else 0.0, enable, missing, speeds)
+        taken = Twist(True, step * PERIOD_NS, twist, np.full(3, 1e-6))
+        found.add(
+            estimate(drive.constants, drive.memory, step * PERIOD_NS, readings, taken, answer)
+        )
+    return found
+
+
+@pytest.mark.parametrize("released", [1, 2, 3])
+def test_wheels_that_stay_locked_after_a_release_are_no_fault(
+    mecanum: dict[str, WheelMount], released: int
+) -> None:
+    """The brakes release 0.12 s later than the configuration states."""
+    drive, twist = Drive(mecanum), np.array([3.0, 0.0, 0.0])
+    enable = np.where(np.arange(4) < released, 0.0, 1.0)
+    assert drive_and_brake(drive, twist, twist, enable, 12) == {ALL}
+    assert np.max(drive.memory.faulty) < FAULTY
+
+
+def test_driven_wheels_that_slip_in_a_turn_are_no_fault(mecanum: dict[str, WheelMount]) -> None:
+    """The vehicle has a sideslip of 7 deg, which its driven wheels do not show."""
+    twist, driven = np.array([8.0, -1.0, 0.5]), np.array([8.0, 0.0, 0.5])
+    assert drive_and_brake(Drive(mecanum), twist, driven, np.ones(4), 20) == {ALL}
 
 
 @pytest.mark.safety(

@@ -23,10 +23,10 @@ its rim along ``n_w`` per wheel speed, and ``lever`` the lever arm of ``n_w`` ab
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
-vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding and a faulty encoder,
-whose prior probabilities depend on the state of its brake. The probabilities of the hypotheses and
-of faulty encoders are updated by Bayes' rule with a constant transition probability (Blom and
-Bar-Shalom 1988). They alone decide which source is isolated and when it recovers.
+vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
+encoder, whose prior probabilities depend on the state of its brake. The probabilities of the
+hypotheses and of faulty encoders are updated by Bayes' rule with a constant transition probability
+(Blom and Bar-Shalom 1988). They alone decide which source is isolated and when it recovers.
 
 The estimate is that of the most probable hypothesis. Where a component of a fused twist has a
 smaller variance, it replaces that of the filter. No estimate exists if too many sources are faulty,

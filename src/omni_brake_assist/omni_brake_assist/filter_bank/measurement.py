@@ -22,10 +22,11 @@ from omni_platform.quantities import FloatArray
 GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
-_RELEASED = 0.5  # prior probability that a wheel rolls after its brake is released [1]
-# A released wheel counts as idle if its rim gains less than _GAIN [m/s] within _IDLE [s]. On ice
-# (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains as much in a fifth of this
-# time.
+_LOCKED = 0.5  # share of the sliding wheels of a braked vehicle that are locked [1]
+# A released wheel counts as idle while its rim gains less than _GAIN [m/s]. A wheel may be idle
+# because it rolls, or because its brake still acts, for a time with a Rayleigh distribution of mode
+# _IDLE / sqrt(2) [s] beyond the nominal release time. On ice (friction 0.1, load 2500 N, radius
+# 0.2 m, inertia 1 kg m^2) a rim gains _GAIN in 0.01 s.
 _GAIN, _IDLE = 0.1, 0.05
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
@@ -39,19 +40,20 @@ class _Wheel(NamedTuple):
 
     Attributes:
         rolls: prior probability that the wheel rolls [1].
+        slides: prior probability that it slides without being locked [1].
+        locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
         faulty: probability that its encoder is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
-        push: specific force that the driven wheels exert on the vehicle [m/s^2], NaN where it is
-            not measured.
         excess: speed of a rim above rolling after its brake is released, as the tire springs back
             [m/s].
         span: width of the range of readings of a faulty encoder [m/s].
     """
 
     rolls: float
+    slides: float
+    locked: float
     faulty: float
     variance: float
-    push: float
     excess: float
     span: float
 
@@ -176,9 +178,10 @@ def fuse_wheels(
 ) -> None:
     """Correct all filters with the wheels that roll.
 
-    A reading is modeled as a mixture of three cases. The wheel rolls; or it slides, with a speed
+    A reading is modeled as a mixture of four cases. The wheel rolls; or it slides, with a speed
     between rest and rolling, or slightly above rolling while the tire springs back after a release;
-    or its encoder is faulty. At most one encoder is assumed to be faulty.
+    or it is locked, if the vehicle brakes; or its encoder is faulty. At most one encoder is assumed
+    to be faulty.
 
     Args:
         constants: constants of the vehicle.
@@ -189,7 +192,15 @@ def fuse_wheels(
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
-    suspect = 0
+    slip, suspect = 0.0, 0
+    # After the clutch has opened, a driven wheel needs as long as a released one until it rolls.
+    if memory.record[0].braked < constants.spin_up:
+        # The slip is that of one filter. If each filter had its own, the one with the lowest yaw
+        # rate would have the smallest variance, and thus the largest likelihood.
+        state = memory.state[bank.NO_TWIST]
+        ground = math.hypot(state[U_X], state[U_Y])
+        centripetal = ground * abs(state[RATE])
+        slip = _SLIP * ground * (centripetal if math.isnan(push) else push)
     for i in range(speeds.size):
         suspect = i if memory.faulty[i] > memory.faulty[suspect] else suspect
     released, rolling = False, False
@@ -205,21 +216,25 @@ def fuse_wheels(
         if math.isnan(rim):
             continue
         memory.mark[i] = min(memory.mark[i], abs(rim))
-        if held or not braking or abs(rim) > memory.mark[i] + _GAIN:
+        acts = not braking or memory.released[i] < constants.spin_up
+        if acts or abs(rim) > memory.mark[i] + _GAIN:
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
-        own = bank.WHEEL**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls, excess = 1.0 - bank.PRIOR, 0.0
+        own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
+        rolls, excess, locked = 1.0 - bank.PRIOR, 0.0, 0.0
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
             excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
             rolls = bank.PRIOR
             if memory.released[i] >= constants.spin_up:
-                rolls = 1.0 - (1.0 - _RELEASED) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
+                rolls = 1.0 - (1.0 - bank.PRIOR) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
+            locked = _LOCKED * (1.0 - rolls) * math.exp(-0.5 * min((rim / bank.WHEEL) ** 2, GATE))
+            locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], bank.PRIOR)
-        memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight * math.log(span)
-        wheel, odds = _Wheel(rolls, faulty, own, 0.0 if braking else push, excess, span), 1.0
+        memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(locked + 1.0 / span)
+        slides = (1.0 - rolls) * (1.0 - _LOCKED if braking else 1.0)
+        wheel, odds = _Wheel(rolls, slides, locked, faulty, own, excess, span), 1.0
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             if k == memory.record[0].best:
@@ -238,18 +253,14 @@ def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
     """Correct filter `k` with wheel `i`; return the likelihood of a fault-free encoder [s/m]."""
-    rolls, faulty, own, push, excess, span = wheel
+    rolls, slides, locked, faulty, own, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
     factor = 1.0 + state[SCALE]
     h[:] = 0.0
     h[U_X], h[U_Y], h[RATE], h[SCALE] = factor * n_x, factor * n_y, factor * lever, ground
-    speed = math.hypot(state[U_X], state[U_Y])
-    if math.isnan(push):
-        push = speed * abs(state[RATE])  # centripetal acceleration in a turn
-    slip = _SLIP * push
-    variance = own + (bank.SHARE * ground) ** 2 + (slip * speed) ** 2
+    variance = own + (bank.SHARE * ground) ** 2
     predicted = variance_along(memory.covariance[k], h)
     total = variance + predicted
     innovation = rim - factor * ground
@@ -258,7 +269,7 @@ def _fuse_wheel(
     edge = _EDGE + math.sqrt(predicted)
     fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
     most = fast + edge + excess
-    sliding = (1.0 - rolls) / (most + edge) if -edge <= turns <= most else 0.0
+    sliding = locked + (slides / (most + edge) if -edge <= turns <= most else 0.0)
     possible = rolling + sliding
     likelihood = (1.0 - faulty) * possible + faulty / span
     memory.evidence[k] += constants.wheel_weight * math.log(likelihood)
