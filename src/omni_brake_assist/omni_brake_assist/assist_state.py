@@ -162,7 +162,7 @@ def make_constants(
         built_in.law_constants(configuration, geometry),
         configuration.fault_detection,
         bank_state.bank_constants(configuration, geometry),
-        effect_monitor.effect_constants(geometry),
+        effect_monitor.effect_constants(configuration, geometry),
         brake_monitor.brake_constants(configuration, geometry),
         r_x,
         r_y,

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
     effect_constants,
     effect_memory,
     watch_effect,
 )
+from omni_platform.brakes import BrakeConfiguration
 from omni_platform.geometry import PlatformGeometry, WheelMount
 from omni_platform.quantities import FloatArray
 
@@ -35,7 +37,14 @@ def watch(
 
 @pytest.fixture
 def constants(mecanum: dict[str, WheelMount]) -> EffectConstants:
-    return effect_constants(PlatformGeometry.from_wheels(mecanum))
+    return lagging(mecanum, 0.0)
+
+
+def lagging(wheels: dict[str, WheelMount], dead_time: float) -> EffectConstants:
+    """Return the constants for brakes with a known dead time [s]."""
+    brake = BrakeConfiguration(dead_time=dead_time)
+    configuration = BrakeAssistConfiguration(wheels=wheels, brake=brake)
+    return effect_constants(configuration, PlatformGeometry.from_wheels(wheels))
 
 
 def trip_time(
@@ -96,6 +105,14 @@ def test_a_vehicle_that_rolls_unbraked_is_braked(
     found = trip_time(constants, 0.0, 0.0, imu=imu)
     assert found == pytest.approx(allowed, abs=2 * DT)
     assert found <= within
+
+
+@pytest.mark.parametrize("imu", [True, False])
+def test_a_known_dead_time_of_the_brakes_is_no_missing_effect(
+    mecanum: dict[str, WheelMount], constants: EffectConstants, imu: bool
+) -> None:
+    later = trip_time(lagging(mecanum, 0.2), 0.0, 0.0, imu=imu)
+    assert later == pytest.approx(trip_time(constants, 0.0, 0.0, imu=imu) + 0.2, abs=2 * DT)
 
 
 @pytest.mark.parametrize(

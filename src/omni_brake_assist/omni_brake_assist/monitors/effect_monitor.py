@@ -13,8 +13,10 @@ encoders and the twist share therefore does not shorten the computed distance. W
 an error cannot be observed, and ``v`` decreases at most at the rate `loss`. While all brakes act,
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
-``a / c`` is used. The possible deceleration ``c`` is the largest one observed in this stop, scaled
-by the pedal position. It is at least `LEAST_LOSS`, which is possible even with little friction.
+``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest one observed in this
+stop, scaled by the pedal position, and at least `LEAST_LOSS`, which is possible even with little
+friction. Without an IMU it is `LEAST_LOSS`, because the deceleration of a rim that begins to slide
+exceeds that of the vehicle.
 
 Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
 deceleration `least`. The other, used only with an IMU, is the time at the end of a stop in which
@@ -32,6 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.filter_bank.state import LARGEST_LOSS, LEAST_LOSS
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -72,9 +75,9 @@ class EffectConstants(NamedTuple):
     Attributes:
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         empty: an empty record for a reset, shape (1,).
-        share: largest ratio of missed to braked distance if the specific force is known [1].
-        blind_share: largest ratio of missed to braked distance if it is unknown [1].
-        allowance: further missed distance allowed per initial speed [s].
+        allowance: further missed distance allowed per initial speed, for the time until brakes
+            act [s].
+        share: largest ratio of missed to braked distance [1].
         creep: missed distance that is always allowed [m].
         loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
         force_time: time constant of the low pass of the specific force [s].
@@ -85,9 +88,8 @@ class EffectConstants(NamedTuple):
 
     roll: FloatArray
     empty: NDArray[np.void]
+    allowance: float
     share: float = 0.25
-    blind_share: float = 0.5
-    allowance: float = 0.15
     creep: float = 0.1
     loss: float = 6.0
     force_time: float = 0.2
@@ -96,9 +98,12 @@ class EffectConstants(NamedTuple):
     grace: float = 1.0
 
 
-def effect_constants(geometry: PlatformGeometry) -> EffectConstants:
-    """Return the constants of a vehicle with these wheels."""
-    return EffectConstants(geometry.rim, effect_memory())
+def effect_constants(
+    configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
+) -> EffectConstants:
+    """Convert a configuration to the constants of the monitor."""
+    allowance = 0.15 + configuration.brake.settling_time
+    return EffectConstants(geometry.rim, effect_memory(), allowance)
 
 
 def effect_memory() -> NDArray[np.void]:
@@ -144,17 +149,15 @@ def watch_effect(
         loss = min(math.hypot(force[0], force[1]), LARGEST_LOSS)
     fallen = ledger.speed - (loss * dt if known else 0.0)
     ledger.speed = max(top, fallen, 0.0)
-    share = constants.blind_share
-    achieved = _share_of_wheels(constants, ledger, dt, pedal, top >= fallen)
+    achieved = _share_of_wheels(constants, ledger, dt, pedal, felt)
     if felt:
         achieved = max(achieved, _share_of_force(constants, ledger, dt, pedal, force))
-        share = constants.share
     if released:
         ledger.missed += ledger.speed * (1.0 - achieved) * dt
     ledger.braked += ledger.speed * achieved * dt
     stalls = felt and released and achieved < _LITTLE and ledger.speed < _LITTLE * ledger.start
     ledger.stalled = ledger.stalled + dt if stalls else 0.0
-    bound = constants.creep + constants.allowance * ledger.start + share * ledger.braked
+    bound = constants.creep + constants.allowance * ledger.start + constants.share * ledger.braked
     late = ledger.demanded > constants.grace + ledger.start / constants.least
     if released and (late or ledger.stalled > constants.force_time or ledger.missed > bound):
         ledger.tripped = True
@@ -163,7 +166,7 @@ def watch_effect(
 
 @lean
 def _share_of_wheels(
-    constants: EffectConstants, ledger: Record, dt: float, pedal: float, seen: bool
+    constants: EffectConstants, ledger: Record, dt: float, pedal: float, felt: bool
 ) -> float:
     """Return the achieved share of the possible deceleration, measured by the fastest rim.
 
@@ -172,14 +175,15 @@ def _share_of_wheels(
         ledger: memory, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
-        seen: whether the speed of the fastest rim is the speed ``v``.
+        felt: whether the specific force is known. Without it, the speed ``v`` may be that of a
+            sliding rim, which decelerates faster than the vehicle.
     """
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
     ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
     loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
-    if settled > _SETTLED and seen and loss > ledger.best_loss:
+    if settled > _SETTLED and felt and loss > ledger.best_loss:
         ledger.best_loss, ledger.loss_pedal = loss, pedal
     return float(_share(loss, pedal, ledger.best_loss, ledger.loss_pedal))
 
