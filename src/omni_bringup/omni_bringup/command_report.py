@@ -113,6 +113,8 @@ def write_text(path: Path, text: str) -> Path:
     try:
         scratch.write_text(text, encoding="utf-8")
         scratch.replace(path)
+    except OSError as error:  # a full disk raises an error that does not name the file
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         scratch.unlink(missing_ok=True)
     return path.resolve()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from pathlib import Path
 
 import pytest
 
 from omni_bringup.cli import main
+from omni_bringup.command_report import write_text
 
 
 @pytest.mark.parametrize(
@@ -19,6 +22,7 @@ from omni_bringup.cli import main
         (["bag", "info", "nowhere", "--json"], "bag_info", "nowhere: there is no such"),
         (["ros-params", "no.yaml", "--out", "x", "--json"], "ros-params", "cannot read no.yaml"),
         (["study", "tabel2", "--json"], "study", "'tabel2' is not one of"),
+        (["limit", "--out", "x", "--json"], "limit", "can only be used with --best"),
     ],
 )
 def test_a_refusal_is_json_where_json_is_asked_for(
@@ -76,6 +80,31 @@ def test_a_failed_write_is_a_failure_and_no_refusal(
         main(["ros-params", str(vehicle), "--out", str(tmp_path / "file/below"), "--json"])
     assert ended.value.code == 1
     assert "cannot access" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_a_full_disk_is_reported_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # without a name, as from write()
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match=r"No space left .*report\.html"):
+        write_text(tmp_path / "report.html", "text")
+
+
+def test_a_drive_whose_recording_cannot_be_written_is_refused_before_it_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
+    (tmp_path / "file").write_text("")
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used/drive_0.mcap").write_text("")
+    for folder, problem in (("file/below", "cannot make"), ("used", "not an empty folder")):
+        with pytest.raises(SystemExit) as ended:
+            main(["drive", "--port", "0", "--out", str(tmp_path / folder)])
+        assert ended.value.code == 2
+        assert problem in capsys.readouterr().err
 
 
 def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

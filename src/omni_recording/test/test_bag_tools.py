@@ -14,6 +14,7 @@ from mcap.records import Message
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
+from omni_platform.configuration import WorkError
 from omni_recording.actions.check import check_bag
 from omni_recording.actions.export import ExportError, export_bag
 from omni_recording.folder import bag_messages, bag_summary, open_bag
@@ -90,6 +91,14 @@ def test_only_the_topics_that_are_asked_for_are_exported(bag: Path, tmp_path: Pa
         export_bag(bag, tmp_path / "b", topics=["/nothing"])
     with pytest.raises(ExportError, match="is not an empty folder"):
         export_bag(bag, tmp_path / "a")
+
+
+def test_a_folder_that_cannot_be_written_is_a_failure_and_no_refusal(
+    bag: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(WorkError, match="cannot write to"):
+        export_bag(bag, tmp_path / "file/below")
 
 
 # Small defects

@@ -56,6 +56,8 @@ def run(options: Options, workspace: Workspace) -> Report:
     from omni_loop.metrics import Metric, results_document
     from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 
+    if options.out is not None and not options.best:
+        raise ConfigurationError("--out", "can only be used with --best, which draws a figure")
     name, load = _question(options, workspace.checked_experiments())
     experiment = load(())
     vehicle, ground = experiment.vehicle, experiment.ground

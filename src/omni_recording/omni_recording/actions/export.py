@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from omni_platform.configuration import InputError
+from omni_platform.configuration import InputError, WorkError
 from omni_recording.decode import DecodeError, MessageDecoder
 from omni_recording.folder import bag_messages, bag_summary, open_bag
 from omni_recording.limits import LIMITS
@@ -55,7 +55,8 @@ def export_bag(
 
     Raises:
         BagError: the recording is damaged or of another kind.
-        ExportError: the recording does not contain a topic, or the files cannot be written.
+        ExportError: the recording does not contain a topic, or the folder is not empty.
+        WorkError: the files cannot be written.
     """
     bag = open_bag(path)
     make_table = _table_maker(form)
@@ -91,7 +92,7 @@ def export_bag(
                     tables[topic].add({LOG_TIME: message.log_ns, **row})
                     rows[topic] += 1
     except OSError as error:
-        raise ExportError(f"cannot write to {folder}: {error.strerror or error}") from None
+        raise WorkError(f"cannot write to {folder}: {error.strerror or error}") from None
     return BagExport(files, rows, layouts.skipped)
 
 
