@@ -99,8 +99,7 @@ def test_a_drive_whose_recording_cannot_be_written_is_refused_before_it_starts(
     monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
     (tmp_path / "file").write_text("")
     (tmp_path / "used").mkdir()
-    (tmp_path / "used/drive_0.mcap").write_text("")
-    for folder, problem in (("file/below", "cannot make"), ("used", "not an empty folder")):
+    for folder, problem in (("file/below", "cannot make"), ("used", "used exists; choose another")):
         with pytest.raises(SystemExit) as ended:
             main(["drive", "--port", "0", "--out", str(tmp_path / folder)])
         assert ended.value.code == 2

@@ -69,7 +69,6 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     """
     from omni_bringup.graph.domain import reserved_domain
     from omni_bringup.graph.process_group import ProcessGroup
-    from omni_bringup.graph.run_folder import unused
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
 
@@ -81,9 +80,13 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
         "port": options.port,
         "stamped_cmd_vel": not options.unstamped,
     }
+    folder = options.out and options.out.resolve()
+    if folder is not None and folder.exists():
+        raise ConfigurationError("--out", f"{options.out} exists; choose another")
     _is_local(options.host)
     configuration = _compose(library, options, workspace)
-    folder = options.out and command_report.make_folder(unused(options.out))
+    if folder is not None:
+        command_report.make_folder(folder.parent)  # the recorder makes the folder itself
     while True:
         # A recording contains one vehicle on one ground, so the page then offers no choices.
         choices = {} if folder else _choices(library, options, configuration)
