@@ -16,6 +16,7 @@ from omni_loop.metrics import Metric
 
 _DECIMALS = {"m": 2, "mm": 0, "deg": 1, "s": 2, "rad/s": 3, "m/s": 3}
 _BEFORE_REFERENCE = re.compile(r" (?=\()")  # where a cell may wrap
+_NAME_PART = re.compile(r".[^/_ -]*[/_ -]?")  # a heading may wrap after each part
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,13 +40,13 @@ class ComparisonTable:
         title = self.title
         left = list(self.metrics_by_variant)
         while left:
-            # Use the widest table that fits: first with all variants, then with folded headings,
-            # then with fewer variants.
-            for count, folded in itertools.product(range(len(left), 0, -1), (False, True)):
+            # Use the widest table that fits: first with all variants, then with headings that wrap
+            # between the parts of names, then anywhere, then with fewer variants.
+            for count, wraps in itertools.product(range(len(left), 0, -1), range(3)):
                 shown = {name: self.metrics_by_variant[name] for name in left[:count]}
-                table = _table(shown, title, folded=folded)
-                needed = console.measure(table, options=options.update(width=10_000)).minimum
-                if needed <= options.max_width:
+                table = _table(shown, title, wraps)
+                needed = console.measure(table, options=options.update(width=10_000))
+                if (needed.maximum if wraps == 1 else needed.minimum) <= options.max_width:
                     break
             yield table
             title = None
@@ -53,9 +54,15 @@ class ComparisonTable:
 
 
 def _table(
-    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, *, folded: bool
+    metrics_by_variant: Mapping[str, Mapping[str, Metric]], title: str | None, wraps: int
 ) -> Table:
-    """Return a table in which only the first column may become narrower."""
+    """Return a table in which only the first column may become narrower.
+
+    Args:
+        metrics_by_variant: results by variant, in the order of the columns.
+        title: title above the table; None for no title.
+        wraps: where headings may wrap: 0 nowhere, 1 between the parts of names, 2 anywhere.
+    """
     table = Table(
         title=None if title is None else Text(title),
         title_justify="left",
@@ -75,8 +82,11 @@ def _table(
     for place, variant in enumerate(metrics_by_variant):
         cells = [_cell(entries[place]).plain for _, entries in rows.values()]
         parts = [part for cell in cells for part in _BEFORE_REFERENCE.split(cell)]
-        width = max(map(len, parts if folded else (variant, *cells)), default=1)
-        table.add_column(Text(variant), justify="right", overflow="fold", width=width)
+        names = _NAME_PART.findall(variant)
+        whole = ((variant, *cells), (*names, *parts), parts)[wraps]
+        width = max(map(len, whole), default=1)
+        heading = _wrapped(variant, width)
+        table.add_column(heading, justify="right", overflow="fold", width=width)
     for label, (unit, entries) in rows.items():
         table.add_row(Text(label), "" if unit == "1" else unit, *map(_cell, entries))
     notes = {
@@ -88,6 +98,16 @@ def _table(
     if notes:
         table.caption = Text("\n".join(notes))
     return table
+
+
+def _wrapped(name: str, width: int) -> Text:
+    """Return a heading whose lines are at most as wide as `width`, and end between its parts."""
+    lines = [""]
+    for part in _NAME_PART.findall(name):
+        if len(lines[-1]) + len(part) > width:
+            lines.append("")
+        lines[-1] += part
+    return Text("\n".join(lines))
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:

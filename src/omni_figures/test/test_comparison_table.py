@@ -66,6 +66,12 @@ def test_numbers_stay_whole_on_any_width(names: list[str], width: int) -> None:
     assert max(map(len, lines)) <= width
 
 
+def test_names_wrap_between_their_parts() -> None:
+    names = [f"small_stop/assisted_{index}" for index in range(4)]
+    words = " ".join(printed(dict.fromkeys(names, METRICS["assisted"]))).split()
+    assert words.count("stop/") == words.count("assisted_") == len(names)
+
+
 def test_markup_in_names_is_printed_as_it_is() -> None:
     assert any("[red]x" in line for line in printed({"[red]x": METRICS["assisted"]}))
 
