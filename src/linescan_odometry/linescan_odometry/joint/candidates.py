@@ -27,8 +27,8 @@ from omni_platform.kernels import kernel
 
 REACH = 0.5  # largest shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
-_APART = 8  # px per line; smallest distance of two peaks
-_DETAIL = 6.0, 100.0  # px; smallest and largest texture details that pass the filter of the stack
+APART = 8  # px per line; smallest distance of two peaks
+_COARSEST = 100.0  # px; largest texture details that pass the filter of the stack
 _COMPARED = 0.5 * HIGHEST  # cycles per pixel, up to which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
 
@@ -79,7 +79,7 @@ class Products(NamedTuple):
 def band_pass(size: int, count: int) -> Floats:
     """Return the weight of each frequency in the stack, shape (count,)."""
     f = np.arange(count) / size
-    weight = -np.expm1(-((_DETAIL[1] * f) ** 2)) * np.exp(-((_DETAIL[0] * f) ** 2))
+    weight: Doubles = -np.expm1(-((_COARSEST * f) ** 2)) * np.cos(0.5 * np.pi * f / HIGHEST) ** 2
     return weight.astype(np.float32)
 
 
@@ -179,7 +179,7 @@ def find(
                 break
             found[number] = _refined(correlation, best, layout)
             number += 1
-            stack[max(0, best + limit - _APART) : best + limit + _APART + 1] = -np.inf
+            stack[max(0, best + limit - APART) : best + limit + APART + 1] = -np.inf
     return found[:number]
 
 
@@ -336,7 +336,7 @@ def scatter(
     own = np.zeros(last + 1)
     for which in range(last + 1):
         own[which] = coherent(rest, layout, displacement, spread, which)
-    away = np.arange(1.0, _APART + 1.0)
+    away = np.arange(1.0, APART + 1.0)
     total, moment = 1.0, 0.0
     for rivals in (np.zeros(1), displacement - away, displacement + away):
         for rival in rivals:
@@ -383,7 +383,7 @@ def decide(
     for i in range(len(found)):
         # Noise causes such rival peaks between lines without overlap. A single line spacing may not
         # show them.
-        if abs(found[i] - found[best]) >= _APART and evidence[i] > ratio * evidence[best]:
+        if abs(found[i] - found[best]) >= APART and evidence[i] > ratio * evidence[best]:
             ambiguous = True
         if i != best and not ambiguous:
             own, other, between = _contest(rest, layout, found[best], found[i], likely)

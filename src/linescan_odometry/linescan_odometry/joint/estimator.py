@@ -35,7 +35,6 @@ _RATIO = (
 _FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge has up to 7
 _TWO_MOTIONS = 0.25  # px; difference between neighboring and all lines at which two motions overlap
 _LEAST_CONTRAST = 0.03  # ratio of gradient energy to noise; on wood, less may be another motion
-_STATIC = 4.0  # px within a batch, the accuracy of a candidate; a smaller one counts as rest
 _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
 
 
@@ -176,7 +175,8 @@ class JointEstimator:
         """
         evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
-        static = np.flatnonzero(abs(found) * (layout.lines - 1) < _STATIC)
+        # A displacement that is not resolved within the batch counts as rest.
+        static = np.flatnonzero(abs(found) * (layout.lines - 1) < candidates.APART)
         # Noise alone rarely exceeds half the least log-likelihood of a displacement.
         if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
