@@ -6,9 +6,11 @@ under the same or less pressure. A law that assumes that the failed brake works 
 wrong brakes. After a failure, until the pedal is released, either `allocation` controls the on-off
 valves of the other brakes, or all brakes act if they are proportional.
 
-The time of free rolling is counted over several commands. The count restarts after the brake has
-been released for longer than it was commanded to act, because the pressure of a brake with a lag
-then falls before the wheel slides.
+Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
+of a normal deviation from rolling to any slip, over several commands. The small, constant slip of a
+heavily loaded wheel, which its brake cannot lock, therefore does not count as free rolling.
+The sum restarts after the brake has been released for longer than it was commanded to act, because
+the pressure of a brake with a lag then falls before the wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -26,9 +28,9 @@ from omni_platform.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure to which a slide is attributed [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-# Deviation of a rim from rolling up to which its wheel rolls, and beyond which it slides, in
-# standard deviations of a rolling rim [1].
-_ROLLS, _SLIDES = 3.0, 9.0
+# Deviation of a rim from rolling, in standard deviations of a rolling rim [1]: the one at which
+# rolling and slipping are equally likely, and the one of a sliding wheel.
+_ROLLS, _SLIDES = 2.0, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
 
 
@@ -77,9 +79,9 @@ def brake_constants(
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory, shape (2 N + 1,).
 
-    Entries: time for which each braked wheel has rolled freely [s]; time for which each brake was
-    commanded to act, less the time for which it was released since [s]; time since any wheel slid
-    [s].
+    Entries: cumulative sum of each braked wheel, which rises by the time of exact rolling [s]; time
+    for which each brake was commanded to act, less the time for which it was released since [s];
+    time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY
@@ -130,10 +132,8 @@ def watch_brakes(
             if looks_for_slides:
                 if deviation > _SLIDES:
                     memory[-1] = 0.0
-            elif abs(deviation) > _ROLLS:
-                memory[i] = 0.0
-            elif abs(deviation) <= _ROLLS and memory[-1] < _SLIDE_VALIDITY:
-                memory[i] += dt
+            elif memory[-1] < _SLIDE_VALIDITY or abs(deviation) > _ROLLS:
+                memory[i] = max(memory[i] + (1.0 - (deviation / _ROLLS) ** 2) * dt, 0.0)
     for i in range(speeds.size):
         if memory[i] > constants.time:
             return i
