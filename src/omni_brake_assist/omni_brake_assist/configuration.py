@@ -121,7 +121,8 @@ class BrakeAssistConfiguration(Configuration):
     imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Position of the IMU, measured to the left from the platform center"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Time by which the twist is older than its stamp; compensated by prediction with the IMU"""
+    """Time by which the stamp of the twist is later than the measured motion; compensated by
+    prediction with the IMU"""
     frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
     """Duration after which an unchanged twist is implausible while braking above the speed
     threshold (0: never)"""

@@ -47,7 +47,7 @@ class Drive:
         configuration = BrakeAssistConfiguration(
             wheels=wheels, imu_x=place[0], imu_y=place[1], feedback_delay=delay
         )
-        self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which a twist is older than its stamp
+        self.unsaid = delay * 1e9 / PERIOD_NS  # steps by which stamps are later than the motion
         self.constants: BankConstants = bank_constants(
             configuration, PlatformGeometry.from_wheels(wheels)
         )
@@ -184,7 +184,7 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
             "rate", 0.3, NO_TWIST,
             marks=pytest.mark.safety(
                 RELEASED, "the yaw rate of the twist is wrong by 0.3 rad/s",
-                ISOLATED + "the gyro, with which the change of the velocity agrees", within=0.1,
+                ISOLATED + "the gyro and the change of the velocity", within=0.1,
             ),
         ),
         ("rate", -0.5, NO_TWIST),
@@ -192,7 +192,8 @@ def test_a_late_twist_is_compensated(drive: Drive) -> None:
             "gyro", 0.3, NO_GYRO,
             marks=pytest.mark.safety(
                 RELEASED, "the gyro is wrong by 0.3 rad/s",
-                ISOLATED + "the twist, with which the change of the velocity agrees", within=0.1,
+                ISOLATED + "the yaw rate of the twist and the change of its velocity",
+                within=0.1,
             ),
         ),
         ("gyro", -0.5, NO_GYRO),

@@ -241,7 +241,7 @@ class _Scratch(NamedTuple):
     wheel_speed: FloatArray  # measured wheel speed [rad/s], (N,)
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
-    steps: int  # of a control period
+    steps: int  # number of physics steps in a control period
     trajectory: FloatArray  # not recorded, (0, 6)
 
 

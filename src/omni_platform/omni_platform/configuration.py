@@ -317,7 +317,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def shortened(text: str, longest: int = 255) -> str:
-    """Return a text with every word cut that is longer than `longest`, as no file name can be."""
+    """Return a text in which words of more than `longest` characters are cut.
+
+    The default is the largest length of a file name.
+    """
     return re.sub(
         rf"(\S{{60}})\S{{{longest - 59},}}",
         lambda word: f"{word[1]}... ({len(word[0])} characters)",

@@ -175,7 +175,7 @@ class JointEstimator:
         """
         evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
-        # A displacement that is not resolved within the batch counts as rest.
+        # A shift within the batch that is below the smallest distance of two peaks counts as rest.
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < candidates.APART)
         # Noise alone rarely exceeds half the least log-likelihood of a displacement.
         if evidence[best] < _RATIO * _LIKELY and len(static):

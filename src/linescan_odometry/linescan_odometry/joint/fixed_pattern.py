@@ -28,7 +28,9 @@ from omni_platform.signals import Lines
 FEWEST_LINES = 8
 """Smallest number of lines from which a fixed pattern is estimated."""
 
-_OUTSTANDING = 9.0  # times the median difference of all pixels, or 6 standard deviations
+# Smallest difference of a defective pixel from its neighbors, as a multiple of the median of all
+# pixels [1]: about 6 standard deviations.
+_OUTSTANDING = 9.0
 
 
 class FixedPattern(NamedTuple):

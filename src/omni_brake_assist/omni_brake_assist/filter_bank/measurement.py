@@ -23,12 +23,13 @@ GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
 _LOCKED = 0.5  # share of the sliding wheels of a braked vehicle that are locked [1]
-# A released wheel counts as idle while its rim gains less than _GAIN [m/s]. A wheel may be idle
-# because it rolls, or because its brake still acts, for a time with a Rayleigh distribution of mode
-# _IDLE / sqrt(2) [s] beyond the nominal release time. On ice (friction 0.1, load 2500 N, radius
-# 0.2 m, inertia 1 kg m^2) a rim gains _GAIN in 0.01 s.
+# A released wheel counts as idle while its rim gains less than _GAIN [m/s]. Either it rolls, or its
+# brake still acts. The time for which a brake acts beyond its nominal release time has a Rayleigh
+# distribution with the mode _IDLE / sqrt(2) [s]. On ice (friction 0.1, load 2500 N, radius 0.2 m,
+# inertia 1 kg m^2) a rim gains _GAIN in 0.01 s.
 _GAIN, _IDLE = 0.1, 0.05
-_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0  # readings of a faulty encoder: at rest [m/s], per speed [1]
+# Width of the range of readings of a faulty encoder: at rest [m/s], and its increase per speed [1].
+_SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
 # 0.01, times sqrt(40), because the slip is constant over about 40 steps [s^2/m].

@@ -53,7 +53,7 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     total = 0.0
     for i in range(n):
         total += wheel[i].capacity
-    per = body.force / body.deceleration / total  # of an acceleration
+    per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
     # The time constants follow the remaining time of the stop; the inner loops must be faster.
     time = max(CASCADE**2 * law.observer_time, law.return_share * speed * per)

@@ -53,7 +53,8 @@ def observe_friction(law: Constants, memory: Memory) -> None:
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
     The force is then a lower bound of the capacity, even if the wheel slides.
-    Errors of the brakes' nominal lag appear as friction, so the capacity rises with this lag.
+    An error of the brakes' nominal lag appears as friction during the lag, so the capacity then
+    rises with the time constant of the lag.
     """
     dt = memory.body[0].dt
     gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0

@@ -17,7 +17,7 @@ from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim, advance, comman
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_LEAST_ENABLE = 0.01  # enable of the last acting brake, as at least one must act [1]
+_LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 
 @lean
@@ -63,7 +63,7 @@ def _at_effect(law: Constants, memory: Memory, i: int) -> tuple[BrakedWheel, Rim
 
 @lean
 def _brake_force(law: Constants, memory: Memory, i: int, model: BrakedWheel, rim: Rim) -> float:
-    """Return the force to command to brake `i`, so that the next period ends at its demand [N].
+    """Return the command with which brake `i` meets its demand at the end of a period [N].
 
     Args:
         law: constants.
@@ -77,7 +77,7 @@ def _brake_force(law: Constants, memory: Memory, i: int, model: BrakedWheel, rim
     push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
     need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
     if goal > 0.0:
-        # This loop is inside the friction observer.
+        # This loop is the innermost of the cascade (see `observers`).
         time = law.observer_time / CASCADE + body.dead_time
         need = model.capacity + model.mass * (rim.speed - goal) / time
     if share < 1.0 or not wheel.known:

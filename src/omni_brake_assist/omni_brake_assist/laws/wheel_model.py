@@ -156,11 +156,11 @@ def advance(
 def predict_share(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> float:
-    """Return the share of the capacity that is used after a command for one period, then none.
+    """Return the share of its capacity that a wheel uses after a command for one period.
 
-    With a brake lag, the prediction ends one time constant later. The friction force is low-passed
-    like the measured one. A force that alternates between periods therefore counts as its mean.
-    Arguments as in `advance`.
+    With a brake lag, the prediction continues for one time constant without a command. The friction
+    force is low-passed like the measured one. A force that alternates between periods therefore
+    counts as its mean. Arguments as in `advance`.
     """
     for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
         rim, command = advance(brake, wheel, rim, command, dt, time), 0.0

@@ -7,10 +7,11 @@ wrong brakes. After a failure, until the pedal is released, either `allocation` 
 valves of the other brakes, or all brakes act if they are proportional.
 
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
-of a normal deviation from rolling to any slip, over several commands. The small, constant slip of a
-heavily loaded wheel, which its brake cannot lock, therefore does not count as free rolling.
-The sum restarts after the brake has been released for longer than it was commanded to act, because
-the pressure of a brake with a lag then falls before the wheel slides.
+of two hypotheses: the wheel rolls, with a normally distributed deviation, or it has any slip. The
+small, constant slip of a heavily loaded wheel, which its brake cannot lock, therefore does not
+count as free rolling. The sum continues over several commands of the law to the same brake. It
+restarts after the brake has been released for longer than it was commanded to act, because the
+pressure of a brake with a lag then falls before the wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -28,8 +29,8 @@ from omni_platform.quantities import FloatArray
 
 _LEAST = 0.15  # smallest share of the full pressure to which a slide is attributed [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-# Deviation of a rim from rolling, in standard deviations of a rolling rim [1]: the one at which
-# rolling and slipping are equally likely, and the one of a sliding wheel.
+# Deviations of a rim from rolling, in standard deviations of a rolling rim [1]: the deviation at
+# which rolling and slip are equally likely, and the smallest deviation of a sliding wheel.
 _ROLLS, _SLIDES = 2.0, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
 

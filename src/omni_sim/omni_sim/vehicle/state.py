@@ -42,12 +42,13 @@ WHEEL = _floats(
     *("passive", "gain", "last_speed"),
     flag="sliding",
 )
-"""State of a wheel: speed [rad/s]; angle [rad]; deflection ``e`` of the tire [m]; force on the
-vehicle along the active direction [N]. Values of the last step: load [N]; torque of the brake on
-the wheel [N m]; speed command of a velocity drive that brakes [rad/s]; slip of the contact
-patch, Eq. (20) [1]; largest force at this load and ground [N]. With passive losses: their force
-on the vehicle [N]; wheel speed that they add in a step [rad/s]; wheel speed before the last step
-[rad/s]. The flag is whether the patch slides."""
+"""State of a wheel: ``speed`` [rad/s]; ``angle`` [rad]; ``deflection`` e of the tire [m]; ``force``
+on the vehicle along the active direction [N]. Values of the last step: ``load`` [N]; torque of the
+``brake`` on the wheel [N m]; speed ``command`` of a velocity drive that brakes [rad/s]; ``slip`` of
+the contact patch, Eq. (20) [1]; ``limit`` of the force at this load and ground [N]; whether the
+contact patch is ``sliding``. With passive losses: their force ``passive`` on the vehicle [N]; wheel
+speed ``gain`` that they add in a step [rad/s]; wheel speed ``last_speed`` before the last step
+[rad/s]."""
 
 LOSS = _floats("u_x", "u_y", "moment", "rim", "mobility")
 """Constants of a wheel's passive losses: passive direction ``u_w`` [1], lever ``cross(r_i - r_g,

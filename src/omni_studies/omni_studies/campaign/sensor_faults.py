@@ -291,7 +291,7 @@ class FaultyStops:
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
     ) -> Fault:
-        """Return a fault of which one entry differs."""
+        """Return the fault with one random entry, or all of them, drawn again."""
         other = self._draw(random, setting, extent)
         entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
         if entry == "all" or (extent == "brake" and entry != "onset"):

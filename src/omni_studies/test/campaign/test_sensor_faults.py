@@ -282,7 +282,8 @@ FAST_TURN = (
 
 @pytest.mark.safety(
     "brakes act late",
-    "the twist is 20 to 200 ms older than its stamp, and `feedback_delay` is set to this time",
+    "the stamp of the twist is 20 to 200 ms later than the motion, and `feedback_delay` is set to "
+    "this time",
     "all sources are compared at the same stamp; the stop is as good as without a delay",
     within="the whole stop",
 )

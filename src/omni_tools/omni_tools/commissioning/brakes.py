@@ -52,7 +52,7 @@ class Response(NamedTuple):
     Attributes:
         slip: torque of the ground on each wheel in the direction of rolling [N m], shape (T, N).
         torque: torque of each brake [N m], from slip and deceleration of its wheel, shape (T, N).
-        demand: predicted demand of each brake after its described delays [1], shape (T, N).
+        demand: demand of each brake after the delays in the vehicle's file [1], shape (T, N).
         rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
         moving: whether each wheel would roll fast enough for its slip to be defined, shape (T, N).
         braking: whether the driver brakes, shape (T, 1).
@@ -60,7 +60,7 @@ class Response(NamedTuple):
         period: time between two rows [s].
         radius: radius of each wheel [m], shape (N,).
         limit: largest torque that the ground can transmit to each wheel [N m], shape (N,).
-        brake: brake of each wheel as described.
+        brake: brake of each wheel as described in the vehicle's file.
     """
 
     slip: FloatArray
@@ -159,7 +159,7 @@ def response_of(
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
-    """Return the demand of each brake after its described delays and lag [1], shape (T, N)."""
+    """Return the demand of each brake after delays and lag of the vehicle's file, shape (T, N)."""
     applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
     if brake.kind == ON_OFF:
         demand = np.round(demand)
@@ -176,7 +176,7 @@ def _late(response: Response) -> int:
     """Return the delay of the wheels after the predicted torque when stops begin, in rows.
 
     The mean of all wheels neither depends on the order of the brakes nor on a single brake. If no
-    stop begins while a wheel moves, this is the delay of brakes as described.
+    stop begins while a wheel moves, this is the delay in the vehicle's file.
     """
     torque, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)

@@ -164,7 +164,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
     """Yield possible single errors of a wheel: the wrong item, its remedy, and the corrected wheel.
 
     Args:
-        mount: wheel as described.
+        mount: wheel as described in the vehicle's file.
         scale: ratio of the measured to the predicted angle of the wheel [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0

@@ -99,9 +99,9 @@ def signals_of(
         period: period of the rows [s].
 
     Raises:
-        ConfigurationError: the wheels of the messages have other names, or wheel speeds are missing
-            for so long that a motion or a rest may be missing, or for a whole wheel, or a braking
-            demand is not a share.
+        ConfigurationError: the wheels of the messages have other names; a gap between messages is
+            so long that a motion or a rest may be lost; the recording is shorter than a motion; a
+            wheel has no speeds; or a braking demand is outside [0, 1].
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}

@@ -126,7 +126,7 @@ def test_the_condition_number_is_that_of_the_sensor_matrix() -> None:
 
 def test_error_grows_with_the_lost_overlap() -> None:
     """A strip of ground counts once when it enters the view and once when it leaves it."""
-    pairs = 25  # of a batch of 10 ms
+    pairs = 25  # line pairs in a batch of 10 ms
     for lines in (2, 10, 25, 100):  # until the camera has crossed its own width
         enters = np.arange(-lines, pairs)
         harm = (enters >= 0).astype(int) + (enters + lines < pairs)

@@ -61,9 +61,10 @@ class Placement(NamedTuple):
 
 
 class Cover(NamedTuple):
-    """Rows that each column covers: column c ``low + climb c`` to ``low + climb c + height``.
+    """Rows that each column covers.
 
-    All values are rows as fixed-point numbers.
+    Column c covers the rows from ``low + climb c`` to ``low + climb c + height``. All values are
+    rows as fixed-point numbers.
     """
 
     low: int
