@@ -37,7 +37,7 @@ class AllocationConfiguration(Configuration):
     """Time constant with which the law corrects heading and direction of motion, as a share of the
     time left until rest"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the quadratic program of the control allocation. No
+    """Weight of heading and line of motion in the quadratic program of the control allocation. Zero
     deceleration costs 1; a missing yaw or lateral acceleration costs this weight if it is as large
     as the friction capacities of all wheels together could cause, and proportionally less if it is
     smaller"""

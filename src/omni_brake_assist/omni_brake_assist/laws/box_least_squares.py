@@ -23,7 +23,7 @@ _TOLERANCE = 1e-9  # tolerance of a multiplier for rounding errors [1]
 
 
 class Box(NamedTuple):
-    """A problem of R rows and M unknowns of order 1, with the workspace of the solver.
+    """A problem of R rows and M unknowns, which are about 1, with the workspace of the solver.
 
     Attributes:
         rows: ``b``, shape (R, M).

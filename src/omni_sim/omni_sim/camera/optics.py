@@ -181,6 +181,9 @@ def blur_samples(
 
 
 def instants(samples: int, exposure_time: float) -> FloatArray:
-    """Return the centers of equal parts of an exposure from its stamp [s], shape (samples,)."""
+    """Return times within an exposure relative to its stamp [s], shape (samples,).
+
+    They are the centers of equal parts of the exposure.
+    """
     middles: FloatArray = (np.arange(samples) + 0.5) / samples - 0.5
     return middles * exposure_time

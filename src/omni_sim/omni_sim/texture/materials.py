@@ -242,7 +242,7 @@ class _Shape(NamedTuple):
 def _leaves(
     size: float, generator: np.random.Generator, density: float, shape: _Shape, softness: float
 ) -> patterns.Leaves:
-    """Return ellipses with uniform radii, a number per area [1/m^2], and a soft edge [m]."""
+    """Return random ellipses with a density [1/m^2] and the width of their soft edges [m]."""
     place = generator.uniform(0.0, 1.0, (round(density * size**2), 2))
     radius = generator.uniform(*shape.radius, len(place))
     return _painted(size, generator, np.column_stack((place, radius / size)), shape, softness)

@@ -59,9 +59,10 @@ ROLLER = _floats(
     *("spin", "e_a", "e_p", "f_a", "f_p", "q_a", "q_p", "load", "limit", "slip", "torque"),
     flag="sliding",
 )
-"""State of a roller: spin [rad/s]; deflection [m], force [N] and friction direction [1], each
-along the axis (active) and across it (passive); load [N]; friction limit [N]; slip [1]; torque
-on the wheel [N m]. The flag is whether the patch slides."""
+"""State of a roller: ``spin`` [rad/s]; deflection ``e`` [m], force ``f`` [N] and friction direction
+``q`` [1], each along the axis (``a``, active) and across it (``p``, passive); ``load`` [N];
+friction ``limit`` [N]; ``slip`` [1]; ``torque`` on the wheel [N m]; whether the contact patch is
+``sliding``."""
 
 CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
 """State of a sprung chassis relative to the vehicle's plane: height ``z`` [m], gradients ``p``

@@ -78,7 +78,7 @@ class BoundTrial(NamedTuple):
 
 
 class BoundTrials:
-    """Runs a seed under every law; sent to the workers.
+    """Runs the stop of a seed with every law; an instance is sent to the workers.
 
     Args:
         library: library with the vehicles.
@@ -120,7 +120,11 @@ def _bound(
     question: tuple[VehicleConfiguration, GroundConfiguration, limit.Maneuver],
     distances: Sequence[float],
 ) -> tuple[float, float]:
-    """Return a bound and its tolerance [m]; the tolerance is NaN if the upper estimate suffices."""
+    """Return a bound and its tolerance [m].
+
+    If no distance is below an upper estimate of the bound, this estimate is returned with the
+    tolerance NaN.
+    """
     estimate = sketch(*question)
     if np.nanmin(distances) >= estimate:
         return estimate, math.nan

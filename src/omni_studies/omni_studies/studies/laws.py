@@ -196,7 +196,7 @@ def _label(law: str) -> str:
 
 
 class LawStops:
-    """Runs single cases by their numbers; sent to the workers."""
+    """Runs single cases by their numbers; an instance is sent to the workers."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.
