@@ -77,7 +77,7 @@ def _brake_force(law: Constants, memory: Memory, i: int, model: BrakedWheel, rim
     push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
     need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
     if goal > 0.0:
-        # This loop is the innermost of the cascade (see `observers`).
+        # Without dead time, this loop is CASCADE times as fast as the friction observer.
         time = law.observer_time / CASCADE + body.dead_time
         need = model.capacity + model.mass * (rim.speed - goal) / time
     if share < 1.0 or not wheel.known:

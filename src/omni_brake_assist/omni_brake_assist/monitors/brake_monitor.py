@@ -98,7 +98,7 @@ def watch_brakes(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
 ) -> int:
-    """Update the timers with a step of braking; return the wheel whose brake failed, or NO_WHEEL.
+    """Update the memory with a step of braking; return the wheel whose brake failed, or NO_WHEEL.
 
     Args:
         constants: constants of the vehicle.
