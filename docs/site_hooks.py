@@ -2,12 +2,14 @@
 
 A page may link to a module, a configuration or the README of a package. The site contains these
 files below ``source/``, READMEs as pages and all others as text, so that it can be read without
-the workspace. The first use of each term on a page links to the glossary.
+the workspace. The first use of each term on a page links to the glossary; a warning names the terms
+that no page uses.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import posixpath
 import re
@@ -24,6 +26,7 @@ _PICTURES = (".png", ".svg", ".jpg")
 _GLOSSARY = "glossary.md"
 _LISTS = ("index.md", "options.md", "parameters.md", "api.md", "dissertation.md")  # no prose
 _TERM = re.compile(r"<dt>(.*?)</dt>")
+_used: set[str] = set()  # anchors of the terms that a page has
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -117,10 +120,12 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
     uri = page.file.src_uri
     if uri == _GLOSSARY:
         return _TERM.sub(lambda found: f'<dt id="{_anchor(found[1])}">{found[1]}</dt>', html)
-    if uri.startswith(_SOURCE) or uri in _LISTS:
+    if uri in _LISTS:
         return html
     place = posixpath.relpath(_GLOSSARY.replace(".md", ".html"), posixpath.dirname(uri))
     waiting = dict(_terms())
+    text = re.sub(r"<[^>]*>", "", html).lower()
+    _used.update(anchor for word, anchor in waiting.items() if word in text)
     parts = re.split(r"(<[^>]*>)", html)
     within = 0  # depth of elements that stay as they are
     for i, part in enumerate(parts):
@@ -130,6 +135,13 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
         elif not within:
             parts[i] = _linked(part, waiting, place)
     return "".join(parts)
+
+
+def on_post_build(config: Any) -> None:
+    """Warn of the terms of the glossary that no page has."""
+    del config
+    if unused := sorted({anchor for _, anchor in _terms()} - _used):
+        logging.getLogger("mkdocs.hooks").warning("no page has the terms: %s", ", ".join(unused))
 
 
 def _terms() -> Iterator[tuple[str, str]]:

@@ -396,9 +396,9 @@ def test_the_recorder_ends_with_its_parent(graph: Graph, tmp_path: Path) -> None
 def test_a_signal_during_construction_loses_no_acknowledged_message(
     graph: Graph, tmp_path: Path
 ) -> None:
-    signalled = tmp_path / "signalled"
+    signaled = tmp_path / "signaled"
     program = tmp_path / "recorder.py"
-    program.write_text(UNDER_CONSTRUCTION.format(path=str(signalled)))
+    program.write_text(UNDER_CONSTRUCTION.format(path=str(signaled)))
     topics = CAMERAS[:1]
     with recording(graph, tmp_path / "run", topics, program=[str(program)]) as recorder:
         publisher = graph.publisher(Image, CAMERAS[0], depth=10)
@@ -407,7 +407,7 @@ def test_a_signal_during_construction_loses_no_acknowledged_message(
         send(publisher, sent)
         publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
         recorder.process.send_signal(signal.SIGTERM)
-        signalled.touch()
+        signaled.touch()
         code, out, err = recorder.end(None)
     assert (code, err) == (0, "")
     assert json.loads(out) == {"recorded": {CAMERAS[0]: 10}}

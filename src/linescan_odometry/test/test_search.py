@@ -85,7 +85,7 @@ def test_longer_overlap_wins_at_equal_correlation() -> None:
 
 
 def test_a_negative_correlation_counts_before_none() -> None:
-    # Towards negative shifts the overlap of one line is constant, and the spikes never meet.
+    # Toward negative shifts the overlap of one line is constant, and the spikes never meet.
     lines = np.zeros((2, 128), np.uint8)
     lines[0, 127] = lines[1, 0] = 200
     assert_is_direct(lines, 64)

@@ -21,7 +21,7 @@ from omni_ros.process import run_process
 
 def make_node():
     os.kill(os.getpid(), signal.SIGTERM)
-    print("signalled", flush=True)
+    print("signaled", flush=True)
     time.sleep(1e6)
 
 sys.exit(run_process(make_node, lambda node, spinner: None))
@@ -44,7 +44,7 @@ def start(
 
 def test_a_construction_that_hangs_ends_after_a_signal() -> None:
     finished = start([], program=HANGING)
-    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "signalled\n", "")
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "signaled\n", "")
 
 
 def test_without_arguments_it_runs() -> None:

@@ -100,7 +100,7 @@ def test_a_line_is_taken_where_the_camera_is_at_that_instant(textures: TextureCa
     simulator.advance(ON)
     lines = simulator.observe().line_batches["left"].lines.astype(int)
     assert len(lines) == 25
-    # In motion along the axis, the ground moves one pixel towards the start of the line.
+    # In motion along the axis, the ground moves one pixel toward the start of the line.
     assert np.abs(lines[1:, :-1] - lines[:-1, 1:]).max() <= 2
     assert np.abs(np.diff(lines, axis=0)).max() > 10  # without the shift
 

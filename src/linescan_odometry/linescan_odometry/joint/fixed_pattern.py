@@ -72,7 +72,7 @@ def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Double
 
 @kernel
 def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
-    """Return the mean of a pattern, shrunk towards 0 where it is mostly noise, shape (F,).
+    """Return the mean of a pattern, shrunk toward 0 where it is mostly noise, shape (F,).
 
     Args:
         information: precision times mean, shape (F,).

@@ -3,7 +3,7 @@
 A search compares each line with the previous one at each shift up to the limit. At shift s only the
 overlapping part is used: pixel i of the newer line is compared with pixel i + s of the older one,
 ``n - |s|`` pixels in all. A positive shift means that the sensor moved along its +axis, so that
-ground features moved towards smaller pixel indices. Sections 4.3.2 and 4.4 of the dissertation
+ground features moved toward smaller pixel indices. Sections 4.3.2 and 4.4 of the dissertation
 describe the search.
 """
 

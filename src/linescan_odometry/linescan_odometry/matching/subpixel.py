@@ -3,7 +3,7 @@
 Around the integer shift s, each of the two lines is resampled by one FIR filter. The filter smooths
 with a Gaussian, shifts by half of the fraction f (the older line forward, the newer one backward)
 and, in a second version, differentiates. Both lines thus pass through equal filters, which avoids a
-bias towards integer shifts. Means and contrasts are equalized, so a change of brightness has no
+bias toward integer shifts. Means and contrasts are equalized, so a change of brightness has no
 effect. With ``e_i = old(i + s + f/2) - new(i - f/2)``, the filtered derivatives p of the new and q
 of the old line, and ``g = (p + q) / 2 = de/df``, a step is
 
@@ -19,7 +19,7 @@ summed over the pairs: the noise of a line cancels in the pairs before and after
 ground that enters or leaves causes correlated errors in several pairs (cluster-robust variance).
 
 The width of the Gaussian is a compromise. A wide Gaussian loses the information of fine texture. A
-narrow one is undersampled, which biases displacements towards integer shifts: by 0.006 px at a
+narrow one is undersampled, which biases displacements toward integer shifts: by 0.006 px at a
 sigma of 0.7 px, but by less than 0.001 px at 0.8 px.
 """
 

@@ -3,7 +3,7 @@
 Each part is an analytic function ``z(x, y)``. It is smooth enough for the local road plane of
 `vehicle.road_plane`; a bump has a continuous curvature up to its rim:
 
-    slope   z = g (x cos a + y sin a), uphill towards a
+    slope   z = g (x cos a + y sin a), uphill toward a
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
     bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
 

@@ -2,7 +2,7 @@
 
 Line pairs are rendered at random displacements along the axis and matched. Their errors are
 compared with the Cramer-Rao bound of each pair, the smallest variance of an unbiased estimator. The
-bias towards integer shifts ("pixel locking") is fitted as a function of the fraction.
+bias toward integer shifts ("pixel locking") is fitted as a function of the fraction.
 """
 
 import dataclasses
@@ -135,7 +135,7 @@ def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
 
 
 def locking(fraction: FloatArray, error: FloatArray) -> float:
-    """Return the largest bias of displacements towards integer shifts [px].
+    """Return the largest bias of displacements toward integer shifts [px].
 
     Args:
         fraction: fractional part of the true displacements [px], evenly distributed, shape (m,).

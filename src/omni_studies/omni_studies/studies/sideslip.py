@@ -133,7 +133,7 @@ class RollingWheel:
         """
         found = np.full((2, len(angles), places * batches), math.nan)
         for i, angle in enumerate(angles):
-            # A positive angle is a slide to the right, towards -y.
+            # A positive angle is a slide to the right, toward -y.
             twist = speed * np.array([math.cos(angle), -math.sin(angle), 0.0])
             for place in range(places):
                 meter = SideslipMeter(self._configuration, _WHEEL)
