@@ -12,7 +12,7 @@ import pytest
 from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.joint.estimator import JointEstimator
 from linescan_odometry.joint.fixed_pattern import prior, without_defects
-from linescan_odometry.joint.spectra import whiten
+from linescan_odometry.joint.spectra import independent, whiten
 from linescan_odometry.odometry import LineScanOdometry
 from linescan_odometry.sensor import SensorOdometry
 from omni_platform.sensors import LineSensor, sensor_matrix
@@ -167,6 +167,59 @@ def test_lines_far_apart_on_different_ground_do_not_mislead_the_candidates(
         found = coarse.estimate(sideways(seed, displacement, 0.9, 20.0, {1.5: 1.0}, (157, 128)))
         assert found.reason == ""
         assert found.value == pytest.approx(displacement, abs=0.05)
+
+
+def over_fibers(seed: int) -> Any:
+    """Return lines of a coarse camera that moves across its axis over long, thin fibers.
+
+    The fibers are longer than the height of the pixels, which is that of 76 lines, and have random
+    directions. The camera does not move along its axis.
+    """
+    lines, pixels, covered, step = 157, 128, 76, 0.66  # step: motion across from line to line [px]
+    generator = np.random.default_rng(seed)
+    extent = np.array([[lines + covered], [pixels / step]])
+    half = 50.0 / step  # half length of a fiber [lines]
+    center = generator.uniform(-half, extent + half, (2, 1500))
+    angle = generator.uniform(0.0, math.pi, 1500)
+    along = np.arange(-half, half, 0.5)
+    row, place = center[..., None] + np.array((np.cos(angle), np.sin(angle)))[..., None] * along
+    strips, _, _ = np.histogram2d(
+        row.ravel(),
+        step * place.ravel(),
+        (lines + covered, pixels),
+        ((0, lines + covered), (0, pixels)),
+        weights=np.repeat(generator.normal(size=1500), len(along)),
+    )
+    total = strips.cumsum(axis=0)
+    levels = total[covered:] - total[:-covered]
+    levels *= 20.0 / levels.std()
+    levels += generator.normal(128.0, 1.0, levels.shape)
+    return np.rint(levels).clip(0, 255).astype(np.uint8)
+
+
+def test_errors_over_fibers_longer_than_the_pixels_are_stated() -> None:
+    scores = []
+    for seed in range(40):
+        found = JointEstimator(128, 64, 15.0 / (15600.0**2 * 3.9e-4)).estimate(over_fibers(seed))
+        assert found.reason == ""
+        scores.append(found.value**2 / found.variance)
+    assert max(scores) < 3.0**2
+    assert np.mean(scores) < 1.5**2  # the stated deviation is correct within a factor of 1.5
+
+
+def test_texture_common_to_many_lines_counts_as_few_pairs() -> None:
+    number, lines, coherence = 40, 60, 0.9
+    distances = np.arange(1, lines)
+    generator = np.random.default_rng(6)
+    series = np.empty((2, 4000, lines))
+    fresh = generator.standard_normal(series.shape) * math.sqrt(1.0 - coherence**2)
+    series[..., 0] = generator.standard_normal(series.shape[:2])
+    for k in range(1, lines):
+        series[..., k] = coherence * series[..., k - 1] + fresh[..., k]
+    product = (series[0] * series[1])[:, :number].mean(axis=1)  # of unrelated lines
+    square = (coherence ** (2.0 * distances)).astype(np.float32)[:, None]
+    effective = independent(square, distances, lines)[lines - number - 1, 0]
+    assert effective == pytest.approx(1.0 / np.var(product), rel=0.1)
 
 
 def test_the_error_of_a_mean_does_not_count_as_a_pattern() -> None:

@@ -19,6 +19,7 @@ from linescan_odometry.joint.spectra import (
     Floats,
     Spectrum,
     bands,
+    independent,
     phases,
     smoothed,
     sum_of,
@@ -226,33 +227,48 @@ class Remainder(NamedTuple):
     Attributes:
         lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
         power: mean power spectrum of both lines of these pairs, shape (4, F).
+        number: effective number of independent pairs at each spacing, shape (4, F).
     """
 
     lagged: Spectrum
     power: Floats
+    number: Floats
 
 
 @kernel
-def subtract(products: Products, fixed: Spectrum) -> Remainder:
+def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
     """Subtract the fixed part of the view, at the frequencies at which candidates are compared.
 
     Args:
         products: see `correlate`.
+        layout: sizes of the batch.
         fixed: spectrum of the fixed part of the view, shape (F,).
     """
-    count = int(_COMPARED / HIGHEST * len(fixed))
+    distances, count = lags(layout.lines), int(_COMPARED / HIGHEST * len(fixed))
     lagged, power = np.empty((_LAGS, count), np.complex64), np.empty((_LAGS, count), np.float32)
+    square = np.zeros((_LAGS, count), np.float32)
     for which in range(_LAGS):
+        # Noise alone has on average the square 1 / N of the coherence of N pairs.
+        noise = 1.0 / max(layout.lines - distances[which], 1)
         product, own = lagged[which], power[which]
         whole, energy = products.lagged[which], products.power[which]
         newer, older = products.newer[which], products.older[which]
         for f in range(count):
-            square = (fixed[f] * np.conj(fixed[f])).real
+            both = (fixed[f] * np.conj(fixed[f])).real
             product[f] = (
-                whole[f] - newer[f] * np.conj(fixed[f]) - fixed[f] * np.conj(older[f]) + square
+                whole[f] - newer[f] * np.conj(fixed[f]) - fixed[f] * np.conj(older[f]) + both
             )
-            own[f] = energy[f] - ((newer[f] + older[f]) * np.conj(fixed[f])).real + square
-    return Remainder(lagged, power)
+            own[f] = energy[f] - ((newer[f] + older[f]) * np.conj(fixed[f])).real + both
+            shared = (abs(product[f]) / max(own[f], 1e-9)) ** 2
+            square[which, f] = min(max((shared - noise) / max(1.0 - noise, 1e-9), 0.0), 1.0)
+    return Remainder(lagged, power, independent(square, distances, layout.lines))
+
+
+@kernel
+def against_noise(rest: Remainder, layout: Layout) -> Remainder:
+    """Return the correlations with all pairs counted, because noise is independent in each line."""
+    pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
+    return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
 
 @kernel
@@ -287,22 +303,24 @@ def coherent(
             own = max(overlap * sum_of(power[i:j]), 1e-9)
             coherence = min(max(sum_of(gain[i:j]) / own, 0.0), 0.999)
             # The part without overlap adds noise, which the division by the overlap amplifies.
-            bins = overlap**2 * (j - i) * layout.pixels / size
-            total -= 0.5 * (layout.lines - lag) * bins * math.log1p(-coherence * coherence)
+            number = overlap**2 * sum_of(rest.number[which, i:j]) * layout.pixels / size
+            total -= 0.5 * number * math.log1p(-coherence * coherence)
         best = max(best, total)
     return best
 
 
 @kernel
 def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
-    """Return each candidate's log-likelihood ratio at its best line spacing [nats], shape (c,).
+    """Return each candidate's log-likelihood ratio against noise [nats], shape (c,).
+
+    The ratio is that of the best line spacing.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         found: candidates [px], shape (c,).
     """
-    evidence = np.zeros(len(found))
+    evidence, rest = np.zeros(len(found)), against_noise(rest, layout)
     for i in range(len(found)):
         last = farthest(found[i], layout)
         spread = 0.5 / lags(layout.lines)[last]

@@ -118,7 +118,7 @@ class JointEstimator:
         if not len(found):
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
         removed = products.mean if m >= FEWEST_LINES else known
-        remainder = candidates.subtract(products, removed)
+        remainder = candidates.subtract(products, layout, removed)
         choice = self._choose(products, remainder, layout, known, found, last)
         d, moves = choice.displacement, choice.moves
         if choice.reason:
@@ -180,8 +180,8 @@ class JointEstimator:
         # Noise alone rarely exceeds half the least log-likelihood of a displacement.
         if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
-            rest = candidates.subtract(products, known)
-            own = candidates.coherent(rest, layout, c, 1.0, 0)
+            rest = candidates.subtract(products, layout, known)
+            own = candidates.coherent(candidates.against_noise(rest, layout), layout, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
             return _Choice(float(found[best]), True, "low texture")
