@@ -52,7 +52,7 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
                 f"package.xml "
                 f"(details in {workspace.log})."
             )
-        mend_first_lines(prefix / "lib")
+        repair_first_lines(prefix / "lib")
     places.write_stamp(workspace.install, places.build_identity(environment_stamp), state=state)
 
 
@@ -82,7 +82,7 @@ def remove(folder: Path) -> None:
         shutil.rmtree(str(folder))
 
 
-def mend_first_lines(library: Path) -> None:
+def repair_first_lines(library: Path) -> None:
     """Give executables a first line that works if the path is long or contains spaces."""
     for script in library.glob("*/*"):
         if script.parent.name.startswith("python3") or not script.is_file():

@@ -148,8 +148,8 @@ class BrakeAssist:
             fault = Fault(AssistState.INVALID_DEMAND, f"demand: {problem}")
             return self._all_on(conditions.INVALID_STAMP, fault)
         pedal = self._read_pedal(demand.pedal)
-        said = (conditions.INVALID_DEMAND, conditions.UNKNOWN_WHEEL)
-        outside = next((c for c in said if c in self._faults), GOOD)
+        input_faults = (conditions.INVALID_DEMAND, conditions.UNKNOWN_WHEEL)
+        outside = next((c for c in input_faults if c in self._faults), GOOD)
         enabled = self.configuration.enabled
         inputs = Inputs(self._stamp_ns, pedal, enabled, outside, *self._samples(demand))
         outcome, enable, error = self._step(inputs)

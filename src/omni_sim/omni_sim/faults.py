@@ -44,7 +44,7 @@ _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
 _COLUMNS = 7
 
 _REMEMBERED = 64  # number of stored readings, the longest delay
-_WHISPER_NOISE = 1e-9
+_STUCK_NOISE_DEVIATION = 1e-9
 
 
 class FaultConfiguration(Configuration):
@@ -153,7 +153,7 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     if kind == _STUCK:
         return held
     if kind == _STUCK_NOISE:
-        return held + _WHISPER_NOISE * draw
+        return held + _STUCK_NOISE_DEVIATION * draw
     if kind == _DELAY:
         return delayed
     if kind == _SWAP:

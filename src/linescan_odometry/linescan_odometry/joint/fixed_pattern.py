@@ -196,7 +196,7 @@ def without_defects(lines: Lines) -> Lines:
     after = np.searchsorted(sound, defective).clip(1, len(sound) - 1)
     left, right = sound[after - 1], sound[after]
     share = ((defective - left) / (right - left)).clip(0.0, 1.0).astype(np.float32)
-    mended: Lines = lines.copy()
+    repaired: Lines = lines.copy()
     between = (1.0 - share) * lines[:, left] + share * lines[:, right]
-    mended[:, defective] = np.rint(between).astype(lines.dtype)
-    return mended
+    repaired[:, defective] = np.rint(between).astype(lines.dtype)
+    return repaired

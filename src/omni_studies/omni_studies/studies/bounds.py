@@ -165,9 +165,9 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Man
     cos, sin = math.cos(pose[0, 2]), math.sin(pose[0, 2])
     v_x, v_y = maneuver.twist[0], maneuver.twist[1]
     along = np.array([cos * v_x - sin * v_y, sin * v_x + cos * v_y]) / math.hypot(v_x, v_y)
-    aside = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
+    lateral = np.abs(along[0] * path[:, 1] - along[1] * path[:, 0])
     turned = float(np.max(np.abs(pose[:, 2] - pose[0, 2])))
-    kept = turned <= limit.KEPT and float(np.max(aside)) <= math.tan(limit.KEPT) * float(
+    kept = turned <= limit.KEPT and float(np.max(lateral)) <= math.tan(limit.KEPT) * float(
         along @ path[-1]
     )
     return math.hypot(*path[-1]) if kept else math.nan

@@ -323,10 +323,10 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     for unknown, moved in enumerate(bread @ np.einsum("kcp,kc->pk", jacobian, left)):
         variance[unknown] = moved @ moved
         for lag in range(1, rows // 4):
-            alike = moved[lag:] @ moved[:-lag]
-            if alike <= 0.0:
+            covariance = moved[lag:] @ moved[:-lag]
+            if covariance <= 0.0:
                 break
-            variance[unknown] += 2.0 * alike
+            variance[unknown] += 2.0 * covariance
     return np.asarray(np.sqrt(variance * left.size / max(left.size - unknowns, 1)))
 
 

@@ -307,7 +307,7 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
     def _straight_distance(self, last: Any) -> Any:
-        """Return the straight-line distance of base_link at a state from its start [m]."""
+        """Return the straight-line distance [m] of base_link from its start to a state."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

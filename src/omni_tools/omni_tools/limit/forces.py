@@ -366,7 +366,11 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
 
 
 def _corner(interval: tuple[tuple[float, float], tuple[float, float]]) -> float:
-    """Return the largest distance of a point from the origin between two support directions."""
+    """Return the largest distance from the origin of a point that two supporting lines permit.
+
+    Args:
+        interval: direction [rad] and distance from the origin of each of the two lines.
+    """
     (start, one), (end, other) = interval
     cos = math.cos(end - start)
     across = (other - one * cos) / math.sin(end - start)

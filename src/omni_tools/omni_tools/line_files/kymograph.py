@@ -86,7 +86,9 @@ def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int =
     figure, panels = style.panels(
         title, len(kymographs), 3, size=size, y="time [s]", width_ratios=(1.5, 1.0, 0.7)
     )
-    for (seen, moved, alike), (name, kymograph) in zip(panels, kymographs.items(), strict=True):
+    for (seen, moved, similarity), (name, kymograph) in zip(
+        panels, kymographs.items(), strict=True
+    ):
         step = -(-len(kymograph.lines) // most)
         begin, end = float(kymograph.time[0]), float(kymograph.time[-1])
         seen.grid(False)
@@ -97,10 +99,10 @@ def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int =
         seen.set_xlabel("along the axis [mm]")
         seen.set_title(f"{name}: lines over time")
         _draw_displacements(moved, kymograph)
-        alike.plot(kymograph.correlation, kymograph.time[1:], ".", ms=2.0, color=style.BLUE)
-        alike.set_xlim(-0.05, 1.05)
-        alike.set_xlabel("correlation [1]")
-        for axes in (moved, alike):
+        similarity.plot(kymograph.correlation, kymograph.time[1:], ".", ms=2.0, color=style.BLUE)
+        similarity.set_xlim(-0.05, 1.05)
+        similarity.set_xlabel("correlation [1]")
+        for axes in (moved, similarity):
             axes.set_ylim(end, begin)
     return figure
 
