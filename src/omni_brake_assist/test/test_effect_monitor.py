@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import LEAST_LOSS
 from omni_brake_assist.monitors.effect_monitor import (
     EffectConstants,
     effect_constants,
@@ -177,22 +176,6 @@ def test_a_vehicle_that_keeps_rolling_at_the_end_of_a_stop_is_braked(
 ) -> None:
     # It loses speed from 5 to 0.5 m/s within half a second, and rolls on from there.
     assert trip_time(constants, 9.0, 0.05, imu=imu) - 0.5 <= within
-
-
-@pytest.mark.parametrize("slide", [0.6, 0.9, 1.2])
-def test_wheels_that_roll_again_after_a_slide_do_not_hide_the_loss_of_speed(
-    constants: EffectConstants, slide: float
-) -> None:
-    """The vehicle brakes with the weakest expected deceleration; its wheels are locked at first."""
-    for lost, trips in ((LEAST_LOSS, False), (0.0, True)):  # deceleration after the slide
-        ledger, speed, told = effect_memory(), START, []
-        watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
-        for step in range(1, 300):
-            locked = step * DT < slide
-            speed -= (LEAST_LOSS if locked else lost) * DT
-            speeds = (0.0 if locked else speed) / constants.roll
-            told.append(watch(constants, ledger, DT, 1.0, True, speeds, UNKNOWN))
-        assert any(told) == trips
 
 
 def test_brakes_that_act_never_trip_the_monitor(constants: EffectConstants) -> None:

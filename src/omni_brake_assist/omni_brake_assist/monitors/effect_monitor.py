@@ -181,9 +181,7 @@ def _share_of_wheels(
     time = constants.wheel_time
     follow = 1.0 - math.exp(-dt / time)
     settled = 1.0 - math.exp(-ledger.elapsed / time)
-    # A braked vehicle gains no speed: a rim that does has slid, and the speed was underestimated.
-    mean = ledger.mean_speed + follow * (ledger.speed - ledger.mean_speed)
-    ledger.mean_speed = max(mean, ledger.speed)
+    ledger.mean_speed += follow * (ledger.speed - ledger.mean_speed)
     loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
     if settled > _SETTLED and felt and loss > ledger.best_loss:
         ledger.best_loss, ledger.loss_pedal = loss, pedal
