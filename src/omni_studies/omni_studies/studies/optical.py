@@ -36,7 +36,9 @@ _REPEATED = {("ice_patch_noisy", "assisted")}  # optical run equals that of ice_
 class Options(Configuration):
     """Experiments to compare."""
 
-    experiment: tuple[str, ...] = parameter(tuple(braking.CASES))
+    experiment: tuple[str, ...] = parameter(
+        tuple(case for case in braking.CASES if case not in braking.RUNS)
+    )
     """experiment to run"""
     overrides: tuple[str, ...] = overrides_option()
 

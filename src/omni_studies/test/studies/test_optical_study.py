@@ -35,6 +35,11 @@ def test_lag_of_a_late_and_noisy_estimate_is_found(history: RunHistory, lag: flo
     assert odometry_lag(told) == pytest.approx(lag, abs=5e-4, rel=0.1)
 
 
+def test_every_experiment_that_runs_by_default_exists() -> None:
+    for name in load_study("optical").Options().experiment:
+        assert LIBRARY.variants(name)
+
+
 def test_study_reports_the_difference_of_both_feedbacks(tmp_path: Path) -> None:
     study = load_study("optical")
     options = parse_options(study.Options, ["--experiment", "small_stop"])
