@@ -39,8 +39,8 @@ _NEVER = (
     1.05,
     5.0,
 )  # limits in unknown conditions: ratio to the unassisted distance [1], rotation [deg]
-# Changes of vehicle and ground. Of these, only the kind and the lag of the brakes are also
-# configured in the assistant.
+# Changes of vehicle, ground and pedal. Of these, the assistant only knows the pedal, and the kind
+# and the lag of the brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
     **{f"stiffness_{c}": (f"vehicle.tire.stiffness={c}",) for c in (50000, 1000000)},
@@ -66,6 +66,7 @@ _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     },
     **{f"nominal_mass_{m}": (f"brake_assist.nominal_mass={m}",) for m in (600, 2500)},
     "friction_0.5": ("ground.friction=0.5",),
+    **{f"pedal_{p}_percent": (f"maneuver.pedal={p / 100}",) for p in (20, 30, 50)},
     "rollers": ("vehicle.wheel_model=rollers",),
     "brakes_spring": typical_changes("spring"),
     "brakes_torque": (*typical_changes("torque"), "vehicle.brake.max_power=15000"),
