@@ -31,7 +31,7 @@ _LEAST = 0.15  # smallest share of the full pressure to which a slide is attribu
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
 # Deviations of a rim from rolling, in standard deviations of a rolling rim [1]: the deviation at
 # which rolling and slip are equally likely, and the smallest deviation of a sliding wheel.
-_ROLLS, _SLIDES = 2.0, 9.0
+_ROLLS, _SLIDES = 2.5, 9.0
 _SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
 
 
