@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from omni_brake_assist.configuration import LAWS, MOST_VALVES, BrakeAssistConfiguration
 from omni_brake_assist.laws import allocation, allocation_state, sliding_mode
-from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion
+from omni_brake_assist.laws.law import HELD, NO_HELP, NO_WHEEL, Motion, is_new
 from omni_brake_assist.sliding_manifold import Manifold
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -56,7 +56,7 @@ def step(
     After a brake has failed, `allocation` controls the rest of the stop with the other brakes if
     `LawConstants.replans` is true; otherwise the result is NO_HELP.
     """
-    if not (motion.first or motion.dt > 0.0):
+    if not is_new(motion):
         return HELD
     failed = motion.failed_brake != NO_WHEEL
     if failed and not laws.replans:

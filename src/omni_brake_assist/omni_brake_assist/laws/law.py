@@ -14,6 +14,7 @@ import numpy as np
 
 from omni_brake_assist.configuration import LAW_GROUP, LAWS, BrakeAssistConfiguration
 from omni_platform.geometry import PlatformGeometry
+from omni_platform.kernels import lean
 from omni_platform.plugins import load_class, make_part
 from omni_platform.quantities import FloatArray
 
@@ -54,6 +55,12 @@ class Motion(NamedTuple):
     failed_brake: int = NO_WHEEL
 
 
+@lean
+def is_new(motion: Motion) -> bool:
+    """Return whether time has passed since the last step or a stop begins."""
+    return bool(motion.first or motion.dt > 0.0)
+
+
 class Law(Protocol):
     """A control law, created from a `BrakeAssistConfiguration` and a `PlatformGeometry`."""
 
@@ -81,7 +88,7 @@ def call_law(
     If the law may release brakes (`enabled`), its first error is printed to standard error, with
     the lines of the law's file at which it occurred.
     """
-    if not (motion.first or motion.dt > 0.0):
+    if not is_new(motion):
         return HELD, ""
     try:
         answer = law.step(motion, error, enable)
