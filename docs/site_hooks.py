@@ -2,8 +2,8 @@
 
 A page may link to a module, a configuration or the README of a package. The site contains these
 files below ``source/``, READMEs as pages and all others as text, so that it can be read without
-the workspace. The first use of each term on a page links to the glossary; a warning names the terms
-that no page uses.
+the workspace. Besides the links that pages have, the first use of each term on a page links to the
+glossary; a warning names the terms to which no page links.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from markdown.extensions.toc import slugify
 from mkdocs.structure.files import File, Files
 
 _ROOT = Path(__file__).resolve().parent.parent
@@ -25,8 +26,7 @@ _SOURCE = "source"
 _PICTURES = (".png", ".svg", ".jpg")
 _GLOSSARY = "glossary.md"
 _LISTS = ("index.md", "options.md", "parameters.md", "api.md", "dissertation.md")  # no prose
-_TERM = re.compile(r"<dt>(.*?)</dt>")
-_used: set[str] = set()  # anchors of the terms that a page has
+_linked_terms: set[str] = set()  # anchors of the terms to which a page links
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -74,6 +74,7 @@ def _as_page(notebook: Path) -> str:
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Replace the links of a page by the addresses of the linked files on the site."""
     del config, files
+    _linked_terms.update(re.findall(r"glossary\.md#([\w-]+)", markdown))
     uri = page.file.src_uri
     place = _ROOT / (uri.removeprefix(f"{_SOURCE}/") if uri.startswith(_SOURCE) else f"docs/{uri}")
 
@@ -118,14 +119,11 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
     """Link the first use of each term of the glossary on a page to its definition."""
     del config, files
     uri = page.file.src_uri
-    if uri == _GLOSSARY:
-        return _TERM.sub(lambda found: f'<dt id="{_anchor(found[1])}">{found[1]}</dt>', html)
-    if uri in _LISTS:
+    if uri in (_GLOSSARY, *_LISTS):
         return html
     place = posixpath.relpath(_GLOSSARY.replace(".md", ".html"), posixpath.dirname(uri))
-    waiting = dict(_terms())
-    text = re.sub(r"<[^>]*>", "", html).lower()
-    _used.update(anchor for word, anchor in waiting.items() if word in text)
+    linked = set(re.findall(r"glossary\.html#([\w-]+)", html))
+    waiting = {word: anchor for word, anchor in _terms() if anchor not in linked}
     parts = re.split(r"(<[^>]*>)", html)
     within = 0  # depth of elements that stay as they are
     for i, part in enumerate(parts):
@@ -138,23 +136,19 @@ def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
 
 
 def on_post_build(config: Any) -> None:
-    """Warn of the terms of the glossary that no page has."""
+    """Warn of the terms of the glossary to which no page links."""
     del config
-    if unused := sorted({anchor for _, anchor in _terms()} - _used):
-        logging.getLogger("mkdocs.hooks").warning("no page has the terms: %s", ", ".join(unused))
+    if missing := sorted({anchor for _, anchor in _terms()} - _linked_terms):
+        logging.getLogger("mkdocs.hooks").warning("no page links to: %s", ", ".join(missing))
 
 
 def _terms() -> Iterator[tuple[str, str]]:
     """Yield the terms of the glossary in lower case, with the anchor of each."""
     text = (_ROOT / "docs" / _GLOSSARY).read_text(encoding="utf-8")
-    for term in re.findall(r"^(\S.*)\n:   ", text, re.M):
+    for term in re.findall(r"^### (.+)$", text, re.M):
         for word in re.split(r", | \(|\)", term):
             if word:
-                yield word.lower(), _anchor(term)
-
-
-def _anchor(term: str) -> str:
-    return "term-" + re.sub(r"\W+", "-", term.lower()).strip("-")
+                yield word.lower(), slugify(term, "-")
 
 
 def _linked(text: str, waiting: dict[str, str], place: str) -> str:

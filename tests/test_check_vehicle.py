@@ -39,7 +39,7 @@ class Vehicle(Bystander):
         self.pedal = self.node.create_publisher(JointState, "robot1/brake/pedal", RELIABLE)
 
     def description(self) -> str:
-        return "nobody subscribed"
+        return "no node subscribed"
 
     def drive(self, signs: FloatArray, *, acknowledged: bool = False) -> FloatArray:
         """Publish the drive; return the published wheel speeds [rad/s].

@@ -58,8 +58,8 @@ class Boards(Bystander):
         self.stamp_ns += PERIOD_NS
         true = (sensor_matrix(self.sensors) @ TWIST).reshape(-1, 2)
         for (name, publisher), velocity in zip(self.publishers.items(), true, strict=True):
-            told = Flow(self.stamp_ns, velocities.get(name, velocity), 1e-4 * np.eye(2))
-            publisher.publish(flow_message(name, told))
+            reading = Flow(self.stamp_ns, velocities.get(name, velocity), 1e-4 * np.eye(2))
+            publisher.publish(flow_message(name, reading))
         self.wait(
             lambda: self.twists and to_nanoseconds(self.twists[-1].header.stamp) == self.stamp_ns
         )

@@ -196,12 +196,12 @@ def test_nodes_of_any_name_start_with_the_files_of_every_example(
     for name, (package, executable, files) in nodes.items():
         if not (tmp_path / f"{name}.yaml").exists():
             continue
-        told = [word for f in files for word in ("--params-file", str(tmp_path / f"{f}.yaml"))]
+        options = [word for f in files for word in ("--params-file", str(tmp_path / f"{f}.yaml"))]
         # No subscriber ever starts: the node ends by itself after reading its parameters.
         ended = subprocess.run(
             [
                 str(find_executable(package, executable)),
-                *("--ros-args", *told, "-r", "__ns:=/robot1"),
+                *("--ros-args", *options, "-r", "__ns:=/robot1"),
                 *("-r", "__node:=x", "-p", "subscribers:=1", "-p", "match_timeout:=0.1"),
             ],
             env={**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"},

@@ -64,8 +64,8 @@ def onlooker(tmp_path: Path) -> Iterator[Onlooker]:
         for robot in ROBOTS:
             names = ["-r", f"__ns:=/{robot}", "-p", f"frame_prefix:={robot}/"]
             group.start(dataclasses.replace(process, arguments=[*process.arguments, *names]))
-            heard = onlooker.poses[robot]
-            onlooker.wait(lambda heard=heard: len(heard) > 50)  # type: ignore[misc]
+            poses = onlooker.poses[robot]
+            onlooker.wait(lambda poses=poses: len(poses) > 50)  # type: ignore[misc]
         yield onlooker
 
 

@@ -101,8 +101,8 @@ def test_a_camera_completes_one_flow_sensor() -> None:
     assert "side: no lines arrived" in estimate.reason
     speed = sensor_matrix(camera) @ TWIST
     solver = TwistSolver(settings.all_sensors, 0.02)
-    told = np.concatenate((speed, sensor_matrix(flows) @ TWIST))
-    twist, _ = solver.solve(told, 1e-4 * np.eye(3), (True, True))
+    readings = np.concatenate((speed, sensor_matrix(flows) @ TWIST))
+    twist, _ = solver.solve(readings, 1e-4 * np.eye(3), (True, True))
     np.testing.assert_allclose(twist, TWIST, atol=1e-12)
 
 
@@ -161,9 +161,9 @@ def test_no_fault_of_one_of_three_is_accepted_with_a_small_covariance(seed: int)
 )
 def test_what_cannot_be_used_is_named(change: dict[str, Any], words: str) -> None:
     flows = only("front", "left", "right", maximum_speed=3.0)
-    told = flows_at(TWIST, flows)
-    told["left"] = dataclasses.replace(told["left"], **change)
-    estimate = odometry(flows).update(told)
+    readings = flows_at(TWIST, flows)
+    readings["left"] = dataclasses.replace(readings["left"], **change)
+    estimate = odometry(flows).update(readings)
     assert words in estimate.flows["left"].reason
     np.testing.assert_allclose(estimate.twist, TWIST, atol=1e-12)
 
@@ -181,8 +181,8 @@ def test_a_jump_is_no_motion_until_it_has_lasted() -> None:
 
 def test_without_a_stated_covariance_the_configured_one_holds() -> None:
     flows = only("front", "left", deviation=0.03)
-    told = flows_at(TWIST, flows)
-    unstated = {n: dataclasses.replace(f, covariance=np.zeros((2, 2))) for n, f in told.items()}
+    readings = flows_at(TWIST, flows)
+    unstated = {n: dataclasses.replace(f, covariance=np.zeros((2, 2))) for n, f in readings.items()}
     estimate = odometry(flows).update(unstated)
     np.testing.assert_array_equal(estimate.flows["left"].covariance, 0.03**2 * np.eye(2))
 

@@ -221,7 +221,7 @@ def test_motion_up_to_the_limit_is_measured(displacement: float, expose: Expose)
 
 
 @pytest.mark.parametrize("displacement", [0.03, 0.1, 0.3])
-def test_creeping_is_free_of_the_pull_towards_whole_pixels(
+def test_creeping_is_free_of_the_pull_toward_whole_pixels(
     displacement: float, expose: Expose
 ) -> None:
     sensor = one_sensor()

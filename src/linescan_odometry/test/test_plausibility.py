@@ -57,9 +57,9 @@ def test_time_that_goes_back_starts_anew(back_ns: int) -> None:
     assert judge(filter_, 2 * 10**9 - back_ns, 300.0) == [True]
 
 
-@pytest.mark.parametrize(("maximum_acceleration", "believed"), [(0.0, True), (20.0, False)])
+@pytest.mark.parametrize(("maximum_acceleration", "accepted"), [(0.0, True), (20.0, False)])
 def test_a_sensor_rejects_a_jump(
-    maximum_acceleration: float, believed: bool, expose: Callable[..., Any]
+    maximum_acceleration: float, accepted: bool, expose: Callable[..., Any]
 ) -> None:
     sensors = {
         name: LineSensor(x=x, y=y, heading_deg=turn, pixels=256, length=0.0128)
@@ -74,7 +74,7 @@ def test_a_sensor_rejects_a_jump(
         OdometryConfiguration(sensors=sensors, maximum_acceleration=maximum_acceleration),
     )
     # The second batch shows a reflection that moves the other way; the third is correct.
-    for i, (step, measured) in enumerate(((7.0, True), (-9.0, believed), (7.2, True))):
+    for i, (step, measured) in enumerate(((7.0, True), (-9.0, accepted), (7.2, True))):
         lines = expose(step * np.arange(26), 256, seed=1 + i, noise_seed=i)
         reading = sensor.update(LineBatch(i * 10_000_000, lines))
         assert reading.measured == measured

@@ -150,19 +150,19 @@ def test_four_sensors_may_be_singular_without_one_of_them() -> None:
 
 @pytest.mark.parametrize("count", [3, 5])
 def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
-    told = {
+    nominal = {
         name: dataclasses.replace(
             sensor, scale_error=0.004, heading_error_deg=0.2, lever_error=0.004
         )
         for name, sensor in ring(count, 75.0, x=0.3).items()
     }
     generator = np.random.default_rng(5)
-    solver = TwistSolver(told, 0.02)
+    solver = TwistSolver(nominal, 0.02)
     variance = np.full(count, 1e-6)
     squares, scores = [], []
     for _ in range(600):
         true = {}
-        for name, sensor in told.items():
+        for name, sensor in nominal.items():
             scale, turn, lever = generator.standard_normal(3)
             heading = sensor.heading + math.radians(0.2) * turn
             # Along the axis of the configured camera, so that only the lever changes, by this much.
@@ -176,7 +176,7 @@ def test_the_covariance_holds_what_calibration_leaves(count: int) -> None:
                 length=sensor.length * (1.0 + 0.004 * scale),
             )
         # A camera whose pixels are longer than configured measures less than its velocity.
-        share = np.array([sensor.length / true[name].length for name, sensor in told.items()])
+        share = np.array([sensor.length / true[name].length for name, sensor in nominal.items()])
         said = velocities(true) * share + generator.normal(0.0, 1e-3, count)
         twist, covariance = solver.solve(said, variance, (True,) * count)
         error = twist - TWIST

@@ -44,14 +44,14 @@ def rolling(constants: BrakeConstants, twist: tuple[float, float, float]) -> Flo
 def found(
     constants: BrakeConstants,
     slips: FloatArray,
-    told: FloatArray,
+    enables: FloatArray,
     *,
     pedal: float = 1.0,
     duration: float = 1.0,
 ) -> tuple[int, float]:
     """Return which brake is reported as failed, and when, if the rims slip by these shares."""
-    memory = brake_memory(len(told))
-    wheels = BrakedWheels(told, (1.0 - slips) * rolling(constants, TWIST), 0.0)
+    memory = brake_memory(len(enables))
+    wheels = BrakedWheels(enables, (1.0 - slips) * rolling(constants, TWIST), 0.0)
     for step in range(1, round(duration / DT)):
         wheel = watch_brakes(constants, memory, DT, pedal, wheels, TWIST)
         if wheel != NO_WHEEL:
@@ -82,14 +82,14 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     configuration: BrakeAssistConfiguration,
 ) -> None:
     """A law of proportional brakes demands more and more from it and releases the others."""
-    slips, told = np.array([0.01, 0.3, 0.0, 0.0]), np.array([1.0, 0.2, 0.0, 0.0])
-    wheel, time = found(constants_of(configuration), slips, told)
+    slips, enables = np.array([0.01, 0.3, 0.0, 0.0]), np.array([1.0, 0.2, 0.0, 0.0])
+    wheel, time = found(constants_of(configuration), slips, enables)
     assert wheel == 0
     assert time <= 0.2
 
 
 @pytest.mark.parametrize(
-    ("slips", "told", "pedal"),
+    ("slips", "enables", "pedal"),
     [
         ([0.01, 0.01, 0.01, 0.01], [1.0, 1.0, 1.0, 1.0], 1.0),  # weak braking: no wheel slides
         ([0.05, 0.3, 0.3, 0.3], [1.0, 1.0, 1.0, 1.0], 1.0),  # one wheel slides less than the others
@@ -102,10 +102,10 @@ def test_a_brake_that_gets_all_and_rolls_while_others_slide_by_less_has_failed(
     ],
 )
 def test_a_brake_that_may_well_act_is_not_reported_as_failed(
-    configuration: BrakeAssistConfiguration, slips: list[float], told: list[float], pedal: float
+    configuration: BrakeAssistConfiguration, slips: list[float], enables: list[float], pedal: float
 ) -> None:
     constants = constants_of(configuration)
-    wheel, _ = found(constants, np.array(slips), np.array(told), pedal=pedal)
+    wheel, _ = found(constants, np.array(slips), np.array(enables), pedal=pedal)
     assert wheel == NO_WHEEL
 
 
@@ -116,8 +116,8 @@ def test_short_commands_to_a_brake_are_no_failure(
     constants, memory = constants_of(configuration), brake_memory(4)
     speeds = (1.0 - np.array([0.0, 0.3, 0.3, 0.3])) * rolling(constants, TWIST)
     for step in range(100):
-        told = np.array([float(step % 3 == 0), 1.0, 1.0, 1.0])
-        wheels = BrakedWheels(told, speeds, 0.0)
+        enables = np.array([float(step % 3 == 0), 1.0, 1.0, 1.0])
+        wheels = BrakedWheels(enables, speeds, 0.0)
         assert watch_brakes(constants, memory, DT, 1.0, wheels, TWIST) == NO_WHEEL
 
 

@@ -199,8 +199,8 @@ def test_once_exceeded_it_holds_until_the_pedal_is_released(constants: EffectCon
     ledger, speeds = effect_memory(), START / constants.roll
     still, rest = np.zeros(2), 0.0 * speeds
     watch(constants, ledger, DT, 0.0, False, speeds, still)
-    told = [watch(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
-    assert told[-1]
+    detected = [watch(constants, ledger, DT, 1.0, True, speeds, still) for _ in range(200)]
+    assert detected[-1]
     assert watch(constants, ledger, DT, 1.0, False, rest, still)
     assert not watch(constants, ledger, DT, 0.0, False, rest, still)
     assert not watch(constants, ledger, DT, 1.0, True, rest, still)
@@ -211,8 +211,8 @@ def test_sensors_without_a_number_cannot_hide_a_vehicle_that_rolls(
 ) -> None:
     ledger, none = effect_memory(), np.full(WHEELS, np.nan)
     watch(constants, ledger, DT, 0.0, False, START / constants.roll, UNKNOWN)
-    told = [watch(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
-    assert any(told)
+    detected = [watch(constants, ledger, DT, 1.0, True, none, UNKNOWN) for _ in range(100)]
+    assert any(detected)
 
 
 def test_one_encoder_that_reads_nonsense_does_not_end_an_assisted_stop(

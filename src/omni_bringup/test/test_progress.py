@@ -15,11 +15,11 @@ class Listener(io.StringIO):
 
     def __init__(self) -> None:
         super().__init__()
-        self.heard = threading.Event()
+        self.reported = threading.Event()
 
     def write(self, text: str) -> int:
         written = super().write(text)
-        self.heard.set()
+        self.reported.set()
         return written
 
 
@@ -29,6 +29,6 @@ def test_a_command_at_work_reports_its_progress_until_it_is_done(
     listener = Listener()
     monkeypatch.setattr("sys.stderr", listener)
     with at_work("omni fit-tire", "fitting the tire", every=0.001):
-        assert listener.heard.wait(30.0)
+        assert listener.reported.wait(30.0)
     said = listener.getvalue()
     assert said.startswith("omni fit-tire: fitting the tire, ")

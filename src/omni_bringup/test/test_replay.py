@@ -214,7 +214,7 @@ def message(topic: str, log_ns: int) -> RecordedMessage:
     return RecordedMessage(RecordedChannel(topic, "", "", "", "cdr", {}), log_ns, 0, 0, b"")
 
 
-def test_messages_come_by_time_and_then_as_they_lie() -> None:
+def test_messages_come_by_time_and_then_in_the_order_of_the_file() -> None:
     found: list[Any] = [message("/a", 3), message("/b", 1), message("/c", 3), message("/d", 2)]
     found += [message("/e", 5 * 10**9), message("/f", 4 * 10**9)]
     assert [m.channel.topic for m in in_time_order(found)] == ["/b", "/d", "/a", "/c", "/f", "/e"]

@@ -273,7 +273,7 @@ def test_outlines_overlap_where_they_share_a_point() -> None:
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, math.pi / 2.0], ids=["along", "skew", "across"])
-def test_wheels_and_load_outside_the_chassis_lie_in_the_picture(
+def test_wheels_and_load_outside_the_chassis_are_in_the_picture(
     make_history: MakeHistory, heading: float
 ) -> None:
     load = (3.0, 0.5)

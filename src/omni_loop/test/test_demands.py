@@ -40,7 +40,7 @@ def two_stops(tmp_path: Path) -> ExperimentConfiguration:
     return _load(f"maneuver.demands={file}")
 
 
-def test_between_rows_demands_lie_on_a_line_and_rest_follows_the_last(
+def test_between_rows_demands_are_on_a_line_and_rest_follows_the_last(
     two_stops: ExperimentConfiguration,
 ) -> None:
     driver = ScriptedDriver(two_stops.maneuver)

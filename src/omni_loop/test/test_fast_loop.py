@@ -42,7 +42,7 @@ def failing(failure: str, time: float, duration: float) -> tuple[str, ...]:
     )
 
 
-def lying(kind: str, amplitude: float) -> tuple[str, ...]:
+def twist_fault(kind: str, amplitude: float) -> tuple[str, ...]:
     fault = f"{{channel: twist, kind: {kind}, time: 1.0, amplitude: {amplitude}}}"
     return (f"faults={{fault: {fault}}}",)
 
@@ -75,8 +75,8 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         ("straight_line", "assisted", (*failing("zero", 0.0, 1.0), "seed=2", *NOISE)),
         ("straight_line", "assisted", (*failing("zero", 0.803, 0.604), *NOISE)),
         # A fault that the fail-safe detects, and one with the covariance of its readings.
-        ("straight_line", "assisted", (*lying("drift", 0.5), *TURNING, *NOISE)),
-        ("straight_line", "assisted", (*lying("noise", 0.2), *TURNING)),
+        ("straight_line", "assisted", (*twist_fault("drift", 0.5), *TURNING, *NOISE)),
+        ("straight_line", "assisted", (*twist_fault("noise", 0.2), *TURNING)),
         ("straight_line", "assisted", (OUTSIDE, *TURNING, *VALVES)),
     ],
 )

@@ -15,7 +15,7 @@ def test_rows_are_velocities_along_the_axes() -> None:
     sensors = {
         "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
         "front": LineSensor(x=0.6, y=0.1, heading_deg=90.0),
-        "askew": LineSensor(x=-0.3, y=-0.4, heading_deg=210.0),
+        "oblique": LineSensor(x=-0.3, y=-0.4, heading_deg=210.0),
     }
     twist = np.array([3.0, -1.0, 0.8])
     measured = sensor_matrix(sensors) @ twist

@@ -106,7 +106,9 @@ def test_damage_anywhere_is_noticed_or_harmless(tmp_path: Path) -> None:
         (MAGIC + record(Footer(2**60, 0, 0)) + MAGIC, "its footer gives byte"),
     ],
 )
-def test_foreign_and_lying_files_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+def test_foreign_and_inconsistent_files_are_refused(
+    tmp_path: Path, content: bytes, words: str
+) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(content)
     with pytest.raises(BagError) as raised:

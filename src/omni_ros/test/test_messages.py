@@ -38,11 +38,11 @@ def test_lines_survive_the_wire(dtype: Any) -> None:
     lines = np.random.default_rng(1).integers(0, np.iinfo(dtype).max, (25, 335)).astype(dtype)
     for frame in ("left", "rear"):  # gaps of both lengths
         sent = line_image(123_456_789, frame, lines)
-        told = deserialize_message(sent, Image)
-        theirs = serialize_message(told)
+        decoded = deserialize_message(sent, Image)
+        theirs = serialize_message(decoded)
         assert len(sent) == len(theirs) + -len(theirs) % 4  # as it is sent
         assert all(mine in (other, 0) for mine, other in zip(sent, theirs, strict=False))
-        for received in (told, read_line_image(sent), read_line_image(theirs)):
+        for received in (decoded, read_line_image(sent), read_line_image(theirs)):
             assert to_nanoseconds(received.header.stamp) == 123_456_789
             assert received.header.frame_id == frame
             recovered = lines_of(received)
@@ -74,7 +74,9 @@ def test_big_endian_and_padded_rows_are_understood() -> None:
         ({"step": 3}, "needs at least 4 bytes"),
     ],
 )
-def test_an_image_that_lies_about_its_size_is_refused(change: dict[str, Any], words: str) -> None:
+def test_an_image_of_another_size_than_stated_is_refused(
+    change: dict[str, Any], words: str
+) -> None:
     message = deserialize_message(line_image(0, "left", np.zeros((2, 4), dtype=np.uint8)), Image)
     for name, value in change.items():
         setattr(message, name, value)

@@ -97,7 +97,7 @@ def test_contact_point_is_where_wheel_plane_and_road_meet_nearest_to_the_hub(
     np.testing.assert_allclose(turned, axis, atol=1e-9)
 
 
-def test_wheel_that_lies_on_its_side_or_is_buried_is_refused() -> None:
+def test_wheel_on_its_side_or_buried_is_refused() -> None:
     plane = road_plane(lambda *_: 0.0, 0.0, 0.0)
     with pytest.raises(ValueError, match="side"):
         wheel_contact((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), plane)

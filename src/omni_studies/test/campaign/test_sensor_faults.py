@@ -306,10 +306,10 @@ def test_a_configured_delay_hardly_changes_a_stop(
     if law == "allocation":
         ideal += ["vehicle.brake.kind=proportional"]
     late = f"faults.late={{channel: twist, kind: delay, time: 0.0, period: {delay}}}"
-    told = f"brake_assist.feedback_delay={delay}"
+    configured = f"brake_assist.feedback_delay={delay}"
     prompt, behind = (
         run_fast_loop(LIBRARY.load(experiment, variant, [*ideal, *changes]))
-        for changes in ([], [late, told])
+        for changes in ([], [late, configured])
     )
     assert behind.stopping_distance <= 1.03 * prompt.stopping_distance
     assert behind.orientation_change <= prompt.orientation_change + 1.0

@@ -117,7 +117,7 @@ def test_committed_files_are_what_the_study_writes(bases: Bases, tmp_path: Path)
     assert experiment.read_text() == (CONFIG / "experiments" / experiment.name).read_text()
 
 
-def test_identified_values_lie_in_the_box_that_was_searched(bases: Bases) -> None:
+def test_identified_values_are_in_the_box_that_was_searched(bases: Bases) -> None:
     found = parameters_of(bases["k7"])
     for quantity in QUANTITIES:
         assert quantity.low <= found[quantity.name] <= quantity.high

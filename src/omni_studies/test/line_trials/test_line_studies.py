@@ -74,7 +74,7 @@ def test_the_bound_is_that_of_a_sine() -> None:
         assert bound[0] == pytest.approx(2.0 * (4.0 + 1.0 / 12.0) / energy, rel=0.02)
 
 
-def test_locking_is_the_pull_towards_whole_pixels() -> None:
+def test_locking_is_the_pull_toward_whole_pixels() -> None:
     fraction = np.arange(320) % 16 / 16.0
     noise = np.random.default_rng(1).normal(0.0, 0.01, 320)
     pulled = -0.03 * np.sin(2.0 * np.pi * fraction) + 0.2  # a bias is no locking
@@ -88,7 +88,7 @@ def test_the_median_removes_errors_of_less_than_half_of_a_group() -> None:
     assert found.right_medians(10) == 0.5
 
 
-def test_the_needed_overlap_lies_above_every_failure() -> None:
+def test_the_needed_overlap_is_above_every_failure() -> None:
     overlaps = np.array([0.2, 0.5, 0.7, 0.9])
     assert view_grid.needed_overlap(overlaps, np.array([0.0, 1.0, 0.9, 1.0])) == 0.9
     assert view_grid.needed_overlap(overlaps, np.array([0.0, 1.0, 1.0, 1.0])) == 0.5

@@ -31,8 +31,8 @@ def test_lag_of_a_late_and_noisy_estimate_is_found(history: RunHistory, lag: flo
         [np.interp(history.time - lag, history.time, column) for column in history.twist.T]
     )
     noise = np.random.default_rng(4).normal(0.0, 0.02, late.shape)
-    told = dataclasses.replace(history, estimate=late + noise)
-    assert odometry_lag(told) == pytest.approx(lag, abs=5e-4, rel=0.1)
+    estimated = dataclasses.replace(history, estimate=late + noise)
+    assert odometry_lag(estimated) == pytest.approx(lag, abs=5e-4, rel=0.1)
 
 
 def test_every_experiment_that_runs_by_default_exists() -> None:

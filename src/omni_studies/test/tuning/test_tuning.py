@@ -117,8 +117,8 @@ def test_situations_deviate_little_and_by_their_seed() -> None:
 @pytest.mark.parametrize("setting", [Setting("zero", 7, 0.05), Setting("enhanced", 3, 0.02)])
 def test_the_sentence_names_what_was_tried(setting: Setting) -> None:
     base = LIBRARY.load("turn_while_translate", "unassisted", BLIND)
-    told = (*BLIND, "brake_assist.enabled=true", *setting.overrides)
-    by_hand = LIBRARY.load("turn_while_translate", "unassisted", told)
+    overrides = (*BLIND, "brake_assist.enabled=true", *setting.overrides)
+    by_hand = LIBRARY.load("turn_while_translate", "unassisted", overrides)
     assert configured(base, setting, BrakeLag()) == by_hand
 
 

@@ -86,7 +86,7 @@ def test_loads_balance_weight_and_inertia(
     assert np.sum(loads, axis=1) == pytest.approx(weight, rel=1e-9)
     places = np.array([(vehicle.wheels[n].x, vehicle.wheels[n].y) for n in history.wheel_names])
     moment = loads @ (places - masses.center) / weight
-    # The zero-moment point lies h a / g ahead of the center of gravity while it brakes.
+    # The zero-moment point is h a / g ahead of the center of gravity while it brakes.
     late = np.searchsorted(history.braking_time, 1.0)
     assert moment[0] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert moment[late] == pytest.approx([masses.height * 4.0 / GRAVITY, 0.0], abs=1e-6)
