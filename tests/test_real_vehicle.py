@@ -252,7 +252,7 @@ def test_a_wrong_roller_sign_is_refused_unless_forced(tmp_path: Path) -> None:
 
 def test_the_result_of_the_study_is_looked_for_in_the_workspace(tmp_path: Path) -> None:
     file = WORKSPACE / "config/hardware/mecanum_agv.yaml"
-    options = ros_params.Options(configuration=file, out=tmp_path / "out", source="otos")
+    options = ros_params.Options(configuration=str(file), out=tmp_path / "out", source="otos")
     with pytest.raises(ConfigurationError, match=f"{tmp_path}/results/feedback/summary.json"):
         ros_params.run(options, Workspace(tmp_path))
 

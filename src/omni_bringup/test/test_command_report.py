@@ -12,6 +12,8 @@ import pytest
 from omni_bringup.cli import main
 from omni_bringup.command_report import write_text
 
+WORKSPACE = Path(__file__).parents[3]
+
 
 @pytest.mark.parametrize(
     ("words", "name", "problem"),
@@ -32,7 +34,7 @@ def test_a_refusal_is_json_where_json_is_asked_for(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     with pytest.raises(SystemExit) as ended:
         main(words)
     printed = capsys.readouterr()
@@ -58,7 +60,7 @@ def test_a_refusal_is_json_where_json_is_asked_for(
 def test_a_very_long_word_is_refused_and_not_repeated_in_full(
     words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     with pytest.raises(SystemExit) as ended:
         main([*(word.format("x" * 3000) for word in words), "--json"])
     printed = capsys.readouterr()
@@ -72,12 +74,10 @@ def test_a_very_long_word_is_refused_and_not_repeated_in_full(
 def test_a_failed_write_is_a_failure_and_no_refusal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    workspace = Path(__file__).parents[3]
-    monkeypatch.setenv("OMNI_WORKSPACE", str(workspace))
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     (tmp_path / "file").write_text("")
-    vehicle = workspace / "config/hardware/mecanum_agv.yaml"
     with pytest.raises(SystemExit) as ended:
-        main(["ros-params", str(vehicle), "--out", str(tmp_path / "file/below"), "--json"])
+        main(["show", "cork", "--out", str(tmp_path / "file/below.png"), "--json"])
     assert ended.value.code == 1
     assert "cannot access" in json.loads(capsys.readouterr().out)["error"]
 
@@ -93,23 +93,87 @@ def test_a_full_disk_is_reported_with_the_file(
         write_text(tmp_path / "report.html", "text")
 
 
-def test_a_drive_whose_recording_cannot_be_written_is_refused_before_it_starts(
+_MEASURED = ["--length", "1", "--width", "0.6", "--mass", "200", "--wheel-radius", "0.1"]
+
+
+@pytest.mark.parametrize("folder", ["file/below", "/proc/below"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["drive", "--port", "0"],
+        ["new-vehicle", "mine", *_MEASURED],
+        ["nav2-polygons"],
+        ["replay", "bags/small_stop/assisted"],
+        ["ros-params", "mecanum_agv"],
+        ["run", "small_stop"],
+        ["study", "table2"],
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work(
+    command: list[str],
+    folder: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    monkeypatch.chdir(WORKSPACE)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--out", str(tmp_path / folder)])
+    assert ended.value.code == 2
+    assert f"--out: cannot make {tmp_path / folder}" in capsys.readouterr().err
+
+
+def test_a_drive_does_not_overwrite_a_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(Path(__file__).parents[3]))
-    (tmp_path / "file").write_text("")
-    (tmp_path / "used").mkdir()
-    for folder, problem in (("file/below", "cannot make"), ("used", "used exists; choose another")):
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    with pytest.raises(SystemExit) as ended:
+        main(["drive", "--port", "0", "--out", str(tmp_path)])
+    assert ended.value.code == 2
+    assert f"{tmp_path} exists; choose another" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("configuration", ["mecanum_agv", "small_stop", "mine"])
+def test_parameters_are_written_for_a_name_or_folder(
+    configuration: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    monkeypatch.chdir(tmp_path)
+    for command in (["new-vehicle", "mine", *_MEASURED], ["ros-params", configuration]):
         with pytest.raises(SystemExit) as ended:
-            main(["drive", "--port", "0", "--out", str(tmp_path / folder)])
-        assert ended.value.code == 2
-        assert problem in capsys.readouterr().err
+            main([*command, *(["--out", "parameters"] if command[0] == "ros-params" else [])])
+        assert ended.value.code in (None, 0)
+    assert (tmp_path / "parameters/brake_assist.yaml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("configuration", "problem"),
+    [("small_stob", "did you mean 'small_stop'"), ("mine/vehicle.yaml", "describes no sensors")],
+)
+def test_what_is_no_configuration_is_refused_with_a_remedy(
+    configuration: str,
+    problem: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(["new-vehicle", "mine", *_MEASURED])
+    with pytest.raises(SystemExit) as ended:
+        main(["ros-params", configuration, "--out", "parameters"])
+    assert ended.value.code == 2
+    assert problem in capsys.readouterr().err
+    assert not (tmp_path / "parameters").exists()
 
 
 def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["--length", "1", "--width", "0.6", "--mass", "200", "--wheel-radius", "0.1"]
     with pytest.raises(SystemExit) as ended:
-        main(["new-vehicle", "mine", *given, "--out", str(tmp_path / "mine"), "--json"])
+        main(["new-vehicle", "mine", *_MEASURED, "--out", str(tmp_path / "mine"), "--json"])
     assert ended.value.code in (None, 0)
     document = json.loads(capsys.readouterr().out)
     assert all(Path(path).is_file() for path in document["files"])

@@ -86,7 +86,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     _is_local(options.host)
     configuration = _compose(library, options, workspace)
     if folder is not None:
-        command_report.make_folder(folder.parent)  # the recorder makes the folder itself
+        command_report.make_folder(folder).rmdir()  # the recorder makes the folder itself
     while True:
         # A recording contains one vehicle on one ground, so the page then offers no choices.
         choices = {} if folder else _choices(library, options, configuration)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omni_bringup.command_report import Report, entries_by_case
+from omni_bringup.command_report import Report, entries_by_case, make_folder
 from omni_bringup.workspace import Workspace
 from omni_platform.brakes import TYPICAL
 from omni_platform.command_options import CommandOptions, option, option_of
@@ -65,7 +65,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         measured = from_mapping(Measured, answers)
     except ConfigurationError as error:
         raise ConfigurationError(option_of(Options, error.key), error.problem) from None
-    paths = write_vehicle(options.name, measured, folder)
+    paths = write_vehicle(options.name, measured, make_folder(folder))
     experiment = workspace.experiment_library().load(str(folder / "experiment.yaml"), "assisted")
     facts = wheel_facts(experiment.vehicle, experiment.ground.friction)
     notes = list(remarks(experiment))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omni_bringup.command_report import Report, entries
+from omni_bringup.command_report import Report, entries, make_folder
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option, overrides_option
 from omni_platform.configuration import WorkError
@@ -69,6 +69,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
     default = beside(options.bag, f"replayed_{time_in_name()}")
     folder = unused((options.out or default).absolute())
+    make_folder(folder).rmdir()  # the recorder makes the folder itself
     try:
         if options.offline:
             replay_offline(bag, plan, folder)

@@ -6,7 +6,7 @@ assistant and to a URDF; docs/real_vehicle.md explains their use.
 
 from pathlib import Path
 
-from omni_bringup.command_report import Report
+from omni_bringup.command_report import Report, make_folder
 from omni_bringup.workspace import Workspace
 from omni_platform.command_options import CommandOptions, option
 from omni_platform.configuration import ConfigurationError, check_choice
@@ -15,9 +15,9 @@ from omni_platform.configuration import ConfigurationError, check_choice
 class Options(CommandOptions):
     """Options of ``omni ros-params``."""
 
-    configuration: Path = option(positional=True, metavar="CONFIGURATION")
-    """file of the vehicle, such as config/hardware/mecanum_agv.yaml, the configuration.yaml of a
-    run, or the folder of ./omni new-vehicle"""
+    configuration: str = option(positional=True, metavar="CONFIGURATION")
+    """a file of config/hardware/ or config/experiments/, a path to such a file or to the
+    configuration.yaml of a run, or the folder of a vehicle"""
     out: Path = option(metavar="DIR")
     """folder of the files; it is created if it is missing"""
     source: str | None = option(None, metavar="NAME")
@@ -33,15 +33,10 @@ class Options(CommandOptions):
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Write the files."""
-    from omni_bringup.graph.hardware import Hardware, read_hardware, write_parameters
+    from omni_bringup.graph.hardware import read_hardware, write_parameters
     from omni_tools.vehicles.rollers import roller_remarks
 
-    path = options.configuration
-    if path.is_dir():
-        library = workspace.experiment_library()
-        hardware = Hardware.of(library.load(str(path / "experiment.yaml")))
-    else:
-        hardware = read_hardware(path)
+    hardware = read_hardware(options.configuration, workspace.experiment_library())
     for remark in roller_remarks(hardware.brake_assist.wheels):
         if not options.force:
             raise ConfigurationError("", f"{remark}; --force writes the files nonetheless")
@@ -55,7 +50,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         check_choice("--source", options.source, SOURCES)
         summary = options.feedback or workspace.results(None, "feedback") / "summary.json"
         found = warnings(summary, hardware.brake_assist.law, options.source)
-        own = short_name(path)
+        own = short_name(options.configuration)
         if own in found:
             found = {own: found[own]}
         else:
@@ -63,7 +58,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         warning = "; ".join(filter(None, found.values()))
     if warning:
         workspace.note(warning)
-    written = write_parameters(hardware, options.out, warning)
+    written = write_parameters(hardware, make_folder(options.out), warning)
     return Report(
         details={"files": list(map(str, written))},
         text=map(str, written),

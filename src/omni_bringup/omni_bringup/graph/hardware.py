@@ -11,7 +11,11 @@ import yaml
 
 from linescan_odometry.odometry import OdometryConfiguration
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_loop.experiment import ExperimentConfiguration, recorded_experiment
+from omni_loop.experiment import (
+    ExperimentConfiguration,
+    ExperimentLibrary,
+    recorded_experiment,
+)
 from omni_loop.yaml_files import read_mapping
 from omni_platform import topics
 from omni_platform.configuration import (
@@ -46,6 +50,7 @@ ARGUMENTS = {
     "respawn": ("true", "Restart a node that has died; until then all brakes are on"),
 }
 
+_HARDWARE = "hardware"  # folder of the descriptions of real vehicles in the configuration
 _PARTS = ("wheels", "sensors", "flow_sensors", "odometry", "brake_assist")
 
 
@@ -131,19 +136,35 @@ def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 
-def read_hardware(path: Path) -> Hardware:
-    """Read the description of a vehicle from a file.
+def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
+    """Read the description of a vehicle.
 
     Args:
-        path: the ``configuration.yaml`` of a run, or a file with ``wheels``, ``sensors`` or
-            ``flow_sensors`` and optionally ``odometry`` and ``brake_assist``.
+        name: name of a file in ``hardware/`` or ``experiments/`` of the configuration, folder of a
+            vehicle, or path of an experiment, of the ``configuration.yaml`` of a run, or of a file
+            with ``wheels``, ``sensors`` or ``flow_sensors`` and optionally ``odometry`` and
+            ``brake_assist``.
+        library: the experiments.
 
     Raises:
-        ConfigurationError: the file cannot be read, or a key or value is invalid.
+        ConfigurationError: the name is unknown, or a file, key or value is invalid.
     """
+    if name in library.parts(_HARDWARE):
+        path = library.folder / _HARDWARE / f"{name}.yaml"
+    else:
+        path = Path(library.located("experiments", name))
+        if not path.suffix:
+            known = (*library.parts(_HARDWARE), *library.parts("experiments"), "a path or a folder")
+            check_choice("CONFIGURATION", name, known)
+            return Hardware.of(library.load(name))
     tree = read_mapping(path, "CONFIGURATION")
+    if "variants" in tree:
+        return Hardware.of(library.load(str(path)))
     if "vehicle" in tree:
         return Hardware.of(recorded_experiment(path))
+    if "body" in tree:
+        problem = f"{path} describes no sensors; give the folder of the vehicle, or an experiment"
+        raise ConfigurationError("CONFIGURATION", problem)
     for key in tree:
         check_choice("", key, _PARTS)
     if not tree.get("wheels"):
