@@ -20,7 +20,8 @@ import time
 from pathlib import Path
 
 from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import BagError, read_run
+from omni_loop.recorded_run import read_run
+from omni_recording.error import BagError
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 from omni_process import (

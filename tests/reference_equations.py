@@ -15,7 +15,7 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.quantities import FloatArray
 from omni_sim.vehicle import dynamics, uneven_ground
 from omni_sim.vehicle.placing import rolling_radius
-from omni_sim.vehicle.road_plane import road_plane_at
+from omni_sim.vehicle.uneven_ground import road_plane_at
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_sim.wheel.roller_geometry import RollerGeometry
 

@@ -340,8 +340,7 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 @kernel
 def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
     """Return the inputs of the assistant for a law in Python; see `_listen`."""
-    inputs: assist_state.Inputs = _listen(run, stamp)
-    return inputs
+    return _listen(run, stamp)
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
@@ -384,9 +383,7 @@ def _record_and_advance(run: _Run, stamp: int) -> int:
     half_turn = 0.5 * motion[2]  # as in `quaternion_from_yaw` and back
     record.heading[stamp] = 2.0 * math.atan2(math.sin(half_turn), math.cos(half_turn))
     now_ns, speed = stamp * loop.period_ns, run_progress.rim_speed(motion[3:6])
-    outcome: int = run_progress.run_outcome(
-        loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed
-    )
+    outcome = run_progress.run_outcome(loop.end, run.sensors.rest, now_ns, loop.pedal[stamp], speed)
     if outcome == run_progress.RUNNING:
         _advance(state, loop, scratch, stamp, motion[2])
     return outcome

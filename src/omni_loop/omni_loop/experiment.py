@@ -19,8 +19,7 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import own_law
 from omni_loop.demands import read_demands
-from omni_loop.layers import Part, merge, nest, parse_override, plain
-from omni_loop.yaml_files import read_mapping
+from omni_loop.yaml_files import Part, merge, nest, parse_override, plain, read_mapping
 from omni_platform import configuration as declared
 from omni_platform import geometry, plugins
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter

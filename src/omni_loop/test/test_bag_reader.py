@@ -16,7 +16,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from omni_loop.history import RunHistory, quaternion_from_yaw
 from omni_loop.metrics import run_metrics
-from omni_loop.recorded_run import BagError, read_run
+from omni_loop.recorded_run import read_run
+from omni_recording.error import BagError
 
 MakeHistory = Callable[..., RunHistory]
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -9,8 +9,7 @@ import pytest
 import yaml
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
-from omni_loop.layers import parse_override
-from omni_loop.yaml_files import LARGEST_YAML
+from omni_loop.yaml_files import LARGEST_YAML, parse_override
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"

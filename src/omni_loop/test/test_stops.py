@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omni_loop.drift import absolute_error, drift_metrics, odometry_path, relative_error
 from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
-from omni_loop.stops import stops_of
+from omni_loop.recorded_run import stops_of
 
 PERIOD = 0.01  # [s]
 

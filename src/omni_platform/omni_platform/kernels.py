@@ -9,8 +9,9 @@ as `kernel` and should be short. The largest kernels are also `linked`.
 """
 
 import functools
+from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import entrypoints
@@ -22,6 +23,8 @@ from omni_platform.compilation.cache import KernelCache
 from omni_platform.compilation.calls import linked
 
 __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 njit = numba.njit
 """numba's decorator; importing it from this module installs the cache of `compilation.cache`."""
@@ -72,7 +75,7 @@ _defer_transforms()
 _defer_reference_counts()
 
 
-def _declares(**options: Any) -> Any:
+def _declares(**options: Any) -> Callable[[_F], _F]:
     """Return a decorator that declares a kernel with these options of numba.
 
     numba gives every kernel an entry for Python, which converts all arguments and takes a quarter
@@ -83,12 +86,12 @@ def _declares(**options: Any) -> Any:
         njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
     )
 
-    def decorate(function: Any) -> Any:
+    def decorate(function: _F) -> _F:
         entry = declare()(function)
         callee = functools.cache(lambda: declare(no_cpython_wrapper=True)(function))
         entry.get_call_template = lambda *arguments: callee().get_call_template(*arguments)
         entry.get_overload = lambda signature: callee().get_overload(signature)
-        return entry
+        return cast(_F, entry)
 
     return decorate
 

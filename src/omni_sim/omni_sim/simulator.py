@@ -19,8 +19,8 @@ from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.scripted import Driver, ScriptedDriver
 from omni_sim.ground.friction import FrictionMap
 from omni_sim.texture.cache import TextureCache
+from omni_sim.vehicle.loads import Overload
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle
-from omni_sim.vehicle.overload import Overload
 from omni_sim.velocity_sensor import VelocitySensor
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reference_equations import RoadPlane, wheel_contact
 
-from omni_sim.vehicle.road_plane import plane_of_points
+from omni_sim.vehicle.uneven_ground import plane_of_points
 
 ANGLES = st.floats(-math.pi, math.pi)
 GRADES = st.floats(-0.5, 0.5)

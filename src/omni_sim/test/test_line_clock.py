@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from omni_sim.camera.clock import LineClock
+from omni_sim.camera.batches import LineClock
 
 PERIOD_NS = 10_000_000
 

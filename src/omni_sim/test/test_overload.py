@@ -11,7 +11,7 @@ from omni_sim.configuration import SimulationConfiguration, SimulatorConfigurati
 from omni_sim.driver.scripted import ManeuverConfiguration
 from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
-from omni_sim.vehicle.overload import Overload
+from omni_sim.vehicle.loads import Overload
 
 
 def simulate(vehicle: VehicleConfiguration, periods: int) -> tuple[Simulator, list[bool]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omni_platform.quantities import FloatArray
-from omni_sim.camera.poses import interpolate_poses
+from omni_sim.camera.batches import interpolate_poses
 
 STEP_NS = 500_000
 

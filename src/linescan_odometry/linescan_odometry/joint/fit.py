@@ -186,7 +186,7 @@ def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
             parted[1, r, f] = turn[f] * cut.spectra[r, f]
             parted[2, r, f] = parted[1, r, f] * np.float32(weight[f])
             parted[3, r, f] = cut.spectra[r, f] * np.float32(weight[f])
-    space = np.fft.irfft(parted, size, 2)
+    space: Floats = np.fft.irfft(parted, size, 2)  # type: ignore[assignment]  # numba: 32 bits
     scale = size / cut.size  # grid points per pixel
     seen = int(cut.length * scale)
     lowest = math.floor(cut.ground.min() * PLACES / pixels)

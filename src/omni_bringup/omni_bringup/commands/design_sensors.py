@@ -17,8 +17,7 @@ from omni_platform.command_options import CommandOptions, option
 from omni_tools.placement.options import PlacementOptions
 
 if TYPE_CHECKING:
-    from omni_tools.placement import trials
-    from omni_tools.placement.design import Design, DesignTask
+    from omni_tools.placement.design import Design, DesignTask, PlacementTrial
 
 
 class Options(PlacementOptions, CommandOptions):
@@ -32,10 +31,9 @@ def run(options: Options, workspace: Workspace) -> Report:
     """Place the sensors, write and draw the placement."""
     from omni_figures.style import save_figure
     from omni_loop.experiment import short_name
-    from omni_tools.placement.design import confirm, design
+    from omni_tools.placement.design import confirm, design, design_task
     from omni_tools.placement.figure import placement_figure
     from omni_tools.placement.report import entries, sensor_file
-    from omni_tools.placement.task import design_task
 
     vehicle = short_name(options.vehicle)
     folder = workspace.results(options.out, "design-sensors", vehicle)
@@ -61,7 +59,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _text(
-    task: DesignTask, result: Design, driven: Mapping[str, trials.PlacementTrial], conditions: str
+    task: DesignTask, result: Design, driven: Mapping[str, PlacementTrial], conditions: str
 ) -> Iterator[Any]:
     from rich.table import Table
 

@@ -23,7 +23,7 @@ from omni_loop.metrics import Metric, run_metrics, still_rolls
 from omni_loop.recorded_run import read_run
 from omni_platform.configuration import WorkError
 from omni_ros.environment import node_environment
-from omni_tools.limit.share import limit_share
+from omni_tools.limit.bounds import limit_share
 
 _HALTED = "{} was halted by a signal during the run, which makes the run invalid"
 

@@ -1,7 +1,7 @@
 """Height of the ground in the world: the sum of a slope, waves and bumps.
 
 Each part is an analytic function ``z(x, y)``. It is smooth enough for the local road plane of
-`vehicle.road_plane`; a bump has a continuous curvature up to its rim:
+`vehicle.uneven_ground`; a bump has a continuous curvature up to its rim:
 
     slope   z = g (x cos a + y sin a), uphill toward a
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)

@@ -52,14 +52,13 @@ def combined_curve(x: CurvePoint, y: CurvePoint, norms: Pair, q: Pair) -> CurveP
         q: unit vector of the normalized slip [1].
     """
     c, s = abs(q[0]), abs(q[1])
-    curve: CurvePoint = tmeasy.curve_through(
+    return tmeasy.curve_through(
         math.hypot(x.slope * norms[0] * c, y.slope * norms[1] * s),
         math.hypot(x.peak_slip / norms[0] * c, y.peak_slip / norms[1] * s),
         math.hypot(x.peak_force * c, y.peak_force * s),
         math.hypot(x.slide_slip / norms[0] * c, y.slide_slip / norms[1] * s),
         math.hypot(x.slide_force * c, y.slide_force * s),
     )
-    return curve
 
 
 @lean
@@ -90,17 +89,15 @@ def _combined_forces(
     x: TMeasyParameters,
     y: TMeasyParameters,
     largest_load: float,
-    contacts: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    contacts: tuple[FloatArray, ...],
     force: FloatArray,
 ) -> None:
     """Compute the forces of wheels with slips (1), (2) [1], loads [N] and ``mu/mu_0`` [1]."""
     slip_x, slip_y, load, friction = contacts
     for i in range(load.size):
         clamped = min(max(load[i], 0.0), largest_load)
-        at_x, at_y = (
-            tmeasy.curve_at(x, clamped, friction[i]),
-            tmeasy.curve_at(y, clamped, friction[i]),
-        )
+        at_x = tmeasy.curve_at(x, clamped, friction[i])
+        at_y = tmeasy.curve_at(y, clamped, friction[i])
         force[i] = combined_force(at_x, at_y, slip_x[i], slip_y[i])
 
 

@@ -125,7 +125,7 @@ class Tire:
         Returns:
             Force [N] in the common shape of the arguments.
         """
-        shape, flat = flat_together(slip, load, friction)
-        force = np.empty(flat[0].size)
-        steady_forces(self._parameters, self.configuration.largest_load, *flat, force)
+        shape, (slips, loads, grounds) = flat_together(slip, load, friction)
+        force, largest = np.empty(slips.size), self.configuration.largest_load
+        steady_forces(self._parameters, largest, slips, loads, grounds, force)
         return force.reshape(shape)

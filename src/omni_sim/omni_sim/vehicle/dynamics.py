@@ -157,14 +157,10 @@ def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair
     plant = state.plant
     weight = plant.mass * max(pressing, 0.0)
     if state.suspension.stiffness > 0.0:
-        sprung: bool = sprung_loads(
-            plant, state.suspension, state.wheels, weight, pull, state.loads
-        )
-        return sprung
+        return sprung_loads(plant, state.suspension, state.wheels, weight, pull, state.loads)
     reach = -plant.height / max(pressing, _LEAST_PRESSING)
     z_x, z_y = reach * body.a_x, reach * body.a_y
-    tips: bool = wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
-    return tips
+    return wheel_loads(plant.position, plant.plane, plant.hull, weight, z_x, z_y, state.loads)
 
 
 @lean
@@ -260,7 +256,7 @@ def standing(state: layout.State, ahead: float) -> tuple[float, float, float, fl
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate
-    result: tuple[float, float, float, float, float, float] = stand(
+    return stand(
         state.terrain,
         plant.position,
         plant.plane,
@@ -268,7 +264,6 @@ def standing(state: layout.State, ahead: float) -> tuple[float, float, float, fl
         (math.cos(yaw), math.sin(yaw)),
         state.suspension.ground,
     )
-    return result
 
 
 @lean

@@ -213,7 +213,8 @@ class MujocoVehicle(Vehicle):
         """Copy MuJoCo's state, and the friction limits of the wheels [N], to the planar state."""
         data, body, wheels = self._data, self.state.body[0], self.state.wheels
         (x, y, yaw), (v_x, v_y, rate) = self._base()
-        g_x, g_y = in_turned_frame(*self.masses.center, -yaw)
+        c_x, c_y = self.masses.center
+        g_x, g_y = in_turned_frame(c_x, c_y, -yaw)
         for name, value in (
             *(("x", x + g_x), ("y", y + g_y), ("yaw", yaw)),
             *(("v_x", v_x - rate * g_y), ("v_y", v_y + rate * g_x), ("yaw_rate", rate)),

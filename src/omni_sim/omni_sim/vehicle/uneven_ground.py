@@ -1,6 +1,6 @@
 """Motion on uneven ground: heave, roll, pitch, tilt of the path, and gravity along it.
 
-The vehicle does not leave the ground. Under each wheel is a road plane (`road_plane`) with the
+The vehicle does not leave the ground. Under each wheel is a road plane (`plane_of_points`) with the
 height ``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`),
 with the shares ``w_i`` at rest. Heave, roll and pitch are therefore those of a plane fitted to the
 heights ``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The
@@ -24,6 +24,11 @@ Neglected are:
 - the difference between a wheel's own road plane and the path plane in the direction of its force,
   which is of second order in the angle between them,
 - without a `suspension`, the change of the loads by twisted ground, as if the frame were flexible.
+
+Source of the road plane, Eq. (5): V. Kalman, "On modeling and control of omnidirectional wheels",
+BME Budapest 2013, section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x,
+y)`` is replaced under each wheel by the plane of four points before, behind, left and right of its
+projection.
 """
 
 import math
@@ -32,8 +37,7 @@ import numpy as np
 
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.ground.elevation import Terrain
-from omni_sim.vehicle.road_plane import road_plane_at
+from omni_sim.ground.elevation import Terrain, elevation_at
 
 
 @lean
@@ -132,3 +136,56 @@ def orientation(yaw: float, forward: float, left: float) -> FloatArray:
         ]
     )
     return np.asarray(tilt @ [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+@lean
+def plane_of_points(
+    front: float, back: float, left: float, right: float, distance: float
+) -> tuple[float, float, float, float]:
+    """Return the plane through four points at ``distance`` around a projection, Eq. (5).
+
+    With ``r_21`` from back to front and ``r_43`` from right to left, both of horizontal length
+    ``2 distance``, ``e_n = r_21 x r_43 / |r_21 x r_43|``.
+
+    Args:
+        front: height of the point before the projection [m].
+        back: height of the point behind the projection [m].
+        left: height of the point on the left of the projection [m].
+        right: height of the point on the right of the projection [m].
+        distance: distance of the points from the projection [m].
+
+    Returns:
+        Height of the plane at the projection [m], then ``e_n`` along forward, left and up [1].
+    """
+    along = (front - back) / (2.0 * distance)
+    across = (left - right) / (2.0 * distance)
+    up = 1.0 / math.sqrt(1.0 + along * along + across * across)
+    return 0.25 * (front + back + left + right), -along * up, -across * up, up
+
+
+@lean
+def road_plane_at(
+    terrain: Terrain, x: float, y: float, cos: float, sin: float
+) -> tuple[float, float, float, float]:
+    """Return the local road plane of an analytic ground, Eq. (5), for the kernels.
+
+    Args:
+        terrain: height of the ground.
+        x: x of the wheel center in the world [m].
+        y: y of the wheel center in the world [m].
+        cos: cosine of the direction that counts as forward [1].
+        sin: sine of the direction that counts as forward [1].
+
+    Returns:
+        Height of the plane [m] and the three components of ``e_n`` in the world frame [1].
+    """
+    parts, distance = terrain.parts, terrain.sampling
+    d_x, d_y = distance * cos, distance * sin
+    z, forward, left, up = plane_of_points(
+        elevation_at(parts, x + d_x, y + d_y),
+        elevation_at(parts, x - d_x, y - d_y),
+        elevation_at(parts, x - d_y, y + d_x),
+        elevation_at(parts, x + d_y, y - d_x),
+        distance,
+    )
+    return z, cos * forward - sin * left, sin * forward + cos * left, up

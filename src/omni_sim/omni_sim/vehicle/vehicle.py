@@ -367,8 +367,7 @@ class Vehicle:
     @property
     def energies(self) -> layout.Energies:
         """Energies of motion, of the tires' deflection and of the height [J]."""
-        energies: layout.Energies = dynamics.energies(self.state)
-        return energies
+        return dynamics.energies(self.state)
 
     @property
     def overloaded_steps(self) -> int:

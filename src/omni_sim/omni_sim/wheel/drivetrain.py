@@ -111,8 +111,7 @@ def _braked(
 ) -> WheelStep:
     """Advance a wheel under its brake, turning or locked; arguments as in `_rolling`."""
     if spin.brake <= 0.0:
-        free: WheelStep = _rolling(tire, curve, patch, hub, spin, impulse)
-        return free
+        return _rolling(tire, curve, patch, hub, spin, impulse)
     if spin.speed != 0.0:
         torque = -spin.brake if spin.speed > 0.0 else spin.brake
         s = _rolling(tire, curve, patch, hub, spin, impulse + tire.dt * torque)
@@ -167,8 +166,7 @@ def wheel_step(
         drive: drive of the wheel.
     """
     if drive.stiffness <= 0.0:
-        step: WheelStep = _braked(tire, curve, patch, hub, spin, 0.0)
-        return step
+        return _braked(tire, curve, patch, hub, spin, 0.0)
     coupled = Spin(spin.speed, spin.inertia + tire.dt * drive.stiffness, spin.brake)
     driven = tire.dt * drive.stiffness * (drive.speed - spin.speed)
     step = _braked(tire, curve, patch, hub, coupled, driven)

@@ -20,7 +20,7 @@ from omni_platform.signals import LineBatch
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.picture import read_picture
 from omni_sim.texture.texture import GroundTexture
-from omni_tools.line_trials import errors, rig
+from omni_tools.line_trials import rig, trials
 
 SENSORS: Mapping[str, LineSensor] = {
     "left": LineSensor(x=0.0, y=0.5, heading_deg=0.0),
@@ -152,7 +152,7 @@ class Tally:
     @property
     def undetected(self) -> NDArray[np.bool_]:
         """Whether the error of each batch is undetected, shape (m,)."""
-        return errors.undetected(self.ratio, self.error)
+        return trials.undetected(self.ratio, self.error)
 
 
 def drive_over(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from omni_platform.quantities import FloatArray
-from omni_tools.line_trials import errors, rig, trials
+from omni_tools.line_trials import rig, trials
 
 LENGTHS = tuple(0.01 * i for i in range(1, 8))
 """Lengths of the field of view [m]."""
@@ -66,7 +66,7 @@ def matches_table(
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",
         "true_displacement_px", "right_share", "exact_share", "usable_share",
-        "undetected_share", "median_error_px", "median_right_share", *errors.ERROR_COLUMNS,
+        "undetected_share", "median_error_px", "median_right_share", *trials.ERROR_COLUMNS,
     )  # fmt: skip
     return header, (
         (*case, *_row(motion, m))

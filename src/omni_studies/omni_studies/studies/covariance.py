@@ -22,9 +22,8 @@ from omni_loop.metrics import Metric
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.sensors import LineSensor
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.line_trials.errors import within_95
 from omni_tools.line_trials.rig import Rig, ground
-from omni_tools.line_trials.twist_trials import TwistTrial, drive
+from omni_tools.line_trials.trials import TwistTrial, drive, within_95
 from omni_tools.placement.common_placements import tangential
 
 _GROUNDS = ("cork", "asphalt", "stone")

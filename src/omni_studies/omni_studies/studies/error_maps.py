@@ -28,9 +28,8 @@ from omni_studies.line_trials.figures import Scale, draw_error_maps, view_length
 from omni_studies.line_trials.options import LineOptions, TextureOptions
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.line_trials.errors import undetected
 from omni_tools.line_trials.rig import Rig, View, ground
-from omni_tools.line_trials.trials import Matches, Motion, measure
+from omni_tools.line_trials.trials import Matches, Motion, measure, undetected
 
 CASES = {
     "overlap": "Overlap and error of a camera that moves along its axis at 5 to 200 m/s, with "

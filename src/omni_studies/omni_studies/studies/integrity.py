@@ -29,7 +29,7 @@ from omni_studies.claims import limited
 from omni_studies.line_trials import integrity_trials as trials
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
-from omni_tools.line_trials.errors import within_95
+from omni_tools.line_trials.trials import within_95
 
 _WOOD_ANGLES = (15, 30, 45, 60, 75)
 _KINDS = (

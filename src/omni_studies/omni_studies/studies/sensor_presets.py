@@ -33,8 +33,7 @@ from omni_studies.line_trials import options as line_options
 from omni_studies.line_trials import view_grid
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
-from omni_tools.line_trials.trials import Matches, Motion, measure
-from omni_tools.line_trials.twist_trials import drive
+from omni_tools.line_trials.trials import Matches, Motion, drive, measure
 from omni_tools.placement.common_placements import tangential
 
 

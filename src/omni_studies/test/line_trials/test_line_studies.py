@@ -23,8 +23,7 @@ from omni_studies.studies import (
 )
 from omni_studies.study import StudyResult, StudyRun, load_study, run_study
 from omni_tools.line_trials.rig import View, camera
-from omni_tools.line_trials.trials import Matches, cramer_rao_bound
-from omni_tools.line_trials.twist_trials import TwistTrial
+from omni_tools.line_trials.trials import Matches, TwistTrial, cramer_rao_bound
 
 CONFIG = Path(__file__).parents[4] / "config"
 

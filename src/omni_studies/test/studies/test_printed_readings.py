@@ -15,7 +15,7 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.tire.tire import Tire, TireConfiguration
-from omni_tools.line_trials.errors import error_values
+from omni_tools.line_trials.trials import error_values
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 WHEELS = LIBRARY.load("straight_line", "assisted").vehicle.wheels

@@ -9,7 +9,7 @@ faster than in rolling, so the impulse of its tire force is at most that of its 
 
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
 of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel
-may be anywhere within the distance traveled.
+may be anywhere within the distance traveled. `limit_share` compares the bound with a recorded stop.
 """
 
 import math
@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from omni_loop import experiment, metrics
+from omni_loop.history import RunHistory
 from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import GroundConfiguration
@@ -359,3 +361,31 @@ def _largest_friction(friction: FrictionMap, center: FloatArray, radius: float) 
         if away <= -radius and ellipse == 0.0:  # this patch contains the circle
             return largest
     return max(largest, friction.base)
+
+
+def limit_share(
+    history: RunHistory, configuration: experiment.ExperimentConfiguration, distance: float
+) -> metrics.Metric:
+    """Return the bound of the stopping distance divided by the distance of a run [1].
+
+    The bound is valid for stops that keep heading and line of motion. It is computed for the same
+    velocity without the yaw rate, and for the largest position of the pedal during the run.
+
+    Args:
+        history: history of the run.
+        configuration: configuration of the run, with vehicle and ground.
+        distance: stopping distance of the run [m].
+    """
+    start = history.brake_start
+    if start is None or not distance > 0.0:
+        return metrics.Metric(math.nan, "1", note="limit_share: there is no stopping distance")
+    twist = history.twist[start] * np.array([1.0, 1.0, 0.0])
+    maneuver = Maneuver(history.pose[start], twist, float(np.max(history.pedal)))
+    bound = straight_bound(configuration.vehicle, configuration.ground, maneuver)
+    share = bound.distance / distance
+    note = ""
+    if math.isnan(share):
+        note = f"limit_share: {bound.reason}"
+    elif distance < bound.distance - bound.tolerance:
+        note = "this stop rotates and is shorter than any stop that keeps its heading"
+    return metrics.Metric(share, "1", note=note)

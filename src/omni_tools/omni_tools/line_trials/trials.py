@@ -1,7 +1,11 @@
-"""Trials of one line camera over a ground: rendered line pairs, matches and errors.
+"""Trials of line cameras over a ground: rendered line pairs, matches, estimated twists, errors.
 
 The camera moves with a known speed and angle, as in section 4.4. Consecutive lines are matched by a
-full search and refined. Displacements are in pixels along the camera's axis.
+full search and refined. Displacements are in pixels along the camera's axis. In the trials of the
+odometry (`drive`), a platform moves uniformly.
+
+Eq. (85) is printed with a division by the frame rate, which would give meters times seconds. A
+velocity error is the displacement error *times* the rate, which is computed here.
 """
 
 import math
@@ -10,14 +14,57 @@ from typing import NamedTuple
 
 import numpy as np
 
-from linescan_odometry.configuration import OdometryConfiguration
 from linescan_odometry.matching import search, subpixel
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
 from omni_platform.quantities import BoolArray, FloatArray, IntArray
+from omni_platform.sensors import sensor_matrix
 from omni_platform.signals import Lines
 from omni_sim.camera.camera import LineCamera
 from omni_sim.texture.texture import GroundTexture
-from omni_tools.line_trials.errors import error_values
-from omni_tools.line_trials.rig import PERIOD, View, cameras, poses_at
+from omni_tools.line_trials.rig import PERIOD, Rig, View, cameras, poses_at
+
+ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
+"""Column names for the results of `error_values`."""
+
+
+def within_95(ratio: FloatArray) -> BoolArray:
+    """Return whether ratios of error to stated standard deviation are within the 95 % interval."""
+    return np.abs(ratio) <= 1.96
+
+
+def undetected(
+    ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
+) -> BoolArray:
+    """Return which velocity errors are larger than their stated standard deviations can explain.
+
+    Args:
+        ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
+        error: error [m/s], shape (m,).
+        least: smallest error that counts as undetected [m/s].
+        deviations: largest ratio that the stated standard deviation explains [1].
+    """
+    return (np.abs(ratio) > deviations) & (np.abs(error) > least)
+
+
+def error_values(
+    pixel_error: FloatArray, error: FloatArray, pitch: float, line_rate: float, speed: float
+) -> tuple[float, float, float, float]:
+    """Return the mean error as defined in the dissertation, and the RMS error in three units.
+
+    Args:
+        pixel_error: pixel error in whole pixels, Eq. (84) [px], shape (m,).
+        error: error of the refined displacements, not rounded [px], shape (m,).
+        pitch: length of a pixel on the ground [m].
+        line_rate: lines per second [1/s].
+        speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].
+
+    Returns:
+        Mean magnitude of `pixel_error` [px]; root mean square of `error` in px, mm and per cent.
+    """
+    rmse = math.sqrt(float(np.mean(np.square(error))))
+    length = rmse * pitch
+    percent = 100.0 * length * line_rate / speed if speed > 0.0 else math.nan
+    return float(np.mean(np.abs(pixel_error))), rmse, 1e3 * length, percent
 
 
 class Matches(NamedTuple):
@@ -82,7 +129,7 @@ class Matches(NamedTuple):
         return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
 
     def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
-        """Return the errors in the order of `errors.ERROR_COLUMNS`.
+        """Return the errors in the order of `ERROR_COLUMNS`.
 
         Args:
             view: field of view of the camera.
@@ -237,3 +284,73 @@ def cramer_rao_bound(
     common = (pixel >= 0) & (pixel < view.pixels)
     energy = np.sum(gradient**2, axis=1, where=common)
     return np.asarray(2.0 * (noise**2 + 1.0 / 12.0) / energy)
+
+
+class TwistTrial(NamedTuple):
+    """Estimates of the odometry in a uniform motion, one per batch.
+
+    Attributes:
+        twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        estimate: estimated twist of each measured batch [m/s, m/s, rad/s], shape (m, 3).
+        covariance: covariance that the odometry states for each estimate, in the squares of its
+            units, shape (m, 3, 3).
+        measured: share of the batches with a measurement, 0 to 1.
+        ratio: ratio of the error of a camera's velocity to the stated standard deviation [1], for
+            all cameras and batches with a measurement, shape (k,).
+    """
+
+    twist: FloatArray
+    estimate: FloatArray
+    covariance: FloatArray
+    measured: float
+    ratio: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Estimated minus true twist [m/s, m/s, rad/s], shape (m, 3)."""
+        return self.estimate - self.twist
+
+    @property
+    def normalized_error_squared(self) -> FloatArray:
+        """Normalized squared error ``e^T C^-1 e / 3``, whose expectation is 1, shape (m,)."""
+        weighted = np.linalg.solve(self.covariance, self.error[:, :, None])[:, :, 0]
+        return np.asarray(np.sum(self.error * weighted, axis=1) / 3.0)
+
+
+def drive(
+    configuration: OdometryConfiguration,
+    rig: Rig,
+    twist: FloatArray,
+    batches: int,
+    generator: np.random.Generator,
+) -> TwistTrial:
+    """Estimate a constant twist with the odometry, from a random position and heading.
+
+    Args:
+        configuration: configuration of the odometry, with its line cameras.
+        rig: rig with these line cameras.
+        twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
+        batches: number of batches after the first line.
+        generator: random generator for position and heading.
+    """
+    sensors = configuration.sensors
+    start = np.array([*generator.uniform(0.0, PERIOD, 2), generator.uniform(0.0, 2.0 * math.pi)])
+    odometry = LineScanOdometry(configuration)
+    odometry.update(rig.expose(start, twist, {name: np.arange(1) for name in sensors}))
+    truth = dict(zip(sensors, sensor_matrix(sensors) @ twist, strict=True))
+    estimates, covariances, ratios = [], [], []
+    for batch in rig.drive(start, twist, batches, first=1):
+        estimate = odometry.update(batch)
+        if estimate.measured:
+            estimates.append(estimate.twist)
+            covariances.append(estimate.covariance)
+        for name, reading in estimate.readings.items():
+            if reading.measured:
+                ratios.append((reading.velocity - truth[name]) / math.sqrt(reading.variance))
+    return TwistTrial(
+        twist,
+        np.array(estimates).reshape(-1, 3),
+        np.array(covariances).reshape(-1, 3, 3),
+        len(estimates) / batches,
+        np.array(ratios),
+    )

@@ -1,26 +1,119 @@
-"""Comparison of the best, the given and the common placements of cameras under a vehicle."""
+"""Comparison of the best, the given and the common placements of cameras under a vehicle.
+
+`design_task` makes the task from command-line options. `drive_mix` measures the error of a
+placement on rendered lines.
+"""
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
-from omni_platform.configuration import ConfigurationError, WorkError
+import numpy as np
+
+from linescan_odometry.odometry import LineScanOdometry, OdometryConfiguration
+from omni_figures.scene import Scene
+from omni_loop.experiment import ExperimentLibrary
+from omni_platform.configuration import ConfigurationError, WorkError, check_choice
+from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import LineSensor
-from omni_sim.texture.texture import GroundTexture
-from omni_tools.line_trials.rig import View
-from omni_tools.placement import evaluation, mounting_area
+from omni_sim.texture.texture import KINDS, GroundTexture
+from omni_tools.line_trials import rig
+from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines
+from omni_tools.placement import mounting_area
 from omni_tools.placement.common_placements import common_placements, named
-from omni_tools.placement.error import ConditionNumber, MeanError, MotionMix, gyration
+from omni_tools.placement.error import (
+    ConditionNumber,
+    EvaluatedPlacement,
+    MeanError,
+    MotionMix,
+    evaluate,
+    gyration,
+)
+from omni_tools.placement.options import PlacementOptions
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
-from omni_tools.placement.sensor_error import SensorTrial, measure_sensor_error
-from omni_tools.placement.trials import PlacementTrial, drive_mix
+from omni_tools.placement.sensor_error import ORIENTATIONS, SensorTrial, measure_sensor_error
 
 FEWEST_SENSORS, MOST_SENSORS = 3, 8
 
 BEST, CONDITION = "best", "condition"
 
 Report = Callable[[float, str], None]
+
+
+class PlacementTrial(NamedTuple):
+    """Twist errors of a placement on rendered lines.
+
+    Attributes:
+        error: estimated minus true twist of each batch [m/s, m/s, rad/s], shape (b, 3), one array
+            for each motion of the mix.
+        share: share of time of each motion [1], shape (M,).
+        unmeasured: share of the batches without a twist, 0 to 1.
+    """
+
+    error: tuple[FloatArray, ...]
+    share: FloatArray
+    unmeasured: float
+
+    @property
+    def deviation(self) -> FloatArray:
+        """RMS errors of v_x, v_y [m/s] and yaw rate [rad/s] over the mix, shape (3,)."""
+        squared = np.array([np.mean(error**2, axis=0) for error in self.error])
+        return np.asarray(np.sqrt(self.share @ squared))
+
+    def mean_error(self, gyration: float) -> float:
+        """Return the RMS error over the platform's points and the mix [m/s].
+
+        Args:
+            gyration: RMS distance of the points from base_link [m].
+        """
+        return float(np.linalg.norm(self.deviation * (1.0, 1.0, gyration)))
+
+
+def drive_mix(
+    sensors: Mapping[str, LineSensor],
+    mix: MotionMix,
+    texture: GroundTexture,
+    noise: float,
+    batches: int,
+    seed: int,
+    report: Callable[[float], None] = lambda _share: None,
+) -> PlacementTrial:
+    """Simulate a placement over a ground and estimate its twist from the rendered lines.
+
+    Each batch begins at a random position on the ground, in one of several random orientations.
+
+    Args:
+        sensors: the placement, not singular.
+        mix: mix of motions.
+        texture: the ground.
+        noise: standard deviation [gray levels of 8 bit].
+        batches: batches of each motion in each orientation.
+        seed: seed of positions, orientations and noise.
+        report: called with the completed share (0 to 1).
+    """
+    generator = np.random.default_rng(seed)
+    odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
+    rig = Rig(sensors, texture, noise, seed)
+    lines = {name: np.arange(batch_lines(s.line_rate) + 1) for name, s in sensors.items()}
+    errors, total = [], 0
+    for index, twist in enumerate(mix.twist):
+        report(index / len(mix.twist))
+        yaws = np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches)
+        own = []
+        for yaw in yaws:
+            start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
+            # The stamps are far apart, so that lines of different batches are not compared.
+            begin_ns = round(SECOND_NS * total * 4.0 * BATCH_TIME)
+            total += 1
+            estimate = odometry.update(rig.expose(start, twist, lines, begin_ns))
+            if estimate.measured:
+                own.append(estimate.twist - twist)
+        errors.append(np.array(own).reshape(-1, 3))
+    report(1.0)
+    measured = sum(len(error) for error in errors)
+    return PlacementTrial(tuple(errors), mix.share, 1.0 - measured / total)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,14 +159,14 @@ class Design(NamedTuple):
     trial: SensorTrial
     criterion: MeanError
     found: FoundPlacement
-    placements: tuple[evaluation.EvaluatedPlacement, ...]
+    placements: tuple[EvaluatedPlacement, ...]
 
     @property
-    def best(self) -> evaluation.EvaluatedPlacement:
+    def best(self) -> EvaluatedPlacement:
         """Placement with the smallest mean twist error that the search found."""
         return self.placements[0]
 
-    def placement(self, name: str) -> evaluation.EvaluatedPlacement:
+    def placement(self, name: str) -> EvaluatedPlacement:
         """Return a placement by its name."""
         return next(entry for entry in self.placements if entry.name == name)
 
@@ -114,9 +207,7 @@ def design(task: DesignTask, report: Report) -> Design:
     sensors[CONDITION] = named(other.poses, view)
     for name, poses in common_placements(area, task.count).items():
         sensors[name] = named(poses, view, rounded=False)
-    placements = tuple(
-        evaluation.evaluate(name, own, criterion, area) for name, own in sensors.items()
-    )
+    placements = tuple(evaluate(name, own, criterion, area) for name, own in sensors.items())
     return Design(trial, criterion, found, placements)
 
 
@@ -183,3 +274,69 @@ def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
             "sensors", f"{name} must have cameras of one type, it has {len(views)} types"
         )
     return views.pop()
+
+
+def design_task(options: PlacementOptions, library: ExperimentLibrary) -> DesignTask:
+    """Check the options and read the files that they name.
+
+    Raises:
+        ConfigurationError: an option is invalid.
+    """
+    check_choice("--ground", options.ground, KINDS)
+    vehicle = library.vehicle(options.vehicle)
+    kind = options.type or (options.check[0] if options.check else "generic")
+    given = {name: library.sensors(name) for name in options.check or [kind]}
+    view = view_of(kind, library.sensors(kind))
+    for name in options.check:
+        if view_of(name, given[name]) != view:
+            raise ConfigurationError("--check", f"{name} has another type of camera than {kind}")
+    count = options.sensors
+    if count is None:
+        checked = len(given[options.check[0]]) if options.check else FEWEST_SENSORS
+        count = min(max(checked, FEWEST_SENSORS), MOST_SENSORS)
+    if options.redundant and count == FEWEST_SENSORS:
+        raise ConfigurationError("--redundant", "requires at least four sensors: --sensors 4")
+    scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
+    area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
+    speed = design_speed(options.speed, options.yaw_rate, area)
+    return DesignTask(
+        area=area,
+        texture=rig.ground(options.ground),
+        noise=options.noise,
+        count=count,
+        mix=MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
+        speed=speed,
+        redundant=options.redundant,
+        given=_cases(
+            {
+                name: sensors
+                for name, sensors in given.items()
+                if options.check or len(sensors) == count
+            }
+        ),
+        seed=options.seed,
+    )
+
+
+def _weights(text: str) -> Sequence[float]:
+    try:
+        weights = [float(part) for part in text.split(":")]
+    except ValueError:
+        weights = []
+    valid = all(math.isfinite(weight) and weight >= 0.0 for weight in weights)
+    if len(weights) != 4 or not valid or sum(weights) == 0.0:
+        raise ConfigurationError(
+            "--mix", f"{text!r} must be four shares, straight:sideways:diagonal:turning"
+        )
+    return weights
+
+
+def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
+    """Return placements by the names of their files; duplicate names are made unique."""
+    cases: dict[str, Mapping[str, LineSensor]] = {}
+    for name, sensors in given.items():
+        case = Path(name).stem.replace(".", "_")
+        while case in cases or case in {"best", "condition", "tangential", "radial", "parallel"}:
+            case += "_given"
+        cases[case] = sensors
+    return cases

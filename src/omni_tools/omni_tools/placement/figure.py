@@ -16,8 +16,7 @@ from matplotlib.ticker import MaxNLocator
 
 from omni_figures import style
 from omni_platform.quantities import FloatArray
-from omni_tools.placement.error import MeanError, poses_of
-from omni_tools.placement.evaluation import EvaluatedPlacement
+from omni_tools.placement.error import EvaluatedPlacement, MeanError, poses_of
 from omni_tools.placement.mounting_area import MountingArea
 
 _SHADES = LinearSegmentedColormap.from_list("error", ["#FFFFFF", "#FDE7B0", "#F0A830", "#B8480E"])

@@ -7,7 +7,8 @@ from typing import Any
 
 from omni_loop.commented_yaml import commented_yaml
 from omni_loop.metrics import Metric, results_entry
-from omni_tools.placement import design, evaluation, trials
+from omni_tools.placement import design
+from omni_tools.placement.error import EvaluatedPlacement
 
 _COLUMN = {
     "mean_error": "mean_error",
@@ -24,7 +25,7 @@ _COLUMN = {
 
 
 def entries(
-    task: design.DesignTask, result: design.Design, driven: Mapping[str, trials.PlacementTrial]
+    task: design.DesignTask, result: design.Design, driven: Mapping[str, design.PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of a design by name, as entries of its results document."""
     found: dict[str, Metric] = {}
@@ -47,7 +48,7 @@ def entries(
 
 
 def _metrics(
-    placement: evaluation.EvaluatedPlacement, trial: trials.PlacementTrial | None, gyration: float
+    placement: EvaluatedPlacement, trial: design.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     metrics = {"mean_error": Metric(placement.mean_error, "m/s", note=placement.singular)}
     names = (("v_x", "m/s"), ("v_y", "m/s"), ("yaw_rate", "rad/s"))
@@ -70,7 +71,7 @@ def _metrics(
 
 
 def column(
-    placement: evaluation.EvaluatedPlacement, trial: trials.PlacementTrial | None, gyration: float
+    placement: EvaluatedPlacement, trial: design.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
     """Return a column of the table in millimeters per second."""
     metrics = _metrics(placement, trial, gyration)
@@ -124,7 +125,7 @@ def findings(task: design.DesignTask, result: design.Design, conditions: str) ->
     return sentences
 
 
-def _compared(placement: evaluation.EvaluatedPlacement, best: evaluation.EvaluatedPlacement) -> str:
+def _compared(placement: EvaluatedPlacement, best: EvaluatedPlacement) -> str:
     share = placement.mean_error / best.mean_error - 1.0
     return f"{100.0 * abs(share):.0f} % {'below' if share < 0.0 else 'above'}"
 

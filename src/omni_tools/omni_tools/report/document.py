@@ -2,6 +2,11 @@
 
 Time series are base64 texts of little-endian 32-bit floats, one text per column, with NaN for a
 missing value. They are smaller than decimal numbers and fast to read in a browser.
+
+Slips and loads of the wheels are not recorded. Both are computed from the recorded true motion and
+the vehicle's configuration. The slip is that of the rim relative to the ground. The simulator's
+slip is that of the contact patch, which differs for a few milliseconds after a change of the brake
+because the tire is elastic. The loads are those on flat ground.
 """
 
 import base64
@@ -18,9 +23,12 @@ from omni_figures import run_figures, style
 from omni_figures.comparison_table import in_small_units, metric_label, metric_number
 from omni_figures.scene import Scene
 from omni_loop.history import RunHistory
-from omni_platform.geometry import PlatformGeometry
-from omni_tools.report import derived, recording
-from omni_tools.report.series import Series
+from omni_platform.geometry import PlatformGeometry, turned
+from omni_platform.quantities import FloatArray
+from omni_sim.vehicle.configuration import VehicleConfiguration
+from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
+from omni_tools.report import recording
+from omni_tools.report.recording import Series
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; of longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
@@ -76,11 +84,11 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
     if run.configuration is not None:
         vehicle = run.configuration.vehicle
         scene = _scene(run_figures.scene_of(run.configuration), history.wheel_names)
-        columns["slip"] = derived.rim_slips(vehicle, history)
+        columns["slip"] = rim_slips(vehicle, history)
         if len(run.configuration.ground.elevation.table()):
             notes.append("the ground is not flat, so the loads do not follow from the motion")
         else:
-            columns["load"] = derived.flat_ground_loads(vehicle, history)
+            columns["load"] = flat_ground_loads(vehicle, history)
     return {
         "name": run.name,
         "wheels": [name.replace("_", " ") for name in history.wheel_names],
@@ -162,3 +170,73 @@ def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]
     """Return every key with its value in each run; None if a run does not have the key."""
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]
+
+
+def rim_slips(
+    vehicle: VehicleConfiguration, history: RunHistory, standstill: float = 0.05
+) -> FloatArray:
+    """Return the slips of the rims along the active directions: 0 for rolling, 1 for locked.
+
+    The definition ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``
+    is Eqs. (20), (22) with a sign, for a wheel with the active direction ``n_w``, the velocity
+    ``v_i`` of its center, the wheel speed ``omega``, the radius ``R`` and the rolling direction
+    ``u_i``. It is relative to the larger speed, because Eq. (20) grows without bound for a locked
+    wheel. If the slip is above 1, the rim turns backward; at rest the slip is NaN.
+
+    Args:
+        vehicle: vehicle with the wheels of the history, in any order.
+        history: the run.
+        standstill: speed below which a wheel counts as at rest [m/s].
+
+    Returns:
+        Slips [1], from -2 to 2, shape (T, N), in the order of the history's wheels.
+    """
+    geometry = _geometry(vehicle, history)
+    hub = history.twist @ np.column_stack((geometry.active, geometry.lever)).T  # Eq. (23)
+    rim = history.wheel_speed * geometry.radius * np.sum(geometry.active * geometry.rolling, axis=1)
+    larger = np.maximum(np.abs(hub), np.abs(rim))
+    larger[larger < standstill] = np.nan
+    return np.asarray((hub - rim) / larger, dtype=np.float64)
+
+
+def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
+    """Return the vertical loads that balance weight and inertia in the recorded motion.
+
+    The loads follow the acceleration of the center of gravity with the load transfer time.
+
+    Args:
+        vehicle: vehicle with the wheels of the history, in any order.
+        history: the run.
+
+    Returns:
+        Loads [N], shape (T, N), in the order of the history's wheels.
+    """
+    masses = MassProperties.of(vehicle.body, vehicle.load)
+    position = _geometry(vehicle, history).position - masses.center
+    plane, hull = load_plane(position), support_polygon(position)
+    acceleration = _acceleration(masses.center, history)
+    loads = np.empty((len(history.stamp_ns), len(position)))
+    lagged = np.zeros(2)
+    periods = np.diff(history.time, prepend=history.time[0])
+    for row, period in enumerate(periods.tolist()):
+        share = period / (period + vehicle.load_transfer_time) if period > 0.0 else 0.0
+        lagged += share * (acceleration[row] - lagged)
+        z_x, z_y = (-masses.height / GRAVITY * lagged).tolist()
+        wheel_loads(position, plane, hull, masses.mass * GRAVITY, z_x, z_y, loads[row])
+    return loads
+
+
+def _acceleration(point: FloatArray, history: RunHistory) -> FloatArray:
+    """Return the acceleration of a point of the body, in the body frame [m/s^2], shape (T, 2)."""
+    if len(history.stamp_ns) < 2:
+        return np.zeros((len(history.stamp_ns), 2))
+    yaw, yaw_rate = history.pose[:, 2], history.twist[:, 2:]
+    velocity = turned(history.twist[:, :2] + yaw_rate * [-point[1], point[0]], yaw)
+    a = np.diff(velocity, axis=0) / np.diff(history.time)[:, np.newaxis]
+    return turned(np.vstack((a[:1], a)), -yaw)  # acceleration in the period before each stamp
+
+
+def _geometry(vehicle: VehicleConfiguration, history: RunHistory) -> PlatformGeometry:
+    return PlatformGeometry.from_wheels(
+        {name: vehicle.wheels[name] for name in history.wheel_names}
+    )

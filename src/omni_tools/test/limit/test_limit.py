@@ -16,9 +16,14 @@ from omni_sim.ground.friction import FrictionPatch
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassConfiguration, MassProperties, load_plane
 from omni_sim.vehicle.suspension import SuspensionConfiguration
-from omni_tools.limit.bounds import Maneuver, any_heading_bound, maneuver_of, straight_bound
+from omni_tools.limit.bounds import (
+    Maneuver,
+    any_heading_bound,
+    limit_share,
+    maneuver_of,
+    straight_bound,
+)
 from omni_tools.limit.forces import Case, LimitVehicle, farthest
-from omni_tools.limit.share import limit_share
 
 ROOT = Path(__file__).parents[4]
 FLAT = GroundConfiguration()

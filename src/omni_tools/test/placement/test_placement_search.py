@@ -20,10 +20,11 @@ from omni_tools.placement.error import (
     MeanError,
     MotionMix,
     after_failure,
+    evaluate,
     gyration,
     poses_of,
+    singularity,
 )
-from omni_tools.placement.evaluation import evaluate, singularity
 from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.search import Effort, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorError

@@ -10,11 +10,11 @@ from omni_figures.scene import Scene
 from omni_loop.experiment import ExperimentLibrary
 from omni_tools.line_trials.rig import View, ground
 from omni_tools.placement.common_placements import named
+from omni_tools.placement.design import drive_mix
 from omni_tools.placement.error import MeanError, MotionMix, gyration, poses_of
 from omni_tools.placement.mounting_area import MountingArea
 from omni_tools.placement.search import Effort, search
 from omni_tools.placement.sensor_error import measure_sensor_error
-from omni_tools.placement.trials import drive_mix
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
 VIEW = View(256, 0.05, 0.02, 1000.0)

@@ -215,14 +215,13 @@ def curve_at(parameters: TMeasyParameters, load: float, friction: float) -> Curv
         friction: ``mu/mu_0`` [1].
     """
     c = parameters.coefficients
-    curve: CurvePoint = curve_through(
+    return curve_through(
         (c[0] + c[1] * load) * load,
         (c[6] + c[7] * load) * friction,
         (c[2] + c[3] * load) * load * friction,
         (c[8] + c[9] * load) * friction,
         (c[4] + c[5] * load) * load * friction,
     )
-    return curve
 
 
 @lean
@@ -259,8 +258,7 @@ def curve_of(
         direction: ``x`` or ``y``.
     """
     parameters = TMeasyParameters(direction_coefficients(tire, direction))
-    curve: CurvePoint = curve_at(parameters, min(max(load, 0.0), tire.nominal_load_2), friction)
-    return curve
+    return curve_at(parameters, min(max(load, 0.0), tire.nominal_load_2), friction)
 
 
 def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
