@@ -7,6 +7,10 @@ variant is repeated without them, as ``<variant>_twist_alone``.
 
 ``table2`` brakes the identified vehicle of ``config/``. ``--identify`` repeats the search for this
 vehicle; ``--assumptions`` changes one assumption at a time.
+
+The dissertation assumes ideal feedback in chapter 3 and treats the line camera separately in
+chapter 4. ``optical`` closes the loop with the line cameras. The velocity sensor used for
+comparison is ideal, except in ``ice_patch_noisy``, which uses the sensor of Eqs. (60), (61).
 """
 
 import dataclasses
@@ -26,10 +30,11 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.history import RunHistory
 from omni_loop.metrics import Metric, run_metrics
 from omni_loop.options import LoopOptions
+from omni_platform.command_options import overrides_option
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
-from omni_studies.identification import figures, identification, sensitivity, table_2
-from omni_studies.identification.files import VEHICLE, write_files
+from omni_studies.identification import study as table_2
+from omni_studies.identification.table_2 import TWIST_ALONE
 from omni_studies.study import StudyResult, StudyRun
 
 CASES = {
@@ -42,6 +47,8 @@ CASES = {
     "turn_while_translate": "Braking from a turn-while-translate maneuver, with every "
     "weighting: Figures 43 to 48",
     "table2": "Table 2: orientation change and stopping distance with each control law",
+    "optical": "Experiments of chapter 3 with the line-scan odometry in the loop, against ideal "
+    "feedback",
 }
 
 _QUANTITIES = (
@@ -53,7 +60,15 @@ _QUANTITIES = (
     "brake_switchings",
 )
 _ALONE = "_twist_alone"
-_TWIST_ALONE = "brake_assist.fault_detection=false"
+_DIFFERENCES = {
+    "orientation_change": "deg",
+    "stopping_distance": "m",
+    "lateral_deviation": "m",
+    "brake_switchings": "1",
+}
+_ODOMETRY = ("twist_rmse", "yaw_rate_rmse", "fail_safe_share")
+_FEEDBACK = {"sensor": "velocity sensor", "optical": "line-scan odometry"}
+_REPEATED = {("ice_patch_noisy", "assisted")}  # optical run equals that of ice_patch
 _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
 
 
@@ -112,7 +127,7 @@ def run_experiment(
     for variant, configuration in list(configurations.items()):
         assistant = configuration.brake_assist
         if assistant.enabled and assistant.fault_detection and not configuration.uses_lines:
-            alone = library.load(experiment, variant, (*overrides, _TWIST_ALONE))
+            alone = library.load(experiment, variant, (*overrides, TWIST_ALONE))
             configurations[variant + _ALONE] = alone
     histories: dict[str, RunHistory] = {}
     for variant, configuration in configurations.items():
@@ -121,7 +136,7 @@ def run_experiment(
     return ExperimentRuns(configurations, histories)
 
 
-def table_2_vehicle(library: ExperimentLibrary, vehicle: str = VEHICLE) -> list[str]:
+def table_2_vehicle(library: ExperimentLibrary, vehicle: str = table_2.VEHICLE) -> list[str]:
     """Return the overrides that turn ``straight_line`` into the dissertation's experiment.
 
     The overrides set the identified vehicle and ground, and a velocity sensor.
@@ -140,29 +155,21 @@ Options = LoopOptions
 class _StraightLine(LoopOptions):
     """Options of ``straight_line``: vehicle and overrides of the experiment."""
 
-    vehicle: str = parameter(VEHICLE)
+    vehicle: str = parameter(table_2.VEHICLE)
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
 
 
-class _Table2(Configuration):
-    """Options of ``table2``: identification and assumptions."""
+class _Optical(Configuration):
+    """Options of ``optical``: experiments to compare."""
 
-    identify: bool = parameter(False)
-    """identify a vehicle that reproduces Table 2 (takes minutes), and write its configuration
-    files next to the results"""
-    sound: bool = parameter(False)
-    """consider only vehicles whose load is between the wheels and whose wheel loads are within
-    the range of the tire model"""
-    assumptions: bool = parameter(False)
-    """also vary the assumptions on tires, wheels and patches, one at a time, for this vehicle
-    and two others that reproduce the table"""
-    seed: int = parameter(1, minimum=0)
-    """seed of the search"""
-    generations: int = parameter(250, minimum=1, maximum=100_000)
-    """largest number of generations of the search"""
+    experiment: tuple[str, ...] = parameter(
+        tuple(case for case in CASES if case not in ("table2", "optical"))
+    )
+    """experiment to run"""
+    overrides: tuple[str, ...] = overrides_option()
 
 
-OPTIONS = {"straight_line": _StraightLine, "table2": _Table2}
+OPTIONS = {"straight_line": _StraightLine, "table2": table_2.Options, "optical": _Optical}
 
 
 def run(options: LoopOptions, study: StudyRun) -> StudyResult:
@@ -176,75 +183,119 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
     return study.result(runs.metrics)
 
 
-def _table_2(options: _Table2, study: StudyRun) -> StudyResult:
-    """Compute the ten numbers of the table and their sensitivities."""
-    bases = {
-        case: study.experiments.load(sensitivity.EXPERIMENT, case, [table_2.TWIST_ALONE])
-        for case in table_2.CASES
-    }
-    if options.identify:
-        done = 0
+Comparisons = Mapping[tuple[str, str], Mapping[str, RunHistory]]
+"""Runs by experiment and variant: with the velocity sensor as ``sensor``, and with the line-scan
+odometry as ``optical``."""
 
-        def on_generation(_generation: int, cost: float) -> None:
-            nonlocal done
-            done += 1
-            share = min(done / options.generations, 1.0)
-            study.report(share, f"generation {done}, cost {cost:.2f}")
 
-        found = identification.search(
-            bases,
-            seed=options.seed,
-            generations=options.generations,
-            sound=options.sound,
-            on_generation=on_generation,
-        )
-        bases = {case: identification.configure(base, found) for case, base in bases.items()}
-        config = study.experiments.folder
-        study.written.extend(write_files(bases[table_2.CASES[0]], config, study.folder))
-    measured = identification.measure(bases)
-    parameters = identification.parameters_of(bases[table_2.CASES[0]])
-    slopes = sensitivity.sensitivities(bases, parameters)
-    columns = slopes.columns()
-    study.table("sensitivity.csv", columns, zip(*columns.values(), strict=True), 6)
-    study.figure("trade_off.png", figures.trade_off(measured))
-    study.figure("weighting.png", figures.weighting_functions())
-    study.figure("sensitivity.png", figures.sensitivity_map(slopes))
-    metrics = table_2.metrics(measured)
-    if options.assumptions:
-        metrics |= _change_assumptions(study, parameters)
-    # A vehicle that does not stop has an infinite deviation.
-    worst = max(
-        abs(d) if math.isfinite(d) else math.inf for d in table_2.deviations(measured).values()
-    )
-    metrics["largest_deviation.all"] = Metric(worst, "1", note="in tolerances")
+def _optical(options: _Optical, study: StudyRun) -> StudyResult:
+    """Run every assisted variant with both kinds of feedback and report the differences."""
+    pairs = {}
+    for experiment in options.experiment:
+        for variant in study.experiments.variants(experiment):
+            sensor, optical = (
+                study.experiments.load(
+                    experiment, variant, (*options.overrides, f"feedback={feedback}")
+                )
+                for feedback in ("velocity_sensor", "optical")
+            )
+            if sensor.brake_assist.enabled and (experiment, variant) not in _REPEATED:
+                pairs[experiment, variant] = sensor, optical
+    runs: dict[tuple[str, str], Mapping[str, RunHistory]] = {}
+    metrics: dict[str, Metric] = {}
+    for case, (sensor, optical) in pairs.items():
+        study.report(len(runs) / len(pairs), " ".join(case))
+        both = compiled.run_fast_loop(sensor), loop.run_closed_loop(optical)
+        runs[case] = dict(zip(_FEEDBACK, both, strict=True))
+        metrics |= _feedback_metrics("_".join(case), *both)
+    study.figure("stops.png", _draw_stops(runs, metrics))
+    study.plot("orientations", _draw_orientations(runs))
     return study.result(metrics)
 
 
-def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the numbers of all vehicles and assumptions; return the first vehicle's ranges."""
-    vehicles = {"identified": parameters, **sensitivity.OTHERS}
-    names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
-    found = np.empty((len(vehicles), len(changed), len(names)))
-    for i, vehicle in enumerate(vehicles.values()):
-        for j, numbers in enumerate(sensitivity.under(study.experiments, vehicle)):
-            share = (i * len(changed) + j) / (len(vehicles) * len(changed))
-            study.report(share, f"{list(vehicles)[i]}: {changed[j]}")
-            found[i, j] = [numbers[name] for name in names]
-    tables = {"": found[0], "low ": found.min(axis=0), "high ": found.max(axis=0)}
-    heads = ["changed", *(end + name for end in tables for name in names)]
-    rows = zip(changed, *np.hstack(list(tables.values())).T, strict=True)
-    study.table("assumptions.csv", heads, rows, 6)
-    columns = [[*vehicle.values(), *found[i, 0]] for i, vehicle in enumerate(vehicles.values())]
-    rows = zip([*parameters, *names], *columns, strict=True)
-    study.table("vehicles.csv", ("number", *vehicles), rows, 6)
-    return {
-        f"{name.replace('.', f'_{end}.')}": Metric(float(values[k]), table_2.unit(name))
-        for k, name in enumerate(names)
-        for end, values in (("low", found[0].min(axis=0)), ("high", found[0].max(axis=0)))
-    }
+def _feedback_metrics(
+    case: str, by_sensor: RunHistory, by_odometry: RunHistory
+) -> dict[str, Metric]:
+    metrics: dict[str, Metric] = {}
+    sensor, optical = run_metrics(by_sensor), run_metrics(by_odometry)
+    for quantity, unit in _DIFFERENCES.items():
+        difference = optical[quantity].value - sensor[quantity].value
+        metrics[f"{quantity}.{case}_sensor"] = sensor[quantity]
+        metrics[f"{quantity}.{case}_optical"] = optical[quantity]
+        metrics[f"{quantity}_difference.{case}"] = Metric(difference, unit)
+    metrics |= {f"{quantity}.{case}": optical[quantity] for quantity in _ODOMETRY}
+    metrics[f"odometry_lag.{case}"] = Metric(odometry_lag(by_odometry), "s")
+    return metrics
 
 
-RUNS = {"table2": _table_2}
+def odometry_lag(history: RunHistory) -> float:
+    """Return the lag of the odometry's velocity while braking [s].
+
+    A lag ``tau`` causes an error of ``-tau`` times the acceleration, from which ``tau`` is fitted.
+    Noise that is independent of the acceleration does not affect the fit. The result is NaN if the
+    odometry has no measurement.
+    """
+    start = history.brake_start or 0
+    acceleration = np.gradient(history.twist[:, :2], history.time, axis=0)[start:]
+    error = (history.estimate - history.twist)[start:, :2]
+    known = history.measured[start:]
+    square = float(np.sum(acceleration[known] ** 2))
+    return -float(np.sum(error[known] * acceleration[known])) / square if square else math.nan
+
+
+def _case_in_words(case: tuple[str, str]) -> str:
+    return f"{case[0].replace('_', ' ')}: {case[1]}"
+
+
+def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figure:
+    """Draw the stops of all cases with both kinds of feedback, and their differences."""
+    title = "Assisted braking with both kinds of feedback"
+    inches = (10.0, 1.6 + 0.45 * len(comparisons))
+    x = ("orientation change [deg]", "stopping distance [m]")
+    figure, (panels,) = style.panels(title, 1, 2, size=inches, x=x, sharey=True)
+    looks = (("sensor", style.BLUE, "o", 9), ("optical", style.VERMILLION, "D", 5))
+    for axes, quantity in zip(panels, ("orientation_change", "stopping_distance"), strict=True):
+        for row, case in enumerate(map("_".join, comparisons)):
+            values = [metrics[f"{quantity}.{case}_{feedback}"].value for feedback in _FEEDBACK]
+            axes.plot(values, [row, row], color=style.GRAY, linewidth=1.5, zorder=2)
+            for value, (feedback, color, marker, size) in zip(values, looks, strict=True):
+                look = {"color": color, "ms": size, "zorder": 3, "clip_on": False}
+                label = "" if row else _FEEDBACK[feedback]
+                axes.plot([value], [row], marker, label=label, **look)
+            words = f"{values[1] - values[0]:+.2f}"
+            style.note(axes, words, (max(values), row), (9, 0), va="center")
+        axes.margins(x=0.14)
+        axes.set_xlim(left=0.0)
+    panels[0].set_yticks(range(len(comparisons)), list(map(_case_in_words, comparisons)))
+    panels[0].invert_yaxis()
+    style.legend_below(figure, 2)
+    return figure
+
+
+def _draw_orientations(comparisons: Comparisons, most: int = 4) -> Figure:
+    """Draw the orientation over time, for all cases with both kinds of feedback."""
+    columns = min(most, len(comparisons))
+    rows = -(-len(comparisons) // columns)
+    figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
+    panels = grid.ravel()
+    for axes in panels[len(comparisons) :]:
+        axes.set_visible(False)
+    looks = {"sensor": (style.BLUE, 2.4), "optical": (style.VERMILLION, 1.2)}
+    for axes, (case, runs) in zip(panels, comparisons.items(), strict=False):
+        for feedback, history in runs.items():
+            start, (color, width) = history.brake_start or 0, looks[feedback]
+            yaw = history.pose[start:, 2]
+            turned = np.degrees(yaw - yaw[0])
+            time, label = history.braking_time[start:], _FEEDBACK[feedback]
+            axes.plot(time, turned, color=color, linewidth=width, label=label)
+        axes.set_title(_case_in_words(case))
+    figure.supxlabel("time since braking [s]")
+    figure.supylabel("orientation [deg]")
+    style.legend_below(figure, 2)
+    return figure
+
+
+RUNS = {"table2": table_2.run, "optical": _optical}
 
 Drawing = Callable[[ExperimentRuns], Figure]
 """Draws one figure of the dissertation."""
@@ -322,22 +373,16 @@ def _over_one_another(
     return figure
 
 
+def _stop(first: int) -> dict[int, Drawing]:
+    """Return the three figures of a stop, from the number of the first one on."""
+    drawings = _from_above("unassisted", "assisted"), *map(_over_time, ("unassisted", "assisted"))
+    return dict(enumerate(drawings, first))
+
+
 _FIGURES: Mapping[str, Mapping[int, Drawing]] = {
-    "straight_line": {
-        30: _from_above("unassisted", "assisted"),
-        31: _over_time("unassisted"),
-        32: _over_time("assisted"),
-    },
-    "three_wheel_diagonal": {
-        33: _from_above("unassisted", "assisted"),
-        34: _over_time("unassisted"),
-        35: _over_time("assisted"),
-    },
-    "ice_patch": {
-        36: _from_above("unassisted", "assisted"),
-        37: _over_time("unassisted"),
-        38: _over_time("assisted"),
-    },
+    "straight_line": _stop(30),
+    "three_wheel_diagonal": _stop(33),
+    "ice_patch": _stop(36),
     "ice_patch_noisy": {
         39: _from_above("unassisted", "assisted", "noisy"),
         40: _measured,

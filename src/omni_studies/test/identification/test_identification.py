@@ -12,7 +12,6 @@ import pytest
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_studies.identification import table_2
-from omni_studies.identification.files import write_files
 from omni_studies.identification.identification import (
     QUANTITIES,
     assumption_violation,
@@ -30,6 +29,7 @@ from omni_studies.identification.sensitivity import (
     sensitivities,
     under,
 )
+from omni_studies.identification.study import write_files
 
 CONFIG = Path(__file__).resolve().parents[4] / "config"
 PAGE = (CONFIG.parent / "docs/identification.md").read_text(encoding="utf-8")

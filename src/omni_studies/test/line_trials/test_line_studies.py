@@ -16,10 +16,9 @@ from omni_sim.texture.texture import GroundTexture
 from omni_studies.line_trials import view_grid
 from omni_studies.studies import (
     accuracy,
-    covariance,
     error_maps,
     estimators,
-    line_pairs,
+    grounds,
 )
 from omni_studies.study import StudyResult, StudyRun, load_study, run_study
 from omni_tools.line_trials.rig import View, camera
@@ -118,11 +117,11 @@ def test_both_methods_are_near_the_bound_of_a_batch(
 def test_the_twist_is_as_accurate_as_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(covariance, "_GROUNDS", ("cork", "stone"))
-    monkeypatch.setattr(covariance, "_HARDER", {})
-    monkeypatch.setattr(covariance, "_CAMERAS", {"generic": covariance._CAMERAS["generic"]})
-    motions = {name: covariance._MOTIONS[name] for name in ("at rest", "slow", "diagonal")}
-    monkeypatch.setattr(covariance, "_MOTIONS", motions)
+    monkeypatch.setattr(accuracy, "_GROUNDS", ("cork", "stone"))
+    monkeypatch.setattr(accuracy, "_HARDER", {})
+    monkeypatch.setattr(accuracy, "_CAMERAS", {"generic": accuracy._CAMERAS["generic"]})
+    motions = {name: accuracy._MOTIONS[name] for name in ("at rest", "slow", "diagonal")}
+    monkeypatch.setattr(accuracy, "_MOTIONS", motions)
     metrics = study("covariance", tmp_path, "--starts", "6").metrics
     for ground in ("cork", "stone"):
         assert metrics[f"measured_share.generic_{ground}"].value > 0.98
@@ -134,13 +133,13 @@ def test_the_twist_is_as_accurate_as_it_says(
 def test_a_ground_is_evaluated_with_factors_of_the_others() -> None:
     """A ground with errors twice as large as all others does not affect the factor for itself."""
 
-    def case(kind: str, deviation: float) -> covariance.Case:
+    def case(kind: str, deviation: float) -> accuracy.DriveCase:
         ratio = deviation * np.random.default_rng(1).standard_normal(400)
         none = np.empty((0, 3))
         trial = TwistTrial(np.zeros(3), none, np.empty((0, 3, 3)), 1.0, ratio)
-        return covariance.Case("generic", kind, "slow", (trial,))
+        return accuracy.DriveCase("generic", kind, "slow", (trial,))
 
-    judged = covariance._leave_one_out([case("a", 1.0), case("b", 1.0), case("c", 2.0)])
+    judged = accuracy._leave_one_out([case("a", 1.0), case("b", 1.0), case("c", 2.0)])
     assert judged["c"].squared == pytest.approx(4.0, rel=0.01)
     assert judged["c"].coverage < 75.0
     assert judged["a"].factor == pytest.approx(0.5 * (1.0 + 4.0), rel=0.3)
@@ -150,10 +149,10 @@ def test_a_ground_is_evaluated_with_factors_of_the_others() -> None:
 def test_a_covariance_of_nothing_is_no_number(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(covariance, "_GROUNDS", ("plastic",))
-    monkeypatch.setattr(covariance, "_HARDER", {})
-    monkeypatch.setattr(covariance, "_CAMERAS", {"s3901": covariance._CAMERAS["s3901"]})
-    monkeypatch.setattr(covariance, "_MOTIONS", {"slow": covariance._MOTIONS["slow"]})
+    monkeypatch.setattr(accuracy, "_GROUNDS", ("plastic",))
+    monkeypatch.setattr(accuracy, "_HARDER", {})
+    monkeypatch.setattr(accuracy, "_CAMERAS", {"s3901": accuracy._CAMERAS["s3901"]})
+    monkeypatch.setattr(accuracy, "_MOTIONS", {"slow": accuracy._MOTIONS["slow"]})
     result = study("covariance", tmp_path, "--starts", "2", "--noise", "50")
     assert result.metrics["measured_share.s3901_plastic"].value == 0.0
     assert math.isnan(result.metrics["normalized_error_squared.all"].value)
@@ -192,7 +191,7 @@ def test_more_overlap_gives_fewer_errors_and_the_median_fewer_still(
 def test_wider_views_have_less_contrast_and_share_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(line_pairs, "_SHAPES", (0.2, 1.0))
+    monkeypatch.setattr(grounds, "_SHAPES", (0.2, 1.0))
     arguments = ("--ground", "cork", "--pairs", "5", "--texels", "4096")
     metrics = study("contrast", tmp_path, *arguments).metrics
     assert metrics["contrast.cork_100"].value < 0.7 * metrics["contrast.cork_20"].value

@@ -115,8 +115,8 @@ def test_the_plate_of_grounds_shows_contrast_and_fineness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    options = grounds.Options(ground=("sand", "plastic", "worn_asphalt"), dpi=600.0)
-    result = grounds.run(options, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
+    options = grounds.OPTIONS["grounds"](ground=("sand", "plastic", "worn_asphalt"), dpi=600.0)
+    result = grounds.RUNS["grounds"](options, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
     value = {name: metric.value for name, metric in result.metrics.items()}
     assert value["texels_per_pixel.sand"] == pytest.approx(0.05 / 1024 / (0.0254 / 600.0), rel=0.01)
     assert value["contrast.sand"] > 2.0 * value["contrast.plastic"]

@@ -12,7 +12,7 @@ from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_loop.history import RunHistory
 from omni_platform.command_options import parse_options
-from omni_studies.studies.optical import Options, odometry_lag
+from omni_studies.studies.braking import OPTIONS, odometry_lag
 from omni_studies.study import StudyRun, load_study
 
 LIBRARY = ExperimentLibrary(Path(__file__).resolve().parents[4] / "config")
@@ -36,7 +36,7 @@ def test_lag_of_a_late_and_noisy_estimate_is_found(history: RunHistory, lag: flo
 
 
 def test_every_experiment_that_runs_by_default_exists() -> None:
-    for name in Options().experiment:
+    for name in OPTIONS["optical"]().experiment:
         assert LIBRARY.variants(name)
 
 
