@@ -51,10 +51,7 @@ class _Span:
 
 
 def choose_snapshots(
-    scene: Scene,
-    histories: Mapping[str, RunHistory],
-    arrow_scale: float,
-    most: int = 7,
+    scene: Scene, histories: Mapping[str, RunHistory], arrow_scale: float, most: int = 7
 ) -> dict[str, Snapshots]:
     """Choose the snapshots of every variant.
 

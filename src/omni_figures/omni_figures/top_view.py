@@ -35,11 +35,7 @@ class _View:
 
 
 def top_view(
-    scene: Scene,
-    histories: Mapping[str, RunHistory],
-    *,
-    title: str = "",
-    arrow: float = 0.9,
+    scene: Scene, histories: Mapping[str, RunHistory], *, title: str = "", arrow: float = 0.9
 ) -> Figure:
     """Draw snapshots of every variant's braking from above.
 

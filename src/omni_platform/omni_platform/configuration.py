@@ -199,9 +199,7 @@ class Configuration:
         """Raise `ConfigurationError` if valid values contradict each other."""
 
 
-def declared_parameters(
-    cls: type[Configuration],
-) -> tuple[tuple[str, Any, ParameterInfo], ...]:
+def declared_parameters(cls: type[Configuration]) -> tuple[tuple[str, Any, ParameterInfo], ...]:
     """Return (name, type, info) of every parameter of `cls`, in order of declaration."""
     hashable: Any = cls  # a class is hashable; its instances' __hash__ misleads the checker
     return _declared_parameters(hashable)

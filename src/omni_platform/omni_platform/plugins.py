@@ -102,8 +102,7 @@ def load_class(
     if not isinstance(found, type):
         classes = [entry for entry, value in vars(module).items() if isinstance(value, type)]
         raise ConfigurationError(
-            key,
-            f"{name!r}: {module_name} has no class {class_name!r}; it has {', '.join(classes)}",
+            key, f"{name!r}: {module_name} has no class {class_name!r}; it has {', '.join(classes)}"
         )
     lacking = [method for method in methods if not callable(getattr(found, method, None))]
     if lacking:

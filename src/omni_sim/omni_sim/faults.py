@@ -165,12 +165,7 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
 
 @kernel
 def corrupt(
-    faults: Faults,
-    channel: int,
-    step: int,
-    period_ns: int,
-    draw: FloatArray,
-    values: FloatArray,
+    faults: Faults, channel: int, step: int, period_ns: int, draw: FloatArray, values: FloatArray
 ) -> None:
     """Apply the faults of a channel to a reading; must be called once per stamp and channel.
 

@@ -146,10 +146,7 @@ class SimulatorNode(Node):
         """Publish the vehicle description and the geometry of the line cameras, once."""
         vehicle = self.configuration.vehicle
         size = (vehicle.chassis_length, vehicle.chassis_width)
-        mounts: dict[str, Mount] = {
-            **self.configuration.sensors,
-            **self.configuration.flow_sensors,
-        }
+        mounts: dict[str, Mount] = {**self.configuration.sensors, **self.configuration.flow_sensors}
         imu = self.configuration.imu
         if imu.enabled:
             mounts[IMU_FRAME] = Mount(x=imu.x, y=imu.y, heading_deg=0.0)
@@ -251,8 +248,7 @@ class SimulatorNode(Node):
         age = stamp_ns - self._enable_stamp_ns
         if self.enables.get_publisher_count() > 1:
             self.get_logger().error(
-                "brake/enable has more than one publisher: all brakes on",
-                throttle_duration_sec=1.0,
+                "brake/enable has more than one publisher: all brakes on", throttle_duration_sec=1.0
             )
             return self._all_on
         # An enable from the future would remain valid too long and could keep brakes released.

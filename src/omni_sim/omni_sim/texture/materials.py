@@ -45,10 +45,7 @@ _ASPHALT_COVERAGE = 3.0  # ratio of chipping area to ground area: 5 % binder rem
 
 def _cork(size: float, generator: np.random.Generator) -> Layers:
     granules = _plates(size, generator, 0.002, ((138.0, 26.0), (60.0, 210.0)), (70.0, 0.00012))
-    return [
-        granules,
-        *_octaves(size, generator, ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0))),
-    ]
+    return [granules, *_octaves(size, generator, ((0.0008, 12.0), (0.00035, 11.0), (0.00018, 8.0)))]
 
 
 def _stone(size: float, generator: np.random.Generator) -> Layers:
@@ -277,11 +274,7 @@ def _stones(
 
 
 def _painted(
-    size: float,
-    generator: np.random.Generator,
-    places: FloatArray,
-    shape: _Shape,
-    softness: float,
+    size: float, generator: np.random.Generator, places: FloatArray, shape: _Shape, softness: float
 ) -> patterns.Leaves:
     """Return ellipses; `places` are their x, y and long semi-axes [periods], shape (n, 3)."""
     ratio = generator.uniform(*shape.ratio, len(places))

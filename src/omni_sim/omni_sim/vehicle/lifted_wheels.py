@@ -69,13 +69,7 @@ def _contact_set(position: FloatArray, a: float, b: float, c: float) -> int:
 
 @lean
 def _newton_step(
-    position: FloatArray,
-    contact: int,
-    z_x: float,
-    z_y: float,
-    a: float,
-    b: float,
-    c: float,
+    position: FloatArray, contact: int, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> tuple[float, float, float, float, bool]:
     """Return the change of the load plane that balances the wheels in contact.
 

@@ -96,11 +96,7 @@ def _rolling(
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(
-        tire,
-        curve,
-        patch,
-        hub.velocity - hub.lever * free_speed,
-        hub.mobility + turn * hub.lever,
+        tire, curve, patch, hub.velocity - hub.lever * free_speed, hub.mobility + turn * hub.lever
     )
     return WheelStep(force, deflection, free_speed - turn * force, 0.0, velocity, sliding)
 

@@ -44,11 +44,7 @@ CASES = {
 }
 
 # By pixels: the field of view of `generic`, LIS-770i and S3901 (Table 3).
-_VIEWS = {
-    1024: View(1024, 0.05, 0.02),
-    335: View(335, 0.05, 0.0025),
-    128: View(128, 0.05, 0.0195),
-}
+_VIEWS = {1024: View(1024, 0.05, 0.02), 335: View(335, 0.05, 0.0025), 128: View(128, 0.05, 0.0195)}
 _NOISES = (1, 2, 5)  # gray levels
 _DRAWN_NOISE = 2  # gray levels, in the panels that show the mean error
 _GROUNDS = ("cork", "asphalt", "stone")

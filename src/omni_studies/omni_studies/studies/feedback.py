@@ -159,9 +159,7 @@ class Cases:
             configuration = _drawn(self.bases[vehicle], stop, self.options.speed)
         assisted = law != _UNASSISTED
         brake_assist = dataclasses.replace(
-            configuration.brake_assist,
-            enabled=assisted,
-            law=law if assisted else _LAWS[0],
+            configuration.brake_assist, enabled=assisted, law=law if assisted else _LAWS[0]
         )
         configuration = dataclasses.replace(configuration, brake_assist=brake_assist)
         kinematics = PlatformKinematics.of(configuration.vehicle.wheels)

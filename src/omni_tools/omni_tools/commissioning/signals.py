@@ -155,8 +155,7 @@ def signals_of(
     pedal = sampled(_PEDAL, [demand(m) for m in streams[_PEDAL].messages], 1)[:, 0]
     if not np.all(np.isnan(pedal) | ((pedal >= 0.0) & (pedal <= 1.0))):
         raise configuration.ConfigurationError(
-            _PEDAL,
-            f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1",
+            _PEDAL, f"is {np.nanmin(pedal):g} to {np.nanmax(pedal):g}, must be a share from 0 to 1"
         )
     twists = [measured_twist(message.twist) for message in streams[_TWIST].messages]
     return Signals(
@@ -227,9 +226,7 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
 
 
 def _runs(
-    speed: quantities.FloatArray,
-    period: float,
-    moves: tuple[float, float] = (0.01, 0.03),
+    speed: quantities.FloatArray, period: float, moves: tuple[float, float] = (0.01, 0.03)
 ) -> list[slice]:
     """Return the spans of motion; short rests are included, short or slow spans are omitted.
 

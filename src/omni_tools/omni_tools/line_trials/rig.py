@@ -133,11 +133,7 @@ class Rig:
         self.array = LineCameraArray(sensors, texture, configuration, key)
 
     def expose(
-        self,
-        start: FloatArray,
-        twist: FloatArray,
-        lines: Mapping[str, IntArray],
-        begin_ns: int = 0,
+        self, start: FloatArray, twist: FloatArray, lines: Mapping[str, IntArray], begin_ns: int = 0
     ) -> dict[str, LineBatch]:
         """Return a batch of lines from each camera.
 

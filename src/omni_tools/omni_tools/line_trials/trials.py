@@ -225,12 +225,7 @@ def path(
     return poses_at(np.arange(lines) / view.line_rate, start, twist)
 
 
-def match(
-    view: View,
-    poses: FloatArray,
-    lines: Lines,
-    metric: str = "pearson",
-) -> Matches:
+def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") -> Matches:
     """Match each line with the previous one; shifts of up to half the pixels are searched.
 
     Args:

@@ -200,7 +200,7 @@ def design(task: DesignTask, report: Report) -> Design:
         raise WorkError(
             f"--sensors: {error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; "
             f"each requires {2e3 * area.half[0]:.0f} x {2e3 * area.half[1]:.0f} mm and "
-            f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance",
+            f"{1e3 * area.clearance:.0f} mm around it, see --housing and --clearance"
         ) from None
     sensors: dict[str, Mapping[str, LineSensor]] = {BEST: named(found.poses, view)}
     sensors |= task.given

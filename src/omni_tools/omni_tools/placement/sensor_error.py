@@ -146,7 +146,7 @@ def measure_sensor_error(
             raise WorkError(
                 f"{option}: moving at {math.degrees(angle):.0f} deg to its axis at {speed:.3g} m/s "
                 f"the camera measures in only {len(errors)} of {trials} trials on this ground, "
-                f'mostly for reasons such as "{reason}"; choose {advice}',
+                f'mostly for reasons such as "{reason}"; choose {advice}'
             )
         rms = math.sqrt(float(np.mean(np.square(errors))))
         rows.append((speed * math.cos(angle), speed * math.sin(angle), rms))

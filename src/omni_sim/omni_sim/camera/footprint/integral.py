@@ -59,11 +59,7 @@ class _Scratch(NamedTuple):
 
 
 def integrate_lines(
-    texture: PaddedTexture,
-    centers: FloatArray,
-    length: float,
-    width: float,
-    pixels: int,
+    texture: PaddedTexture, centers: FloatArray, length: float, width: float, pixels: int
 ) -> Float32Array:
     """Return the mean gray level of each pixel's footprint.
 
