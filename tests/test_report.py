@@ -18,7 +18,7 @@ from omni_bringup.cli import main
 from omni_loop.history import RunHistory
 from omni_loop.metrics import run_metrics
 from omni_sim.vehicle.loads import MassProperties
-from omni_tools.report.page import report_page
+from omni_tools.report.document import report_page
 from omni_tools.report.recording import ReportedRun, read_reported_run
 
 SAMPLE = WORKSPACE / "bags" / "small_stop" / "assisted"

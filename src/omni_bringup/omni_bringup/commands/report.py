@@ -36,7 +36,7 @@ def run(options: Options, _workspace: Workspace) -> Report:
     """Write the page."""
     from omni_bringup.progress_bar import progress_bar
     from omni_loop.metrics import results_document
-    from omni_tools.report.page import report_page
+    from omni_tools.report.document import report_page
     from omni_tools.report.recording import read_reported_run, run_names, stops_apart
 
     file: Path = options.out or options.bags[0].resolve().parent / "report.html"

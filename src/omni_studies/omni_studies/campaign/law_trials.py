@@ -18,8 +18,7 @@ from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_loop.metrics import Metric
 from omni_platform.brakes import ON_OFF, PROPORTIONAL
 from omni_platform.quantities import FloatArray
-from omni_studies.campaign import robustness
-from omni_studies.campaign.random_braking import RandomBraking, draw
+from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, without
 
 _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # name of the case with all brakes on
@@ -91,7 +90,7 @@ class LawTrials:
         """
         law, _, change = law.partition("@")
         variant = "assisted" if law else "unassisted"
-        base = self._braking.configurations(robustness.without(draw(seed), "failure"))[variant]
+        base = self._braking.configurations(without(draw(seed), "failure"))[variant]
         random = np.random.default_rng([seed, 1])
         lag = str(random.choice(["none", "nominal", "unmodeled"]))
         dead_time = float(random.uniform(0.0, _LARGEST_DEAD_TIME))
@@ -169,15 +168,14 @@ def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric
         np.reshape([getattr(trial, name) for trial in trials], shape)
         for name in ("distance", "rotation", "stopped")
     )
-    distance = np.maximum(distance, robustness.ALLOWED.shortest)
+    distance = np.maximum(distance, ALLOWED.shortest)
     metrics: dict[str, Metric] = {}
     for k, kind in enumerate(_KINDS):
         free = distance[:, k, 0]
         for j, law in enumerate(laws, start=1):
             ratio = distance[:, k, j] / free
             turned = rotation[:, k, j] - rotation[:, k, 0]
-            allowed = robustness.ALLOWED
-            broken = (ratio > allowed.distance) | (turned > allowed.orientation)
+            broken = (ratio > ALLOWED.distance) | (turned > ALLOWED.orientation)
             broken |= stopped[:, k, j] < stopped[:, k, 0]
             found = {
                 "median_ratio": Metric(float(np.median(ratio)), "1"),

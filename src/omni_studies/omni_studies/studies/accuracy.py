@@ -25,16 +25,9 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_studies.study import StudyResult, StudyRun
+from omni_tools.line_trials import trials as line_trials
 from omni_tools.line_trials.rig import Rig, View, camera, ground
-from omni_tools.line_trials.trials import (
-    TwistTrial,
-    cramer_rao_bound,
-    drive,
-    every_second,
-    match,
-    within_95,
-)
-from omni_tools.placement.common_placements import tangential
+from omni_tools.placement.mounting_area import tangential
 
 CASES = {
     "accuracy": "Accuracy of refined displacements compared with its bound, for noises, "
@@ -138,9 +131,9 @@ def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
     poses[1::2] = poses[::2]
     poses[1::2, 0] += displacement * view.pitch
     lines = eye.lines(poses, 0)
-    matches = every_second(match(view, poses, lines, options.metric))
+    matches = line_trials.every_second(line_trials.match(view, poses, lines, options.metric))
     refined = np.isfinite(matches.variance)
-    bound = cramer_rao_bound(view, eye, poses[::2], matches.truth, noise)
+    bound = line_trials.cramer_rao_bound(view, eye, poses[::2], matches.truth, noise)
     return Case(
         pixels,
         noise,
@@ -282,7 +275,7 @@ class DriveCase:
     camera: str
     ground: str
     motion: str
-    trials: tuple[TwistTrial, ...]
+    trials: tuple[line_trials.TwistTrial, ...]
 
     @property
     def squares(self) -> FloatArray:
@@ -353,7 +346,7 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float]]:
         means = [float(own.mean()) for other, own in squares.items() if other != kind]
         factor = float(np.mean(means)) if means else 1.0
         left = own / factor
-        covered = 100.0 * float(np.mean(within_95(np.sqrt(left))))
+        covered = 100.0 * float(np.mean(line_trials.within_95(np.sqrt(left))))
         left_out[kind] = float(left.mean()), covered
     return left_out
 
@@ -372,7 +365,8 @@ def _drive(
     for motion, shares in _MOTIONS.items():
         twist = largest * np.array(shares) / np.array([1.0, 1.0, radius])
         trials = tuple(
-            drive(configuration, rig, twist, batches, generator) for _ in range(options.starts)
+            line_trials.drive(configuration, rig, twist, batches, generator)
+            for _ in range(options.starts)
         )
         cases.append(DriveCase(name, kind, motion, trials))
     return cases

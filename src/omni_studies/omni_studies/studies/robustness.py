@@ -23,8 +23,8 @@ from omni_figures import style
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform.configuration import parameter
-from omni_studies.campaign import random_braking, robustness
-from omni_studies.campaign.robustness import ALLOWED, Outcome
+from omni_studies.campaign import random_braking
+from omni_studies.campaign.random_braking import ALLOWED, Outcome
 from omni_studies.campaign.sensor_faults import FaultyStops, Stop, limits, loss_of_twist
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions
@@ -75,17 +75,15 @@ OPTIONS = {"faults": _Faults}
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Run the campaign and write tables, figures and cases to replay."""
     braking = random_braking.RandomBraking(study.experiments, options.changes)
-    work = partial(robustness.outcome, braking)
+    work = partial(random_braking.outcome, braking)
     seeds = range(options.seed, options.seed + options.runs)
-    results = study.campaign(
-        work, seeds, robustness.Outcome, options, braking.fingerprint, "runs.csv"
-    )
+    results = study.campaign(work, seeds, Outcome, options, braking.fingerprint, "runs.csv")
     header = ("seed", "vehicle", "limit", "cause")
     words = (f"{name.replace('_', ' ')} [{unit}]" for name, unit in _COLUMNS.items())
     rows = (
         (result.seed, result.vehicle, limit, cause, *(getattr(result, name) for name in _COLUMNS))
         for result in results
-        for limit in robustness.LIMITS
+        for limit in random_braking.LIMITS
         if (cause := getattr(result, limit))
     )
     study.table("violations.csv", (*header, *words), rows, digits=6)
@@ -95,14 +93,14 @@ def run(options: Options, study: StudyRun) -> StudyResult:
     return study.result(_metrics(results))
 
 
-def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
+def _metrics(results: Sequence[Outcome]) -> dict[str, Metric]:
     metrics = {"runs.all": Metric(len(results), "1")}
-    for limit in robustness.LIMITS:
+    for limit in random_braking.LIMITS:
         causes = Counter(getattr(result, limit) for result in results)
         metrics[f"violations.{limit}"] = Metric(len(results) - causes[""], "1")
         metrics |= {
             f"violations.{limit}_{cause}": Metric(causes[cause], "1")
-            for cause in robustness.CAUSES
+            for cause in random_braking.CAUSES
             if causes[cause]
         }
     cases = random_braking.VEHICLES, {"orientation": "deg", "distance": "m"}.items(), _VARIANTS
@@ -122,7 +120,7 @@ def _metrics(results: Sequence[robustness.Outcome]) -> dict[str, Metric]:
 
 
 def _write_worst(
-    results: Sequence[robustness.Outcome],
+    results: Sequence[Outcome],
     braking: random_braking.RandomBraking,
     folder: Path,
     count: int,
@@ -131,8 +129,8 @@ def _write_worst(
     for old in folder.glob("worst_*.yaml"):
         old.unlink()
     files = []
-    shortest = robustness.ALLOWED.shortest
-    goodness: dict[str, Callable[[robustness.Outcome], float]] = {
+    shortest = ALLOWED.shortest
+    goodness: dict[str, Callable[[Outcome], float]] = {
         "orientation": lambda r: r.orientation_unassisted - r.orientation_assisted,
         "distance": lambda r: -r.distance_assisted / max(r.distance_unassisted, shortest),
     }

@@ -34,7 +34,7 @@ from omni_studies.line_trials import view_grid
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View
 from omni_tools.line_trials.trials import Matches, Motion, drive, measure
-from omni_tools.placement.common_placements import tangential
+from omni_tools.placement.mounting_area import tangential
 
 
 class _Preset(NamedTuple):

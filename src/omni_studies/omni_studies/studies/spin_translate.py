@@ -31,11 +31,7 @@ from omni_sim.configuration import SimulationConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.vehicle import Vehicle
 from omni_studies.study import StudyResult, StudyRun
-from omni_tools.two_sensors import (
-    SensorDisplacement,
-    first_sensor_displacement,
-    two_sensor_displacement,
-)
+from omni_tools import two_sensors
 
 _PLATFORMS = {"mecanum": "mecanum_forklift", "three_wheel": "three_wheel_robot"}
 _TITLES = {
@@ -216,9 +212,15 @@ def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float
     ends = dict.fromkeys(("straight", "arc", "first_sensor"), tracking.history.pose[0])
     for twist in 0.5 * _PERIOD * (tracking.history.twist[1:] + tracking.history.twist[:-1]):
         x, y, turn = twist.tolist()
-        left, right = (SensorDisplacement(x + side * turn, y) for side in (-apart, apart))
-        step = two_sensor_displacement(left, right, apart, apart)
-        first = first_sensor_displacement(left, right.x, 2.0 * apart).along_arc().at(0.0, -apart)
+        left, right = (
+            two_sensors.SensorDisplacement(x + side * turn, y) for side in (-apart, apart)
+        )
+        step = two_sensors.two_sensor_displacement(left, right, apart, apart)
+        first = (
+            two_sensors.first_sensor_displacement(left, right.x, 2.0 * apart)
+            .along_arc()
+            .at(0.0, -apart)
+        )
         for path, moved in zip(ends, (step, step.along_arc(), first), strict=True):
             yaw = ends[path][2]
             ends[path] = ends[path] + np.append(turned(np.array(moved[:2]), yaw), moved.angle)

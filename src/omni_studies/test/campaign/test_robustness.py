@@ -18,8 +18,15 @@ import pytest
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import ConfigurationError
-from omni_studies.campaign.random_braking import RandomBraking, draw
-from omni_studies.campaign.robustness import Outcome, compare, energy_rise, outcome, violations
+from omni_studies.campaign.random_braking import (
+    Outcome,
+    RandomBraking,
+    compare,
+    draw,
+    energy_rise,
+    outcome,
+    violations,
+)
 from omni_studies.studies import robustness
 from omni_studies.study import StudyRun
 from omni_tools.campaign import runner

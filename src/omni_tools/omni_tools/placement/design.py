@@ -22,7 +22,6 @@ from omni_sim.texture.texture import KINDS, GroundTexture
 from omni_tools.line_trials import rig
 from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines
 from omni_tools.placement import mounting_area
-from omni_tools.placement.common_placements import common_placements, named
 from omni_tools.placement.error import (
     ConditionNumber,
     EvaluatedPlacement,
@@ -31,6 +30,7 @@ from omni_tools.placement.error import (
     evaluate,
     gyration,
 )
+from omni_tools.placement.mounting_area import common_placements, named
 from omni_tools.placement.options import PlacementOptions
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
 from omni_tools.placement.sensor_error import ORIENTATIONS, SensorTrial, measure_sensor_error

@@ -1,4 +1,4 @@
-"""Conversion of a report to plain values that strict JSON can represent.
+"""Self-contained HTML file of a report, and its plain values that strict JSON can represent.
 
 Time series are base64 texts of little-endian 32-bit floats, one text per column, with NaN for a
 missing value. They are smaller than decimal numbers and fast to read in a browser.
@@ -7,13 +7,21 @@ Slips and loads of the wheels are not recorded. Both are computed from the recor
 the vehicle's configuration. The slip is that of the rim relative to the ground. The simulator's
 slip is that of the contact patch, which differs for a few milliseconds after a change of the brake
 because the tire is elastic. The loads are those on flat ground.
+
+The content security policy of the file forbids all requests and all scripts except its own, which
+is identified by its hash. The content of recordings is a block of JSON, from which no text can
+escape. The script inserts it as text, never as markup.
 """
 
 import base64
 import dataclasses
+import hashlib
 import itertools
+import json
 import math
-from collections.abc import Sequence
+import string
+from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -28,7 +36,7 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_polygon, wheel_loads
 from omni_tools.report import recording
-from omni_tools.report.recording import Series
+from omni_tools.report.recording import ReportedRun, Series
 
 _MOST_STAMPS = 12_000  # two minutes at 100 Hz; of longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
@@ -240,3 +248,49 @@ def _geometry(vehicle: VehicleConfiguration, history: RunHistory) -> PlatformGeo
     return PlatformGeometry.from_wheels(
         {name: vehicle.wheels[name] for name in history.wheel_names}
     )
+
+
+# in the order in which the browser reads them
+_SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
+
+
+def report_page(
+    title: str, runs: Sequence[ReportedRun], seen: Mapping[str, bytes] | None = None
+) -> str:
+    """Return the HTML text of a report.
+
+    Args:
+        title: title of the report.
+        runs: runs in the order in which they are listed; at least one.
+        seen: figures (PNG) of the camera lines, by caption.
+
+    Raises:
+        ValueError: there is no run.
+    """
+    if not runs:
+        raise ValueError("a report needs at least one run")
+    style = _part("report.css")
+    script = '"use strict";\n' + "".join(_part(name) for name in _SCRIPTS)
+    pictures = {words: base64.b64encode(png).decode("ascii") for words, png in (seen or {}).items()}
+    document = report_document(title, runs) | {"seen": pictures}
+    data = json.dumps(document, allow_nan=False, separators=(",", ":"))
+    parts = {
+        "POLICY": (
+            "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:; "
+            f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
+        ),
+        "STYLE": style,
+        "SCRIPT": script,
+        # A browser ends the block at "</script", even inside a JSON text.
+        "DATA": data.replace("<", "\\u003c"),
+    }
+    return string.Template(_part("report.html")).substitute(parts)
+
+
+def _part(name: str) -> str:
+    return (resources.files(__package__) / "page" / name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode("utf-8")).digest()
+    return f"sha256-{base64.b64encode(digest).decode('ascii')}"

@@ -17,7 +17,7 @@ from linescan_odometry.odometry import (
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 from omni_tools.line_trials.rig import Rig, ground, poses_at
-from omni_tools.placement.common_placements import tangential
+from omni_tools.placement.mounting_area import tangential
 
 RATE = 2500.0
 BATCH = 25  # lines, 10 ms

@@ -12,7 +12,7 @@ import pytest
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch
 from omni_tools.line_trials.rig import Rig, ground, poses_at
-from omni_tools.placement.common_placements import tangential
+from omni_tools.placement.mounting_area import tangential
 
 
 @pytest.mark.parametrize("twist", [(2.0, -1.0, 3.0), (1.0, 0.5, 1e-9), (0.0, 0.0, -2.0)])

@@ -11,7 +11,6 @@ import pytest
 from linescan_odometry.twist.least_squares import TwistSolver
 from omni_platform.sensors import sensor_matrix
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.common_placements import named, ring
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,
@@ -21,6 +20,7 @@ from omni_tools.placement.error import (
     gyration,
     poses_of,
 )
+from omni_tools.placement.mounting_area import named, ring
 from omni_tools.placement.sensor_error import SensorError
 
 VIEW = View()

@@ -14,7 +14,6 @@ from omni_figures.scene import Scene, overlap
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.quantities import BoolArray, FloatArray
 from omni_tools.line_trials.rig import View
-from omni_tools.placement.common_placements import common_placements, named
 from omni_tools.placement.error import (
     ConditionNumber,
     MeanError,
@@ -25,7 +24,7 @@ from omni_tools.placement.error import (
     poses_of,
     singularity,
 )
-from omni_tools.placement.mounting_area import MountingArea
+from omni_tools.placement.mounting_area import MountingArea, common_placements, named
 from omni_tools.placement.search import Effort, NoRoomError, search
 from omni_tools.placement.sensor_error import SensorError
 

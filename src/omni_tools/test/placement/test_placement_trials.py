@@ -9,10 +9,9 @@ import pytest
 from omni_figures.scene import Scene
 from omni_loop.experiment import ExperimentLibrary
 from omni_tools.line_trials.rig import View, ground
-from omni_tools.placement.common_placements import named
 from omni_tools.placement.design import drive_mix
 from omni_tools.placement.error import MeanError, MotionMix, gyration, poses_of
-from omni_tools.placement.mounting_area import MountingArea
+from omni_tools.placement.mounting_area import MountingArea, named
 from omni_tools.placement.search import Effort, search
 from omni_tools.placement.sensor_error import measure_sensor_error
 

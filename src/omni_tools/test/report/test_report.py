@@ -20,8 +20,7 @@ from omni_loop.metrics import run_metrics
 from omni_platform.kinematics import PlatformKinematics
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY, MassProperties
-from omni_tools.report.document import flat_ground_loads, report_document, rim_slips
-from omni_tools.report.page import report_page
+from omni_tools.report.document import flat_ground_loads, report_document, report_page, rim_slips
 from omni_tools.report.recording import (
     ReportedRun,
     read_configuration,
