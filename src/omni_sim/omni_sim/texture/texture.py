@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
-from omni_sim.texture.materials import MATERIALS
+from omni_sim.texture.materials import MATERIALS, Brush
 
 KINDS = tuple(MATERIALS)
 PICTURE = "picture"
@@ -124,7 +124,7 @@ def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
         raise ValueError("the kind picture has no generator")
     generator = np.random.default_rng(np.random.SeedSequence(configuration.seed))
     texels, size = configuration.extent
-    layers = MATERIALS[configuration.kind](size, generator)
+    layers = MATERIALS[configuration.kind](Brush(size, generator))
     gray = np.empty((texels, texels), np.uint8)
 
     def draw(first: int) -> None:
