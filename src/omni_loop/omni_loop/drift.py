@@ -88,14 +88,13 @@ def _between(path: FloatArray, first: int, last: int) -> FloatArray:
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:
     """Return `odometry_ate` and `odometry_rpe` of a history [m]."""
-    if not np.any(history.measured):
-        return {
-            "odometry_ate": Metric(math.nan, "m", note=_NO_ODOMETRY),
-            "odometry_rpe": Metric(math.nan, "m", note=_NO_ODOMETRY),
-        }
-    path = odometry_path(history)
-    relative, pieces = relative_error(history.pose, path)
+    absolute, relative, notes = math.nan, math.nan, (_NO_ODOMETRY, _NO_ODOMETRY)
+    if np.any(history.measured):
+        path = odometry_path(history)
+        absolute = absolute_error(history.pose, path)
+        relative, pieces = relative_error(history.pose, path)
+        notes = "", "" if pieces else _SHORT
     return {
-        "odometry_ate": Metric(absolute_error(history.pose, path), "m"),
-        "odometry_rpe": Metric(relative, "m", note="" if pieces else _SHORT),
+        "odometry_ate": Metric(absolute, "m", note=notes[0]),
+        "odometry_rpe": Metric(relative, "m", note=notes[1]),
     }

@@ -15,19 +15,9 @@ import numpy as np
 from linescan_odometry.port import OdometryPort
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeDemand, Decision
 from omni_loop import experiment, history
-from omni_platform import quantities, signals
+from omni_platform import signals
 from omni_sim.run_progress import RunProgress
 from omni_sim.simulator import Observation, Simulator
-
-
-class Plant(Protocol):
-    """The vehicle to be braked, that is, the simulator."""
-
-    def observe(self) -> Observation:
-        """Return state and measurements at the present stamp."""
-
-    def advance(self, brake_enable: quantities.FloatArray) -> None:
-        """Advance by one control period; `brake_enable` has the pressure shares [1], shape (N,)."""
 
 
 class Estimator(Protocol):
@@ -35,13 +25,6 @@ class Estimator(Protocol):
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist estimated from the measurements; called once per stamp."""
-
-
-class Controller(Protocol):
-    """Decides which brakes act: the brake assistant."""
-
-    def update(self, demand: BrakeDemand) -> Decision:
-        """Return the brake enables for a demand of the driver."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,11 +42,11 @@ class Moment:
     decision: Decision
 
 
-def steps(plant: Plant, estimator: Estimator, controller: Controller) -> Iterator[Moment]:
+def steps(plant: Simulator, estimator: Estimator, controller: BrakeAssist) -> Iterator[Moment]:
     """Run the loop endlessly: observe, estimate, decide, advance.
 
     Args:
-        plant: vehicle, advanced by one control period after each yielded moment.
+        plant: simulator, advanced by one control period after each yielded moment.
         estimator: source of the twist, called with every observation.
         controller: brake assistant, called with every estimate.
     """
@@ -178,20 +161,14 @@ def record(
 
 
 _NOTHING = np.full(3, np.nan)
+_RECORDED = ("stamp_ns", "pose", "twist", "wheel_angle", "wheel_speed", "brake_torque", "pedal")
 
 
 def _sample(moment: Moment, estimate: signals.TwistSample | None) -> Mapping[str, Any]:
-    observation, decision = moment.observation, moment.decision
     return {
-        "stamp_ns": observation.stamp_ns,
-        "pose": observation.pose,
-        "twist": observation.twist,
-        "wheel_angle": observation.wheel_angle,
-        "wheel_speed": observation.wheel_speed,
-        "brake_torque": observation.brake_torque,
-        "enable": decision.enable,
-        "error": decision.error,
-        "pedal": observation.pedal,
+        **{name: getattr(moment.observation, name) for name in _RECORDED},
+        "enable": moment.decision.enable,
+        "error": moment.decision.error,
         "estimate": _NOTHING if estimate is None else estimate.value,
         "estimate_variance": _NOTHING if estimate is None else np.diag(estimate.covariance),
     }

@@ -175,12 +175,10 @@ def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
     units = dict(_BRAKING_QUANTITIES)
     units |= {f"brake_switchings.{wheel}": "1" for wheel in history.wheel_names}
     start = history.brake_start
-    if start is None:
-        return {name: Metric(math.nan, unit, note=_NEVER_PRESSED) for name, unit in units.items()}
-    stop = rest_stamp(history.twist, start)
-    if stop is None:
-        return {name: Metric(math.nan, unit, note=_NO_REST) for name, unit in units.items()}
-
+    stop = None if start is None else rest_stamp(history.twist, start)
+    if start is None or stop is None:
+        note = _NEVER_PRESSED if start is None else _NO_REST
+        return {name: Metric(math.nan, unit, note=note) for name, unit in units.items()}
     path = history.pose[start:, :2]
     steps = np.diff(path, axis=0)
     values = {
@@ -248,15 +246,11 @@ def _switchings(enable: FloatArray) -> FloatArray:
 
 
 def _odometry_metrics(history: RunHistory) -> dict[str, Metric]:
-    measured = history.measured
-    if not np.any(measured):
-        return {
-            "twist_rmse": Metric(math.nan, "m/s", note=_NO_ODOMETRY),
-            "yaw_rate_rmse": Metric(math.nan, "rad/s", note=_NO_ODOMETRY),
-        }
-    error = history.estimate[measured] - history.twist[measured]
-    square = np.mean(error**2, axis=0)
+    measured, square, note = history.measured, np.full(3, math.nan), _NO_ODOMETRY
+    if np.any(measured):
+        error = history.estimate[measured] - history.twist[measured]
+        square, note = np.mean(error**2, axis=0), ""
     return {
-        "twist_rmse": Metric(math.sqrt(square[0] + square[1]), "m/s"),
-        "yaw_rate_rmse": Metric(math.sqrt(square[2]), "rad/s"),
+        "twist_rmse": Metric(math.sqrt(square[0] + square[1]), "m/s", note=note),
+        "yaw_rate_rmse": Metric(math.sqrt(square[2]), "rad/s", note=note),
     }

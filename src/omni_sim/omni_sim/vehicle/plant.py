@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from omni_platform.brakes import VELOCITY, BrakeConfiguration
+from omni_platform.brakes import VELOCITY
 from omni_platform.geometry import cross
 from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
@@ -33,7 +33,9 @@ def build_plant(
         physics_step: length of a step [s].
     """
     geometry = kinematics.geometry
-    tire = configuration.tire
+    tire, brake = configuration.tire, configuration.brake
+    # Deceleration that a velocity drive commands per torque [m/s^2 per N m].
+    ramp = brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)
@@ -59,7 +61,7 @@ def build_plant(
         wheel_inertia=configuration.wheel_inertia,
         drive_limit=configuration.drive.max_torque,
         drive_stiffness=configuration.drive.stiffness,
-        ramp=_ramp(configuration.brake) / geometry.radius,
+        ramp=ramp / geometry.radius,
         tire=tire.kernel_parameters,
         largest_load=tire.largest_load,
         stiffness=tire.stiffness,
@@ -70,17 +72,12 @@ def build_plant(
         patches=friction.table,
         grip=configuration.by_wheel("friction"),
         brake_share=configuration.by_wheel("brake"),
-        brake_power=configuration.brake.max_power or math.inf,
+        brake_power=brake.max_power or math.inf,
         rollers=rollers,
         roller_pitch=pitch,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
     return plant._replace(rolling=kinematics.wheel_speeds(np.eye(3), radius).T.copy())
-
-
-def _ramp(brake: BrakeConfiguration) -> float:
-    """Return the deceleration that a velocity drive commands per torque [m/s^2 per N m], or 0."""
-    return brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
 
 
 def build_losses(

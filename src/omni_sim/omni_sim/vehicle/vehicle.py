@@ -279,13 +279,8 @@ class Vehicle:
         heave, pitch, roll = self._chassis - self._rest
         height, forward, left = height + heave, forward + pitch, left + roll
         rise = uneven_ground.orientation(float(self.state.body[0]["yaw"]), forward, left)[2]
-        return np.array(
-            [
-                height - float(rise[:2] @ self.masses.center),
-                math.atan2(rise[1], rise[2]),
-                -math.asin(rise[0]),
-            ]
-        )
+        height -= float(rise[:2] @ self.masses.center)
+        return np.array([height, math.atan2(rise[1], rise[2]), -math.asin(rise[0])])
 
     @property
     def uneven(self) -> bool:

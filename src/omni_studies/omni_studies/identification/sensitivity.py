@@ -15,14 +15,7 @@ import numpy as np
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 from omni_platform import configuration, quantities
-from omni_studies.identification import table_2
-from omni_studies.identification.identification import (
-    QUANTITIES,
-    Parameters,
-    configure,
-    measure,
-    rounded,
-)
+from omni_studies.identification import identification, table_2
 
 _OFFSETS = (-2, -1, 0, 1, 2)  # [steps]
 
@@ -54,8 +47,8 @@ class Sensitivity:
         """Return the columns of a table with one row per parameter: step, slopes, scatters."""
         return {
             "parameter": list(self.parameters),
-            "step": [quantity.step for quantity in QUANTITIES],
-            "unit of the step": [quantity.unit for quantity in QUANTITIES],
+            "step": [quantity.step for quantity in identification.QUANTITIES],
+            "unit of the step": [quantity.unit for quantity in identification.QUANTITIES],
             **dict(zip(self.numbers, self.slope, strict=True)),
             **{
                 f"scatter {number}": row
@@ -65,7 +58,7 @@ class Sensitivity:
 
 
 def sensitivities(
-    bases: Mapping[str, ExperimentConfiguration], parameters: Parameters
+    bases: Mapping[str, ExperimentConfiguration], parameters: identification.Parameters
 ) -> Sensitivity:
     """Return the sensitivities at a candidate, by fits of straight lines to varied parameters.
 
@@ -74,9 +67,9 @@ def sensitivities(
         parameters: the candidate, by the names of `QUANTITIES`.
     """
     numbers = tuple(table_2.REFERENCES)
-    slope = np.full((len(numbers), len(QUANTITIES)), np.nan)
+    slope = np.full((len(numbers), len(identification.QUANTITIES)), np.nan)
     scatter = np.full_like(slope, np.nan)
-    for column, quantity in enumerate(QUANTITIES):
+    for column, quantity in enumerate(identification.QUANTITIES):
         offsets, values = [], []
         for offset in _OFFSETS:
             value = parameters[quantity.name] + offset * quantity.step
@@ -88,13 +81,19 @@ def sensitivities(
             fit, residues, *_ = np.polyfit(offsets, values, 1, full=True)
             slope[:, column] = fit[0]
             scatter[:, column] = np.sqrt(residues / (len(offsets) - 2))
-    return Sensitivity(numbers, tuple(quantity.name for quantity in QUANTITIES), slope, scatter)
+    return Sensitivity(
+        numbers, tuple(quantity.name for quantity in identification.QUANTITIES), slope, scatter
+    )
 
 
-def _numbers(bases: Mapping[str, ExperimentConfiguration], parameters: Parameters) -> list[float]:
+def _numbers(
+    bases: Mapping[str, ExperimentConfiguration], parameters: identification.Parameters
+) -> list[float]:
     """Return the ten numbers of Table 2 for a candidate, NaN if it tips over or does not stop."""
     try:
-        measured = measure({case: configure(base, parameters) for case, base in bases.items()})
+        measured = identification.measure(
+            {case: identification.configure(base, parameters) for case, base in bases.items()}
+        )
     except configuration.ConfigurationError:
         return [math.nan] * len(table_2.REFERENCES)
     return [measured[name] for name in table_2.REFERENCES]
@@ -142,12 +141,12 @@ ASSUMPTIONS = (
 )
 
 
-OTHERS: dict[str, Parameters] = {
-    "seed_1": rounded((
+OTHERS: dict[str, identification.Parameters] = {
+    "seed_1": identification.rounded((
         1477.0, 694.0, 412.0, 0.733, 0.231, 0.388, 1.835, 0.838, 848.0, 6.397, -48.49, 76.28,
         0.531, 0.339, 0.13, 1.94, 7.22, 2.42,
     )),
-    "seed_2": rounded((
+    "seed_2": identification.rounded((
         1059.0, 634.0, 366.0, 0.403, 0.456, 0.421, 1.506, 0.927, 1168.0, 6.237, -49.26, 71.95,
         0.596, 0.275, -0.31, 4.0, 7.12, 2.48,
     )),
@@ -156,7 +155,9 @@ OTHERS: dict[str, Parameters] = {
 in the order of `QUANTITIES`."""
 
 
-def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[str, float]]:
+def under(
+    library: ExperimentLibrary, parameters: identification.Parameters
+) -> Iterator[dict[str, float]]:
     """Yield the ten numbers of Table 2 for a candidate under each of the `ASSUMPTIONS`.
 
     Args:
@@ -169,9 +170,9 @@ def under(library: ExperimentLibrary, parameters: Parameters) -> Iterator[dict[s
             **{name: parameters[source] for name, source in sought},
             "patch_width": patch_width * parameters["patch_width"],
         }
-        yield measure(
+        yield identification.measure(
             {
-                case: configure(
+                case: identification.configure(
                     library.load(EXPERIMENT, case, [table_2.TWIST_ALONE, *overrides]), changed
                 )
                 for case in table_2.CASES

@@ -21,7 +21,8 @@ from omni_figures import style
 from omni_loop.experiment import short_name
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
-from omni_platform import command_options, configuration
+from omni_platform.command_options import option
+from omni_platform.configuration import ConfigurationError, parameter
 from omni_studies.study import StudyResult, StudyRun
 from omni_studies.tuning import trials
 from omni_studies.tuning.trials import OFF, BrakeLag, Setting, Trial, distance_at, front
@@ -36,31 +37,25 @@ _QUANTITIES = (
 class Options(CampaignOptions, LoopOptions):
     """Settings to try, and limits of the recommendation."""
 
-    vehicle: str | None = configuration.parameter(None)
+    vehicle: str | None = parameter(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)"""
-    experiment: str = configuration.parameter("turn_while_translate")
+    experiment: str = parameter("turn_while_translate")
     """experiment whose maneuver and ground are used"""
-    max_rotation: float | None = command_options.option(
-        None, metavar="DEG", above=0.0, maximum=360.0
-    )
+    max_rotation: float | None = option(None, metavar="DEG", above=0.0, maximum=360.0)
     """recommend the setting with the shortest stop among those that rotate by at most this angle"""
-    max_distance: float | None = command_options.option(None, metavar="M", above=0.0, maximum=1.0e4)
+    max_distance: float | None = option(None, metavar="M", above=0.0, maximum=1.0e4)
     """recommend the setting that rotates least and stops within this distance"""
-    k: tuple[int, ...] = command_options.option(
-        (1, 3, 5, 7, 11, 31), metavar="K", minimum=1, maximum=999
-    )
+    k: tuple[int, ...] = option((1, 3, 5, 7, 11, 31), metavar="K", minimum=1, maximum=999)
     """tuning constant of the enhanced weighting to try"""
-    dwell: tuple[float, ...] = command_options.option(
+    dwell: tuple[float, ...] = option(
         (0.0, 0.02, 0.05, 0.1, 0.2), metavar="S", minimum=0.0, maximum=1.0
     )
     """minimum dwell time of the valves to try"""
-    brakes: tuple[str, ...] = command_options.option(
-        ("0.005:0.01", "0.02:0.05"), metavar="DEAD:LAG"
-    )
+    brakes: tuple[str, ...] = option(("0.005:0.01", "0.02:0.05"), metavar="DEAD:LAG")
     """dead time and time constant [s] of other brakes for comparison"""
-    situations: int = configuration.parameter(8, minimum=1, maximum=10_000)
+    situations: int = parameter(8, minimum=1, maximum=10_000)
     """number of slightly different maneuvers in which a setting is evaluated"""
-    seed: int = configuration.parameter(1, minimum=0)
+    seed: int = parameter(1, minimum=0)
     """seed of the situations"""
 
 
@@ -150,7 +145,7 @@ def _lag(text: str) -> BrakeLag:
         dead_time, time_constant = map(float, text.split(":"))
     except ValueError:
         problem = f"{text!r} must have the form DEAD:LAG, such as 0.02:0.05"
-        raise configuration.ConfigurationError("--brakes", problem) from None
+        raise ConfigurationError("--brakes", problem) from None
     return BrakeLag(dead_time, time_constant)
 
 

@@ -271,14 +271,15 @@ def _draw_forces(vehicles: Mapping[str, VehicleConfiguration]) -> Figure:
     for column, (name, vehicle) in enumerate(vehicles.items()):
         axis = np.eye(2)
         for (model, count), look in zip(wheels, _STYLES, strict=True):
-            trace = trials.force_trace(with_wheels(vehicle, model, count), 0, 2.0 * np.pi / 3.0)
+            wheeled = with_wheels(vehicle, model, count)
+            turned, force = trials.force_trace(wheeled, 0, 2.0 * np.pi / 3.0)
             if model == SINGLE:
-                active = trace.force.mean(axis=0)
+                active = force.mean(axis=0)
                 active /= np.linalg.norm(active)
                 axis = np.array([active, (-active[1], active[0])])
-            angle = np.degrees(np.abs(trace.angle - trace.angle[0]))
+            angle = np.degrees(np.abs(turned - turned[0]))
             for axes, direction in zip(panels[:, column], axis, strict=True):
-                axes.plot(angle, trace.force @ direction, label=_label(model, count), **look)
+                axes.plot(angle, force @ direction, label=_label(model, count), **look)
         panels[0, column].set_title(_TITLES[name])
     for axes in panels[0]:
         axes.set_ylim(0.0, None)

@@ -218,26 +218,19 @@ def movement(
     return float(np.linalg.norm(rest)), float(np.max(np.linalg.norm(path - rest, axis=1)))
 
 
-@dataclasses.dataclass(frozen=True)
-class ForceTrace:
-    """Force of a wheel as a function of its angle, in steady motion against a push.
-
-    Attributes:
-        angle: angle of the wheel [rad], shape (T,).
-        force: force of the wheel on the vehicle in the body frame [N], shape (T, 2).
-    """
-
-    angle: FloatArray
-    force: FloatArray
-
-
-def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -> ForceTrace:
+def force_trace(
+    configuration: VehicleConfiguration, wheel: int, turns: float
+) -> tuple[FloatArray, FloatArray]:
     """Return a wheel's force at 1 m/s against a push of a fifth of the weight.
 
     Args:
         configuration: the vehicle.
         wheel: index of the wheel.
         turns: angle over which the force is recorded [rad].
+
+    Returns:
+        Angle of the wheel [rad], shape (T,), and its force on the vehicle in the body frame [N],
+        shape (T, 2).
     """
     trial = Trial(
         "pull", twist=(1.0, 0.0, 0.0), command=(1.0, 0.0, 0.0), push=(-0.2, 0.0), duration=2.0
@@ -251,4 +244,4 @@ def force_trace(configuration: VehicleConfiguration, wheel: int, turns: float) -
         advance(vehicle, trial, step)
         angle.append(vehicle.wheels["angle"][wheel])
         force.append(vehicle.wheel_force_body[wheel])
-    return ForceTrace(np.array(angle), np.array(force))
+    return np.array(angle), np.array(force)
