@@ -329,12 +329,13 @@ def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
     return study.result(_drive_metrics(cases))
 
 
-def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float]]:
+def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, float]]:
     """Return the cross-validation of each ground, whose factor is fitted on all other grounds.
 
     Returns:
-        By ground, the mean ratio of single cameras' squared errors to their scaled variances [1],
-        and the share of the errors within 1.96 standard deviations [%].
+        By ground, the factor on the variances [1], the mean ratio of single cameras' squared errors
+        to their scaled variances [1], and the share of the errors within 1.96 standard
+        deviations [%].
     """
     trials: dict[str, list[FloatArray]] = {}
     for case in cases:
@@ -347,7 +348,7 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float]]:
         factor = float(np.mean(means)) if means else 1.0
         left = own / factor
         covered = 100.0 * float(np.mean(line_trials.within_95(np.sqrt(left))))
-        left_out[kind] = float(left.mean()), covered
+        left_out[kind] = factor, float(left.mean()), covered
     return left_out
 
 
@@ -385,7 +386,7 @@ def _drive_metrics(cases: list[DriveCase]) -> dict[str, Metric]:
         squared = Metric(_mean(pooled), "1", reference=1.0)
         metrics[f"normalized_error_squared.{name}_{kind}"] = squared
         metrics[f"measured_share.{name}_{kind}"] = Metric(measured, "1")
-    for kind, (squared_left, coverage) in _leave_one_out(cases).items():
+    for kind, (_, squared_left, coverage) in _leave_one_out(cases).items():
         metrics[f"left_out.{kind}"] = Metric(squared_left, "1", reference=1.0)
         metrics[f"coverage_left_out.{kind}"] = Metric(coverage, "%")
     every = np.concatenate([case.squares for case in cases])

@@ -140,10 +140,12 @@ def test_a_ground_is_evaluated_with_factors_of_the_others() -> None:
         return accuracy.DriveCase("generic", kind, "slow", (trial,))
 
     judged = accuracy._leave_one_out([case("a", 1.0), case("b", 1.0), case("c", 2.0)])
-    assert judged["c"].squared == pytest.approx(4.0, rel=0.01)
-    assert judged["c"].coverage < 75.0
-    assert judged["a"].factor == pytest.approx(0.5 * (1.0 + 4.0), rel=0.3)
-    assert judged["a"].squared < 0.5
+    _, squared, coverage = judged["c"]
+    assert squared == pytest.approx(4.0, rel=0.01)
+    assert coverage < 75.0
+    factor, squared, _ = judged["a"]
+    assert factor == pytest.approx(0.5 * (1.0 + 4.0), rel=0.3)
+    assert squared < 0.5
 
 
 def test_a_covariance_of_nothing_is_no_number(

@@ -14,7 +14,6 @@ from omni_platform.command_options import parse_options
 from omni_platform.configuration import ConfigurationError
 from omni_sim.texture.texture import GroundTexture, TextureConfiguration, generate_texture
 from omni_studies.line_trials.view_grid import GROUP, MOTION
-from omni_studies.studies import grounds
 from omni_studies.study import StudyRun, load_study
 from omni_tools.line_trials.rig import View
 from omni_tools.line_trials.trials import Matches, Motion, measure
@@ -115,8 +114,12 @@ def test_the_plate_of_grounds_shows_contrast_and_fineness(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    options = grounds.OPTIONS["grounds"](ground=("sand", "plastic", "worn_asphalt"), dpi=600.0)
-    result = grounds.RUNS["grounds"](options, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
+    study = load_study("grounds")
+    arguments = ["--dpi", "600"]
+    for kind in ("sand", "plastic", "worn_asphalt"):
+        arguments += ["--ground", kind]
+    options = parse_options(study.Options, arguments)
+    result = study.run(options, StudyRun(ExperimentLibrary(CONFIG), tmp_path))
     value = {name: metric.value for name, metric in result.metrics.items()}
     assert value["texels_per_pixel.sand"] == pytest.approx(0.05 / 1024 / (0.0254 / 600.0), rel=0.01)
     assert value["contrast.sand"] > 2.0 * value["contrast.plastic"]
