@@ -123,13 +123,10 @@ def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
     _check(configuration)
     driver = ScriptedDriver(configuration.maneuver)
     ground, simulation = configuration.ground, configuration.simulation
+    friction = FrictionMap(ground.friction, ground.patches)
+    start = driver.start_pose, driver.start_twist
     vehicle = Vehicle(
-        configuration.vehicle,
-        FrictionMap(ground.friction, ground.patches),
-        simulation.physics_step,
-        driver.start_pose,
-        driver.start_twist,
-        ground.elevation,
+        configuration.vehicle, friction, simulation.physics_step, *start, ground.elevation
     )
     loop = _loop(configuration, driver)
     stamps = len(loop.pedal)
@@ -246,15 +243,9 @@ class _Scratch(NamedTuple):
 
 
 def _new_scratch(wheels: int, steps: int) -> _Scratch:
-    return _Scratch(
-        np.empty((3, 3)),
-        np.full(3, np.nan),
-        np.full(wheels, np.nan),
-        np.empty(wheels),
-        np.empty(wheels),
-        steps,
-        np.empty((0, 6)),
-    )
+    imu, speed = np.full(3, np.nan), np.full(wheels, np.nan)
+    error, enable = np.empty(wheels), np.empty(wheels)
+    return _Scratch(np.empty((3, 3)), imu, speed, error, enable, steps, np.empty((0, 6)))
 
 
 @inlined
@@ -263,15 +254,9 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
     pedal, twist = loop.pedal[stamp], loop.command[stamp]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
-    control = Control(
-        pedal * loop.brake_torque,
-        scratch.enable,
-        loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0,
-        twist,
-        loop.hold_world,
-        0.0,
-        0.0,
-    )
+    torque = pedal * loop.brake_torque
+    stiffness = loop.clutch_stiffness if pedal < loop.clutch_threshold else 0.0
+    control = Control(torque, scratch.enable, stiffness, twist, loop.hold_world, 0.0, 0.0)
     dynamics.advance(state, control, scratch.steps, scratch.trajectory)
 
 

@@ -434,12 +434,7 @@ def _described(value: Any) -> str:
 
 def _type_in_words(kind: type) -> str:
     words = {
-        bool: "true or false",
-        int: "a whole number",
-        float: "a number",
-        str: "a text",
-        list: "a list",
-        dict: "a mapping",
-        type(None): "nothing",
-    }
+        bool: "true or false", int: "a whole number", float: "a number", str: "a text",
+        list: "a list", dict: "a mapping", type(None): "nothing",
+    }  # fmt: skip
     return words.get(kind, kind.__name__)

@@ -96,21 +96,12 @@ class Simulator:
         # Only the scripted driver keeps a direction that is fixed in the world.
         self._hold_world = driver is None and configuration.maneuver.hold_world_direction
         vehicle, ground = configuration.vehicle, configuration.ground
-        self.vehicle = build_vehicle(
-            vehicle,
-            FrictionMap(ground.friction, ground.patches),
-            simulation.physics_step,
-            self._driver.start_pose,
-            self._driver.start_twist,
-            ground.elevation,
-        )
+        friction = FrictionMap(ground.friction, ground.patches)
+        step, start = simulation.physics_step, (self._driver.start_pose, self._driver.start_twist)
+        self.vehicle = build_vehicle(vehicle, friction, step, *start, ground.elevation)
         self._sprung = vehicle.suspension.stiffness > 0.0
-        self.overload = Overload(
-            self.vehicle.wheel_names,
-            vehicle.tire.model,
-            vehicle.tire.largest_load,
-            simulation.physics_step,
-        )
+        tire = vehicle.tire
+        self.overload = Overload(self.vehicle.wheel_names, tire.model, tire.largest_load, step)
         self.overloaded = self.tipping = False
         # Load the kernel without a step, so that the first real step is as fast as all others.
         self.vehicle.advance(0, 0.0, np.ones(len(vehicle.wheels)), np.zeros(3))
@@ -223,13 +214,9 @@ class Simulator:
         self.tipping = self.vehicle.tipping
         self._stamp_ns = start_ns + self.control_period_ns
         if self._sprung:
-            trajectory = sway.swaying(
-                trajectory,
-                ride,
-                self.vehicle.ride,
-                self.vehicle.masses.height,
-                self.configuration.simulation.control_period,
-            )
+            height = self.vehicle.masses.height
+            period = self.configuration.simulation.control_period
+            trajectory = sway.swaying(trajectory, ride, self.vehicle.ride, height, period)
         self._flow_sensors.advance(trajectory)
         self._flows = self._flow_sensors.measure(self._stamp_ns)
         if self._lines is not None:

@@ -131,16 +131,9 @@ class SimulatorNode(Node):
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
         clock = self._shared_clock.publisher() if self._shared_clock else None
         # No node answers or records these topics, so they have one subscriber less.
-        self.recorded_outputs = (
-            *((clock,) if clock else ()),
-            self._imu,
-            self._velocity,
-            self._command,
-            self._truth,
-            self._markers,
-            self._diagnostics,
-            *(() if recorded else lines),
-        )
+        measured = self._imu, self._velocity, self._command
+        shown = self._truth, self._markers, self._diagnostics, *(() if recorded else lines)
+        self.recorded_outputs = (*((clock,) if clock else ()), *measured, *shown)
 
     def publish_descriptions(self) -> None:
         """Publish the vehicle description and the geometry of the line cameras, once."""

@@ -25,15 +25,8 @@ _LEAST_SIZE = 0.02  # smallest edge length of the square [m]
 _LEAST_CONTRAST = 0.3  # gray levels; rounding gives a plain picture this standard deviation
 # Exceptions that the decoders raise for damaged files.
 _DAMAGE = (
-    OSError,
-    SyntaxError,
-    ValueError,
-    TypeError,
-    EOFError,
-    MemoryError,
-    struct.error,
-    zlib.error,
-)
+    OSError, SyntaxError, ValueError, TypeError, EOFError, MemoryError, struct.error, zlib.error,
+)  # fmt: skip
 
 
 def read_picture(path: str, dpi: float) -> GroundTexture:

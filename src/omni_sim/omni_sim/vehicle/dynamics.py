@@ -256,14 +256,9 @@ def standing(state: layout.State, ahead: float) -> tuple[float, float, float, fl
     body, plant = state.body[0], state.plant
     v_x, v_y = level(body.tilt_x, body.tilt_y, body.v_x, body.v_y)
     yaw = body.yaw + ahead * body.yaw_rate
-    return stand(
-        state.terrain,
-        plant.position,
-        plant.plane,
-        (body.x + ahead * v_x, body.y + ahead * v_y),
-        (math.cos(yaw), math.sin(yaw)),
-        state.suspension.ground,
-    )
+    place, heading = (body.x + ahead * v_x, body.y + ahead * v_y), (math.cos(yaw), math.sin(yaw))
+    springs = state.suspension.ground
+    return stand(state.terrain, plant.position, plant.plane, place, heading, springs)
 
 
 @lean
@@ -332,15 +327,10 @@ def _resist(state: layout.State, body: layout.Record, step: Step, loads: FloatAr
         turned = dt * rate * (loss.u_x * v_y - loss.u_y * v_x)
         coming = loss.u_x * step.ahead[0] + loss.u_y * step.ahead[1] + loss.moment * step.ahead[2]
         now = loss.u_x * v_x + loss.u_y * v_y + loss.moment * rate
-        force = passive_force(
-            coming - lever * spin,
-            now - lever * speed - turned,
-            wheel.passive,
-            dt * loss.mobility,
-            (losses.constant + losses.growing * loads[i]) * loads[i],
-            losses.inertia,
-            dt,
-        )
+        coming, now = coming - lever * spin, now - lever * speed - turned
+        most = (losses.constant + losses.growing * loads[i]) * loads[i]
+        mobility = dt * loss.mobility
+        force = passive_force(coming, now, wheel.passive, mobility, most, losses.inertia, dt)
         wheel.passive = force
         wheel.gain = -dt * lever * force / plant.wheel_inertia
 

@@ -99,6 +99,8 @@ class Vehicle:
         )
         plant, losses = build_losses(configuration, self.kinematics, self.masses, plant)
         n = len(configuration.wheels)
+        lag = brake.time_constant, brake.dead_time
+        valves = brake.pressure_step, brake.release_time
         return layout.State(
             plant=plant,
             terrain=(elevation or ElevationConfiguration()).terrain,
@@ -109,14 +111,7 @@ class Vehicle:
             rollers=build_rollers(configuration),
             wheels=np.zeros(n, layout.WHEEL),
             counters=np.zeros(1, layout.COUNTERS),
-            pressure=build_brake_pressure(
-                brake.time_constant,
-                brake.dead_time,
-                n,
-                self.physics_step,
-                brake.pressure_step,
-                brake.release_time,
-            ),
+            pressure=build_brake_pressure(*lag, n, self.physics_step, *valves),
             loads=np.empty(n),
         )
 

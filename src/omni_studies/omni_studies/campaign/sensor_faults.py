@@ -279,14 +279,9 @@ class FaultyStops:
             axis = int(random.integers(0 if channel in ("encoder", "gyro") else -1, axes))
         low, high = _range(channel.split("+")[0], kind, axis)
         size = float(np.exp(random.uniform(np.log(low), np.log(high))))
-        return Fault(
-            channel,
-            kind,
-            axis,
-            onset,
-            round(size * float(random.choice([-1.0, 1.0])), 3),
-            round(float(random.uniform(0.01, 0.6)), 2),
-        )
+        amplitude = round(size * float(random.choice([-1.0, 1.0])), 3)
+        period = round(float(random.uniform(0.01, 0.6)), 2)
+        return Fault(channel, kind, axis, onset, amplitude, period)
 
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
@@ -329,14 +324,9 @@ def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
         axis = fault.axis
         if len(channels) > 1:
             axis = {"twist": axis, "accelerometer": axis if axis < 2 else -1}.get(channel, -1)
-        faults[channel] = FaultConfiguration(
-            channel=channel,
-            kind=fault.kind,
-            axis=axis,
-            time=time,
-            amplitude=float(np.copysign(first * (last / first) ** share, fault.amplitude)),
-            period=fault.period,
-        )
+        size = float(np.copysign(first * (last / first) ** share, fault.amplitude))
+        one = FaultConfiguration(channel=channel, kind=fault.kind, axis=axis, time=time)
+        faults[channel] = dataclasses.replace(one, amplitude=size, period=fault.period)
     return faults
 
 

@@ -134,16 +134,9 @@ def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
     matches = line_trials.every_second(line_trials.match(view, poses, lines, options.metric))
     refined = np.isfinite(matches.variance)
     bound = line_trials.cramer_rao_bound(view, eye, poses[::2], matches.truth, noise)
-    return Case(
-        pixels,
-        noise,
-        kind,
-        fraction[refined],
-        matches.error[refined],
-        float(np.mean(matches.pixel_error != 0.0)),
-        bound[refined],
-        matches.variance[refined],
-    )
+    wrong = float(np.mean(matches.pixel_error != 0.0))
+    found = fraction[refined], matches.error[refined]
+    return Case(pixels, noise, kind, *found, wrong, bound[refined], matches.variance[refined])
 
 
 def locking(fraction: FloatArray, error: FloatArray) -> float:

@@ -96,17 +96,10 @@ class Drive(NamedTuple):
         """Count the batches of a drive."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
-        return cls(
-            seed,
-            ground,
-            fault,
-            len(tally.ratio),
-            int(np.count_nonzero(tally.undetected)),
-            len(ratio),
-            float(ratio @ ratio),
-            int(np.count_nonzero(within_95(ratio))),
-            float(error @ error),
-        )
+        every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
+        within = int(np.count_nonzero(within_95(ratio)))
+        counted = len(ratio), float(ratio @ ratio), within, float(error @ error)
+        return cls(seed, ground, fault, *every, *counted)
 
     def plus(self, other: Drive) -> Drive:
         """Return the sum of both drives."""

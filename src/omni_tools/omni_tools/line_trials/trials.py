@@ -342,10 +342,5 @@ def drive(
         for name, reading in estimate.readings.items():
             if reading.measured:
                 ratios.append((reading.velocity - truth[name]) / math.sqrt(reading.variance))
-    return TwistTrial(
-        twist,
-        np.array(estimates).reshape(-1, 3),
-        np.array(covariances).reshape(-1, 3, 3),
-        len(estimates) / batches,
-        np.array(ratios),
-    )
+    twists = np.array(estimates).reshape(-1, 3), np.array(covariances).reshape(-1, 3, 3)
+    return TwistTrial(twist, *twists, len(estimates) / batches, np.array(ratios))

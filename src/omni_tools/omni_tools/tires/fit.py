@@ -76,15 +76,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
     except ConfigurationError as error:
         raise WorkError(f"the fit is not a valid tire of this model: {error}") from None
     _require_peak(data, tire)
-    return TireFit(
-        tire=tire,
-        keys=recipe.keys,
-        values=values,
-        standard_errors=errors,
-        at_bound=at_bound,
-        residual=residual,
-        mapping=mapping,
-    )
+    return TireFit(tire, recipe.keys, values, errors, at_bound, residual, mapping)
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:

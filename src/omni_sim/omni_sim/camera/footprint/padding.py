@@ -153,16 +153,9 @@ class PaddedTexture(NamedTuple):
             for start in range(texels, stride, texels):
                 end = min(start + texels, stride)
                 padded[:, start:end] = padded[:, : end - start]
-        return cls(
-            rows=rows.reshape(-1),
-            columns=turned.reshape(-1),
-            middle=middle,
-            texels=texels,
-            stride=stride,
-            texel=texel,
-            reach=reach,
-            averaged=texels < len(gray),
-        )
+        averaged = texels < len(gray)
+        layout = rows.reshape(-1), turned.reshape(-1), middle, texels, stride
+        return cls(*layout, texel, reach, averaged)
 
 
 def _room(texels: int, stride: int) -> NDArray[np.int8]:

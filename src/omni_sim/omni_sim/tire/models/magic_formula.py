@@ -125,16 +125,10 @@ def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -
     scale = (p.stiffness + p.stiffness_gradient * load) / (
         p.shape * (p.friction + p.friction_gradient * load) * friction
     )
+    peak, slide = p.peak / scale, p.slide * peak_force
+    steepest, fall = p.steepest / scale, p.fall * scale * peak_force
     return MagicFormulaCurve(
-        slope,
-        p.peak / scale,
-        peak_force,
-        p.slide * peak_force,
-        p.steepest / scale,
-        p.fall * scale * peak_force,
-        scale,
-        p.shape,
-        p.curvature,
+        slope, peak, peak_force, slide, steepest, fall, scale, p.shape, p.curvature
     )
 
 
@@ -195,18 +189,9 @@ def constants(
         else:
             low = left
     steepest = 0.5 * (low + high)
-    return MagicFormulaParameters(
-        friction,
-        friction_gradient,
-        stiffness,
-        stiffness_gradient,
-        shape,
-        curvature,
-        peak,
-        math.exp(steepest),
-        fall(steepest),
-        math.sin(0.5 * math.pi * shape),
-    )
+    given = friction, friction_gradient, stiffness, stiffness_gradient, shape, curvature
+    slide = math.sin(0.5 * math.pi * shape)
+    return MagicFormulaParameters(*given, peak, math.exp(steepest), fall(steepest), slide)
 
 
 def _parameters(configuration: MagicFormulaConfiguration) -> MagicFormulaParameters:
