@@ -288,20 +288,14 @@ def _listen(run: _Run, stamp: int) -> assist_state.Inputs:
         tilt = state.body[0].tilt_x, state.body[0].tilt_y
         truth = Truth(stamp, loop.period_ns, motion, tilt, state.wheels)
         noise = sensors.noise[stamp % sensors.noise.shape[0]]
-        measure(
-            sensors.instruments, truth, noise, Readings(feedback, scratch.imu, scratch.wheel_speed)
-        )
+        readings = Readings(feedback, scratch.imu, scratch.wheel_speed)
+        measure(sensors.instruments, truth, noise, readings)
     velocity_sensor.state_covariance(velocity, feedback, scratch.covariance)
     validity = VALID if loop.measures else MISSING
-    return assist_state.Inputs(
-        now_ns,
-        loop.pedal[stamp],
-        loop.enabled,
-        GOOD,
-        TwistSample(taken_ns, feedback, scratch.covariance, VALID),
-        WheelSample(now_ns, scratch.wheel_speed, validity),
-        ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity),
-    )
+    twist = TwistSample(taken_ns, feedback, scratch.covariance, VALID)
+    wheels = WheelSample(now_ns, scratch.wheel_speed, validity)
+    imu = ImuSample(now_ns, scratch.imu[0], scratch.imu[1:], validity)
+    return assist_state.Inputs(now_ns, loop.pedal[stamp], loop.enabled, GOOD, twist, wheels, imu)
 
 
 @lean
@@ -336,14 +330,8 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
         error[:] = 0.0
         ready, motion = assist_step.receive(run.assist, run.memory, inputs)
         answer, _ = call_law(law, motion, error, enable) if ready else (NO_HELP, "")
-        assist_step.act(
-            run.assist,
-            run.memory,
-            inputs,
-            assist_state.LawCall(ready, motion, answer),
-            error,
-            enable,
-        )
+        called = assist_state.LawCall(ready, motion, answer)
+        assist_step.act(run.assist, run.memory, inputs, called, error, enable)
         outcome = _record_and_advance(run, stamp)
         if outcome != run_progress.RUNNING:
             return stamp + 1, outcome

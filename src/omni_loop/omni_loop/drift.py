@@ -29,22 +29,13 @@ def odometry_path(history: RunHistory) -> FloatArray:
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))
-    path = np.array(
-        [
-            integrator.update(int(stamp), twist, unknown).value
-            for stamp, twist in zip(history.stamp_ns, history.estimate, strict=True)
-        ]
-    )
+    stamped = zip(map(int, history.stamp_ns), history.estimate, strict=True)
+    path = np.array([integrator.update(stamp, twist, unknown).value for stamp, twist in stamped])
     x, y, yaw = history.pose[0]
     cosine, sine = math.cos(yaw), math.sin(yaw)
-    placed: FloatArray = np.column_stack(
-        (
-            x + cosine * path[:, 0] - sine * path[:, 1],
-            y + sine * path[:, 0] + cosine * path[:, 1],
-            yaw + path[:, 2],
-        )
-    )
-    return placed
+    ahead, left, turned = path.T
+    place = x + cosine * ahead - sine * left, y + sine * ahead + cosine * left
+    return np.column_stack((*place, yaw + turned))
 
 
 def absolute_error(truth: FloatArray, path: FloatArray) -> float:

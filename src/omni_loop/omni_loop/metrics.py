@@ -51,15 +51,10 @@ _NO_ENABLES = "there are no brake enables"
 _FAULTS = frozenset(state.value for state in AssistState if state.is_fault)
 _NO_STATES = "there are no states of the brake assistant"
 _BRAKING_QUANTITIES = {
-    "stopping_distance": "m",
-    "path_length": "m",
-    "orientation_change": "deg",
-    "lateral_deviation": "m",
-    "stopping_time": "s",
-    "peak_yaw_rate": "rad/s",
-    "brake_switchings": "1",
-    "fail_safe_share": "1",
-}
+    "stopping_distance": "m", "path_length": "m", "orientation_change": "deg",
+    "lateral_deviation": "m", "stopping_time": "s", "peak_yaw_rate": "rad/s",
+    "brake_switchings": "1", "fail_safe_share": "1",
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

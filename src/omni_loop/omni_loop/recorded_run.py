@@ -31,14 +31,9 @@ if TYPE_CHECKING:
     from omni_recording.mcap import RecordedChannel
 
 _TOPICS = (
-    topics.GROUND_TRUTH,
-    topics.WHEEL_STATES,
-    topics.PEDAL,
-    topics.ENABLE,
-    topics.SLIDING,
-    topics.TWIST,
-    topics.DIAGNOSTICS,
-)
+    topics.GROUND_TRUTH, topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.SLIDING,
+    topics.TWIST, topics.DIAGNOSTICS,
+)  # fmt: skip
 _TRUTH, _WHEELS, _PEDAL, _ENABLE, _ERROR, _ESTIMATE, _DIAGNOSTICS = (one.name for one in _TOPICS)
 _ASSISTANT = "brake_assist"  # name of the assistant's diagnostics status, after the namespace
 # If a run has no odometry or no brake assistant, the values are NaN.

@@ -95,7 +95,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
     Raises:
         ConfigurationError: a fault affects an unknown axis or wheel.
     """
-    sizes = (3, 1, 2, wheels)
+    sizes, rows = (3, 1, 2, wheels), []
     for name, fault in faults.items():
         size = sizes[CHANNELS.index(fault.channel)]
         if fault.axis >= size:
@@ -103,25 +103,13 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
                 f"faults.{name}.axis",
                 f"{fault.axis} must be -1 to {size - 1}, {fault.channel} has {size}",
             )
-    rows = [
-        (
-            CHANNELS.index(fault.channel),
-            KINDS.index(fault.kind),
-            fault.axis,
-            round(fault.time * SECOND_NS),
-            round((fault.time + fault.duration) * SECOND_NS),
-            fault.amplitude,
-            fault.period,
-        )
-        for fault in faults.values()
-    ]
+        kind = CHANNELS.index(fault.channel), KINDS.index(fault.kind), fault.axis
+        times = (round(time * SECOND_NS) for time in (fault.time, fault.time + fault.duration))
+        rows.append((*kind, *times, fault.amplitude, fault.period))
     count, width = len(rows), max(wheels, 3)
-    return Faults(
-        np.array(rows, dtype=np.float64).reshape(count, _COLUMNS),
-        np.zeros((count, width)),
-        np.zeros(count),
-        np.zeros((count, _REMEMBERED, width)),
-    )
+    table = np.array(rows, dtype=np.float64).reshape(count, _COLUMNS)
+    late = np.zeros((count, _REMEMBERED, width))
+    return Faults(table, np.zeros((count, width)), np.zeros(count), late)
 
 
 @lean

@@ -95,17 +95,11 @@ def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
     """
     c = configuration
     angle = math.radians(c.misalignment_deg)
-    return Imu(
-        c.enabled,
-        c.x,
-        c.y,
-        math.cos(angle),
-        math.sin(angle),
-        np.array([c.gyro_bias, c.gyro_noise, c.gyro_scale]),
-        np.array([c.bias_x, c.bias_y, c.noise, c.scale]),
-        np.zeros(3),
-        np.zeros((round(c.latency / control_period) + 1, 3)),
-    )
+    rate = np.array([c.gyro_bias, c.gyro_noise, c.gyro_scale])
+    force = np.array([c.bias_x, c.bias_y, c.noise, c.scale])
+    late = np.zeros((round(c.latency / control_period) + 1, 3))
+    cos, sin = math.cos(angle), math.sin(angle)
+    return Imu(c.enabled, c.x, c.y, cos, sin, rate, force, np.zeros(3), late)
 
 
 @kernel

@@ -159,24 +159,19 @@ class SimulatorNode(Node):
             self._send(clock, Clock(clock=messages.to_time(stamp_ns)))
         for name, flow in observation.flows.items():
             self._send(self._flows[name], flow_message(name, flow))
+        angle, speed = observation.wheel_angle, observation.encoder_speed
+        torque = observation.brake_torque
         wheels = messages.joint_state(
-            stamp_ns,
-            self._wheels,
-            position=observation.wheel_angle,
-            velocity=observation.encoder_speed,
-            effort=observation.brake_torque,
+            stamp_ns, self._wheels, position=angle, velocity=speed, effort=torque
         )
         self._send(self._wheel_states, wheels)
         if self.configuration.imu.enabled:
             self._send(self._imu, imu_message(stamp_ns, observation.imu, self.configuration.imu))
-        self._send(
-            self._velocity,
-            messages.planar_twist_with_covariance(
-                observation.velocity_sensor.stamp_ns,
-                observation.velocity_sensor.value,
-                observation.velocity_sensor.covariance,
-            ),
+        twist = observation.velocity_sensor
+        velocity = messages.planar_twist_with_covariance(
+            twist.stamp_ns, twist.value, twist.covariance
         )
+        self._send(self._velocity, velocity)
         pedal = messages.joint_state(
             stamp_ns, ("brake_pedal",), position=np.array([observation.pedal])
         )

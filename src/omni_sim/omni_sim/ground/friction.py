@@ -51,19 +51,12 @@ class FrictionMap:
         if not (math.isfinite(base) and base >= 0.0):
             raise ValueError(f"friction factor {base} must be at least 0")
         self.base = base
-        rows = [
-            (
-                patch.x,
-                patch.y,
-                math.cos(math.radians(patch.heading_deg)),
-                math.sin(math.radians(patch.heading_deg)),
-                patch.length / 2.0,
-                patch.width / 2.0,
-                patch.friction,
-                float(patch.shape == "ellipse"),
-            )
-            for patch in (patches or {}).values()
-        ]
+        rows = []
+        for patch in (patches or {}).values():
+            angle = math.radians(patch.heading_deg)
+            frame = patch.x, patch.y, math.cos(angle), math.sin(angle)
+            size = patch.length / 2.0, patch.width / 2.0
+            rows.append((*frame, *size, patch.friction, float(patch.shape == "ellipse")))
         self.table: FloatArray = np.array(rows, dtype=np.float64).reshape(len(rows), 8)
 
     def at(self, x: float, y: float) -> float:

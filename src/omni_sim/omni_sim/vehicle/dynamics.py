@@ -122,14 +122,9 @@ def advance(
         drive_x, drive_y = control.twist[0], control.twist[1]
         if control.in_world:
             drive_x, drive_y = in_turned_frame(drive_x, drive_y, yaw - start_yaw)
-        step = Step(
-            (body.x + 0.5 * dt * body.v_x, body.y + 0.5 * dt * body.v_y),
-            (cos, sin),
-            (body.tilt_x, body.tilt_y),
-            ahead,
-            (drive_x, drive_y, control.twist[2]),
-            control.drive_stiffness,
-        )
+        place = (body.x + 0.5 * dt * body.v_x, body.y + 0.5 * dt * body.v_y)
+        tilt, drive = (body.tilt_x, body.tilt_y), (drive_x, drive_y, control.twist[2])
+        step = Step(place, (cos, sin), tilt, ahead, drive, control.drive_stiffness)
         press(state.pressure)
         if lossy:
             _resist(state, body, step, loads)
@@ -219,13 +214,8 @@ def energies(state: layout.State) -> Energies:
     height = 0.0
     if state.terrain.parts.shape[0] > 0:
         height = plant.mass * GRAVITY * standing(state, 0.0)[0]
-    return Energies(
-        0.5 * plant.mass * (body.v_x**2 + body.v_y**2),
-        0.5 * plant.yaw_inertia * body.yaw_rate**2,
-        spin,
-        elastic,
-        height,
-    )
+    moving = 0.5 * plant.mass * (body.v_x**2 + body.v_y**2)
+    return Energies(moving, 0.5 * plant.yaw_inertia * body.yaw_rate**2, spin, elastic, height)
 
 
 @lean

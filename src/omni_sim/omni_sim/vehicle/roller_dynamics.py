@@ -113,26 +113,17 @@ def _step_contact(
     speed = math.hypot(rim * axis.u_x + surface * p_x, rim * axis.u_y + surface * p_y)
     hub_x = step.ahead[0] - step.ahead[2] * r_y  # Eq. (11)
     hub_y = step.ahead[1] + step.ahead[2] * r_x
+    velocity = (
+        hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
+        hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
+    )
+    turned = roller.spin - min(max(free, -slowed), slowed)
+    deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
         TireConstants(rollers.stiffness, rollers.damping, plant.dt),
         (curve_at(plant.tire, clamped, friction), curve_at(rollers.tire_y, clamped, friction)),
-        RollerPatch(
-            (roller.e_a, roller.e_p),
-            speed + plant.slip_speed,
-            roller.sliding,
-            (roller.q_a, roller.q_p),
-        ),
-        RollerHub(
-            lever,
-            (
-                hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
-                hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
-            ),
-            mobility,
-            roller.spin - min(max(free, -slowed), slowed),
-            rollers.inertia,
-            spin_lever,
-        ),
+        RollerPatch(deflection, speed + plant.slip_speed, roller.sliding, direction),
+        RollerHub(lever, velocity, mobility, turned, rollers.inertia, spin_lever),
         spin,
         drive,
     )

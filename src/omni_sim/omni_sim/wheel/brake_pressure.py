@@ -76,19 +76,11 @@ def build_brake_pressure(
         ratio = physics_step / time_constant
         remainder, mean_remainder = math.exp(-ratio), -math.expm1(-ratio) / ratio
     delay = round(max(dead_time, release_time) / physics_step)
-    return BrakePressure(
-        remainder,
-        mean_remainder,
-        np.zeros(wheels),
-        np.zeros(wheels),
-        np.zeros(wheels),
-        np.zeros((delay, wheels)),
-        np.zeros(1, dtype=np.int64),
-        np.zeros(wheels),
-        np.zeros(wheels),
-        pressure_step,
-        delay - round(dead_time / physics_step),
-    )
+    demanded, torque, acting, least, stuck = (np.zeros(wheels) for _ in range(5))
+    delayed, oldest = np.zeros((delay, wheels)), np.zeros(1, dtype=np.int64)
+    rows = demanded, torque, acting, delayed, oldest, least, stuck
+    lag = delay - round(dead_time / physics_step)
+    return BrakePressure(remainder, mean_remainder, *rows, pressure_step, lag)
 
 
 def release(pressure: BrakePressure) -> None:

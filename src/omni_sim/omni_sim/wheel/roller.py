@@ -168,22 +168,12 @@ def roller_step(
         used = q
         curve, norms = curve_in_direction(curves[0], curves[1], q)
         stretch = norms[0] * q[0] * q[0] + norms[1] * q[1] * q[1]
-        after = wheel_step(
-            tire,
-            curve,
-            Patch(
-                deflection[0] * q[0] + deflection[1] * q[1],
-                patch.speed * stretch,  # to use the curve at its normalized slip
-                patch.sliding,
-            ),
-            Hub(
-                lever[0] * q[0] + lever[1] * q[1],
-                hub_a * q[0] + hub_p * q[1],
-                hub.mobility + passive_mobility * q[1] * q[1],
-            ),
-            wheel,
-            drive,
-        )
+        bent = deflection[0] * q[0] + deflection[1] * q[1]
+        # The speed is stretched to use the curve at its normalized slip.
+        along = Patch(bent, patch.speed * stretch, patch.sliding)
+        mobility = hub.mobility + passive_mobility * q[1] * q[1]
+        pulled = Hub(lever[0] * q[0] + lever[1] * q[1], hub_a * q[0] + hub_p * q[1], mobility)
+        after = wheel_step(tire, curve, along, pulled, wheel, drive)
         # The force that a sticking patch would need at the wheel's new speed, with each component
         # divided by the joint effect of force and sliding, has the direction of both.
         size = abs(after.force)
@@ -201,14 +191,9 @@ def roller_step(
         if change <= _TOLERANCE:
             break
     force = (after.force * used[0], after.force * used[1])
+    bends = _deflected(tire, deflection, force, effective)
+    spin = hub.spin - tire.dt * hub.spin_lever * force[1] / hub.inertia
+    slip = abs(after.patch_velocity) / (patch.speed * stretch)
     return RollerStep(
-        force,
-        _deflected(tire, deflection, force, effective),
-        hub.spin - tire.dt * hub.spin_lever * force[1] / hub.inertia,
-        after.speed,
-        after.brake,
-        after.sliding,
-        q,
-        abs(after.patch_velocity) / (patch.speed * stretch),
-        curve.peak_force,
+        force, bends, spin, after.speed, after.brake, after.sliding, q, slip, curve.peak_force
     )

@@ -69,14 +69,8 @@ def roller_geometries(
                 f"of wheel {name}; more than {least:.3g} m and less than "
                 f"{mount.radius:g} m fit",
             )
-        geometries.append(
-            RollerGeometry(
-                alpha=math.radians(mount.heading_deg + 90.0),
-                delta=math.radians(90.0 + mount.roller_angle_deg),
-                distance=distance,
-                radius=mount.radius,
-                rollers=rollers.count,
-                center=(mount.x, mount.y),
-            )
-        )
+        alpha = math.radians(mount.heading_deg + 90.0)
+        delta = math.radians(90.0 + mount.roller_angle_deg)
+        size = distance, mount.radius, rollers.count
+        geometries.append(RollerGeometry(alpha, delta, *size, center=(mount.x, mount.y)))
     return tuple(geometries)

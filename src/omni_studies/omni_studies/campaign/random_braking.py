@@ -79,29 +79,20 @@ class RandomBraking:
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
         """Return the configurations of a drawn run, without and with the assistant, by variant."""
-        base = self._bases[drawn["vehicle"]]
+        base, ground = self._bases[drawn["vehicle"]], drawn["ground"]
+        patches = {name: FrictionPatch(**patch) for name, patch in ground["patches"].items()}
+        friction = ground["friction"]
         common = dataclasses.replace(
             base,
             seed=drawn["seed"],
             vehicle=dataclasses.replace(base.vehicle, load=MassConfiguration(**drawn["load"])),
-            ground=dataclasses.replace(
-                base.ground,
-                friction=drawn["ground"]["friction"],
-                patches={
-                    name: FrictionPatch(**patch)
-                    for name, patch in drawn["ground"]["patches"].items()
-                },
-            ),
+            ground=dataclasses.replace(base.ground, friction=friction, patches=patches),
             maneuver=ManeuverConfiguration(**drawn["maneuver"]),
             velocity_sensor=VelocitySensorConfiguration(**drawn["velocity_sensor"]),
         )
+        assist = dataclasses.replace(base.brake_assist, **drawn["brake_assist"])
         return {
-            variant: dataclasses.replace(
-                common,
-                brake_assist=dataclasses.replace(
-                    base.brake_assist, **drawn["brake_assist"], **switch
-                ),
-            )
+            variant: dataclasses.replace(common, brake_assist=dataclasses.replace(assist, **switch))
             for variant, switch in _SWITCHES.items()
         }
 

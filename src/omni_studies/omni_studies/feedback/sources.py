@@ -66,31 +66,19 @@ def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
     """Return a source made of several flow chips at a distance `lever` from the center [m]."""
     linear, share, fastest = _CHIPS[chip]
     shared = linear / math.sqrt(count)
-    return Source(
-        f"{count} x {chip}",
-        linear=shared,
-        turning=shared / lever,
-        relative=share,
-        scale=share,
-        maximum_speed=fastest,
-    )
+    noise = shared, shared / lever, share, share
+    return Source(f"{count} x {chip}", MODEL, *noise, maximum_speed=fastest)
 
 
 SOURCES = {
     "ideal": Source("ideal, 100 Hz"),
     # Studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability.
     **{
-        name: Source(
-            f"3 line cameras, {pixels} px",
-            linear=linear,
-            turning=turning,
-            lost=lost,
-            cameras=cameras,
-        )
-        for name, pixels, linear, turning, lost, cameras in (
-            ("lines_coarse", 256, 0.03, 0.05, 0.1, "three_coarse"),
-            ("lines", 335, 0.008, 0.015, 0.03, "lis_770i"),
-            ("lines_fine", 1024, 0.005, 0.007, 0.1, "three_generic"),
+        name: Source(f"3 line cameras, {pixels} px", MODEL, *noise, lost=lost, cameras=cameras)
+        for name, pixels, noise, lost, cameras in (
+            ("lines_coarse", 256, (0.03, 0.05), 0.1, "three_coarse"),
+            ("lines", 335, (0.008, 0.015), 0.03, "lis_770i"),
+            ("lines_fine", 1024, (0.005, 0.007), 0.1, "three_generic"),
         )
     },
     **{
@@ -99,23 +87,10 @@ SOURCES = {
         for count in (2, 3)
     },
     # Data sheet: 2.5 m/s, filtered with its IMU; the delay of the filter is assumed.
-    "otos": Source(
-        "SparkFun OTOS",
-        linear=0.01,
-        turning=0.02,
-        relative=0.01,
-        scale=0.01,
-        latency=0.01,
-        maximum_speed=2.5,
-    ),
+    "otos": Source("SparkFun OTOS", MODEL, 0.01, 0.02, 0.01, 0.01, latency=0.01, maximum_speed=2.5),
     # Data sheets of such sensors: 0.1 % of the speed, 250 Hz, 6 ms.
     "correvit": Source(
-        "optical 2-D sensor (Correvit type) and gyro",
-        linear=0.01,
-        turning=0.005,
-        relative=0.001,
-        scale=0.001,
-        latency=0.006,
+        "optical 2-D sensor (Correvit type) and gyro", MODEL, 0.01, 5e-3, 1e-3, 1e-3, latency=6e-3
     ),
     "encoders": Source("wheel encoders alone", WHEELS),
     "encoders_imu": Source("encoders until braking, then IMU", INERTIAL),

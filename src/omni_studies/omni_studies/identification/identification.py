@@ -98,26 +98,21 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     Raises:
         ConfigurationError: the vehicle would tip over at rest.
     """
-    p = parameters
-    wheels = {
-        name: dataclasses.replace(
-            mount,
-            x=math.copysign(p["wheelbase"] / 2.0, mount.x),
-            y=math.copysign(p["track"] / 2.0, mount.y),
-        )
-        for name, mount in base.vehicle.wheels.items()
-    }
+    p, wheels = parameters, {}
+    for name, mount in base.vehicle.wheels.items():
+        x = math.copysign(p["wheelbase"] / 2.0, mount.x)
+        y = math.copysign(p["track"] / 2.0, mount.y)
+        wheels[name] = dataclasses.replace(mount, x=x, y=y)
+    height = p["height"]
+    body = MassConfiguration(mass=p["body_mass"], height=height, yaw_inertia=p["body_inertia"])
+    load = MassConfiguration(mass=p["load_mass"], x=p["load_x"], y=p["load_y"], height=height)
     vehicle = dataclasses.replace(
         base.vehicle,
         wheels=wheels,
         chassis_length=round(p["wheelbase"] + 0.4, 2),  # plus the wheel diameter
         chassis_width=round(p["track"] + 0.2, 2),
-        body=MassConfiguration(
-            mass=p["body_mass"], height=p["height"], yaw_inertia=p["body_inertia"]
-        ),
-        load=MassConfiguration(
-            mass=p["load_mass"], x=p["load_x"], y=p["load_y"], height=p["height"]
-        ),
+        body=body,
+        load=load,
         brake=dataclasses.replace(base.vehicle.brake, max_torque=p["brake_torque"]),
     )
     sizes: dict[str, Any] = {name: p[f"patch_{name}"] for name in _PATCH}

@@ -242,12 +242,8 @@ def _texture(ground: Ground) -> GroundTexture:
 def _cameras(ground: Ground, seed: int, repeats: bool) -> LineCameraArray:
     """Return fault-free cameras over the ground, or over a periodic repetition of its beginning."""
     texture = _texture(ground)
-    return LineCameraArray(
-        SENSORS,
-        _repeating(texture) if repeats else texture,
-        CameraConfiguration(),
-        np.random.SeedSequence(seed),
-    )
+    seen = _repeating(texture) if repeats else texture
+    return LineCameraArray(SENSORS, seen, CameraConfiguration(), np.random.SeedSequence(seed))
 
 
 def _repeating(texture: GroundTexture, period: float = 0.0256) -> GroundTexture:

@@ -189,16 +189,12 @@ def _metrics(cases: list[Case]) -> dict[str, Metric]:
 
 
 def _draw(cases: list[Case]) -> Figure:
-    figure, panels = style.panels(
+    title = (
         "Error of refined displacements / Cramer-Rao bound (dashed); below: mean error at "
-        "2 gray levels, and the fitted bias",
-        2,
-        len(_VIEWS),
-        size=(13.0, 7.2),
-        x="fraction of the displacement [px]",
-        y=("RMS error [px]", "mean error [px]"),
-        sharey="row",
+        "2 gray levels, and the fitted bias"
     )
+    x, y = "fraction of the displacement [px]", ("RMS error [px]", "mean error [px]")
+    figure, panels = style.panels(title, 2, len(_VIEWS), size=(13.0, 7.2), x=x, y=y, sharey="row")
     for column, (pixels, view) in enumerate(_VIEWS.items()):
         over_noise, over_fraction = panels[:, column]
         for kind, color in zip(_GROUNDS, style.WHEEL_COLORS, strict=False):
@@ -390,14 +386,9 @@ def _drive_metrics(cases: list[DriveCase]) -> dict[str, Metric]:
 
 
 def _draw_drives(cases: list[DriveCase]) -> Figure:
-    figure, (panels,) = style.panels(
-        "Squared error of the twist divided by its expectation; bars: standard error",
-        1,
-        len(_CAMERAS),
-        size=(13.0, 4.8),
-        y="squared error / its expectation [1]",
-        sharey=True,
-    )
+    title = "Squared error of the twist divided by its expectation; bars: standard error"
+    y = "squared error / its expectation [1]"
+    figure, (panels,) = style.panels(title, 1, len(_CAMERAS), size=(13.0, 4.8), y=y, sharey=True)
     places = np.arange(len(_MOTIONS))
     for axes, name in zip(panels, _CAMERAS, strict=True):
         axes.axhspan(*_BAND, color=style.PALE, alpha=0.6, linewidth=0.0)

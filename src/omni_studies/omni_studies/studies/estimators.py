@@ -229,14 +229,10 @@ def _frame(
 
 def _draw(rows: list[tuple[str, str, int, float, float, float]]) -> Figure:
     """Draw the fault-free errors versus speed, by ground and angle."""
+    title = "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed"
+    size, y = (15.0, 6.4), tuple(f"RMS error at {angle} deg [mm/s]" for angle in _ANGLES)
     figure, panels = style.panels(
-        "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed",
-        len(_ANGLES),
-        len(_GROUNDS),
-        size=(15.0, 6.4),
-        x="speed [m/s]",
-        y=tuple(f"RMS error at {angle} deg [mm/s]" for angle in _ANGLES),
-        sharey="row",
+        title, len(_ANGLES), len(_GROUNDS), size=size, x="speed [m/s]", y=y, sharey="row"
     )
     for line, angle in enumerate(_ANGLES):
         for column, kind in enumerate(_GROUNDS):

@@ -338,13 +338,9 @@ def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
 
 def _figure(table: Table, vehicle: str, sources: Sequence[str]) -> Figure:
     """Draw the 95th percentiles of distance and rotation for each source."""
-    figure, grid = style.panels(
-        f"{vehicle}: each bar ends at the 95th percentile of the stops",
-        1,
-        2,
-        size=(10.0, 1.5 + 0.38 * len(sources)),
-        sharey=True,
-    )
+    title = f"{vehicle}: each bar ends at the 95th percentile of the stops"
+    size = (10.0, 1.5 + 0.38 * len(sources))
+    figure, grid = style.panels(title, 1, 2, size=size, sharey=True)
     panels = grid[0]
     places = np.arange(len(sources))[::-1]
     quantities = (("distance_ratio_p95", 3.0), ("rotation_p95", math.inf))

@@ -186,15 +186,12 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
 
 
 def _draw_distances(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
-    figure, grid = style.panels(
+    title = (
         f"Distance ({metric.replace('_', ' ')}) versus shift, 20 m/s at 45 deg (Figure 68); "
-        "true displacement dashed, other positions in gray",
-        len(curves),
-        size=(11.0, 2.5 * len(curves) + 0.8),
-        x="shift [px]",
-        y="distance",
-        sharex=True,
+        "true displacement dashed, other positions in gray"
     )
+    size, x = (11.0, 2.5 * len(curves) + 0.8), "shift [px]"
+    figure, grid = style.panels(title, len(curves), size=size, x=x, y="distance", sharex=True)
     for axes, (kind, every) in zip(grid[:, 0], curves.items(), strict=True):
         for curve in every[1:4]:
             axes.plot(curve.shift, curve.distance, color=style.GRAY, linewidth=0.7, alpha=0.6)
@@ -240,16 +237,11 @@ def _trials(kind: str, options: LineOptions) -> list[Trial]:
         matches = every_second(match(view, poses, eye.lines(poses, 0), options.metric))
         shift = round(float(matches.truth[0]))
         right, pairs = matches.right, zip(grays[::2], grays[1::2], strict=True)
-        trials.append(
-            Trial(
-                shape,
-                Motion(view, _SPEED, _ANGLE).overlap,
-                float(grays.std(axis=1).mean()),
-                float(np.mean([_correlation(*pair, shift) for pair in pairs])),
-                float(right.mean()),
-                float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan,
-            )
-        )
+        overlap = Motion(view, _SPEED, _ANGLE).overlap
+        contrast = float(grays.std(axis=1).mean())
+        correlation = float(np.mean([_correlation(*pair, shift) for pair in pairs]))
+        error = float(np.sqrt(np.mean(matches.error[right] ** 2))) if right.any() else math.nan
+        trials.append(Trial(shape, overlap, contrast, correlation, float(right.mean()), error))
     return trials
 
 
@@ -260,15 +252,13 @@ def _correlation(old: FloatArray, new: FloatArray, shift: int) -> float:
 
 def _draw_contrast(found: dict[str, list[Trial]], options: LineOptions) -> Figure:
     kind = next(iter(found))
-    figure, grid = style.panels(
+    title = (
         f"Wider views have less contrast and more overlap (Figure 69; lines of {kind} without "
-        "noise)",
-        2,
-        2,
-        size=(13.0, 7.5),
-        x=("position on the ground [mm]", "width over length [%]"),
-        y="gray level minus mean",
+        "noise)"
     )
+    x = ("position on the ground [mm]", "width over length [%]")
+    y = "gray level minus mean"
+    figure, grid = style.panels(title, 2, 2, size=(13.0, 7.5), x=x, y=y)
     for row, (shape, name) in enumerate(((_WIDE, "a"), (_NARROW, "b"))):
         view = _view(shape)
         eye = camera(view, ground(kind, options.texels), 0.0, options.seed)
@@ -388,14 +378,9 @@ def _appearance(
     count = block * max(1, round(shown / texture.texel / block))
     patch = np.tile(texture.gray, (1 + count // len(texture.gray),) * 2)[:count, :count]
     picture = patch.reshape(count // block, block, -1, block).mean(axis=(1, 3))
-    return Appearance(
-        np.asarray(picture, np.float64),
-        float(gray.std(axis=1).mean()),
-        frequency,
-        spectrum,
-        float(frequency[np.searchsorted(share, 0.5)]),
-        sensor.pixel_pitch / texture.texel,
-    )
+    look = np.asarray(picture, np.float64), float(gray.std(axis=1).mean())
+    median = float(frequency[np.searchsorted(share, 0.5)])
+    return Appearance(*look, frequency, spectrum, median, sensor.pixel_pitch / texture.texel)
 
 
 def _panels(
@@ -424,13 +409,8 @@ def _spectra(appearances: dict[str, Appearance]) -> Figure:
     title = (
         "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power"
     )
-    words: dict[str, Any] = {
-        "x": "cycles per mm",
-        "y": "levels² mm",
-        "sharex": True,
-        "sharey": True,
-    }
-    figure, panels = _panels(title, len(appearances), (2.3, 2.0), **words)
+    words: dict[str, Any] = {"x": "cycles per mm", "y": "levels² mm"}
+    figure, panels = _panels(title, len(appearances), (2.3, 2.0), **words, sharex=True, sharey=True)
     for axes, (name, appearance) in zip(panels, appearances.items(), strict=False):
         axes.loglog(appearance.frequency, appearance.spectrum, color=style.BLUE, linewidth=1.0)
         axes.axhline(

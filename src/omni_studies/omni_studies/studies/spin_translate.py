@@ -140,12 +140,10 @@ def track(
         stamp_ns=np.round(1e9 * time).astype(np.int64),
         pose=pose,
         twist=twist,
-        wheel_angle=nothing,
         wheel_speed=speed,
         brake_torque=np.zeros_like(nothing),
-        enable=nothing,
-        error=nothing,
         pedal=np.zeros(len(time)),
+        **dict.fromkeys(("wheel_angle", "enable", "error"), nothing),
     )
     wheel_command = vehicle.drive_speeds(maneuver.twist(time, reference[:, 2]))
     return Tracking(history, reference, wheel_command)

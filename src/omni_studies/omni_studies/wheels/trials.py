@@ -118,12 +118,8 @@ def start(
 def advance(vehicle: Vehicle, trial: Trial, duration: float) -> FloatArray:
     """Advance a vehicle through a trial for a time [s]; return its trajectory."""
     enable = np.zeros if trial.released else np.ones
-    return vehicle.advance(
-        round(duration / vehicle.physics_step),
-        trial.pedal,
-        enable(len(vehicle.wheel_names)),
-        trial.command,
-    )
+    steps, shares = round(duration / vehicle.physics_step), enable(len(vehicle.wheel_names))
+    return vehicle.advance(steps, trial.pedal, shares, trial.command)
 
 
 def outcome(
@@ -151,12 +147,8 @@ def outcome(
         force.append(mean)
         scale.append(max(float(np.linalg.norm(mean)), float(np.linalg.norm(push))))
     step = DEFAULT_PHYSICS_STEP * thinning
-    return Outcome(
-        time=np.arange(len(motion[0]), dtype=np.float64) * step,
-        motion=np.array(motion),
-        force=np.array(force),
-        force_scale=float(np.mean(scale)),
-    )
+    time = np.arange(len(motion[0]), dtype=np.float64) * step
+    return Outcome(time, np.array(motion), np.array(force), float(np.mean(scale)))
 
 
 def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:

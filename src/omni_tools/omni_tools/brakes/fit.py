@@ -239,14 +239,11 @@ def _pedal_down(stop: BrakeData) -> float:
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
     """Return fitted minus measured impulses [m/s] of all stops, cumulated as in `_summed`."""
     torque, dead_time, time_constant = unknowns
-    parts = [
-        _summed(
-            e,
-            np.einsum("kcn,kn->kc", e.per_torque, mean_shares(e, dead_time, time_constant)) * torque
-            - e.change,
-        )
-        for e in equations
-    ]
+    parts = []
+    for e in equations:
+        shares = mean_shares(e, dead_time, time_constant)
+        slowed = np.einsum("kcn,kn->kc", e.per_torque, shares) * torque
+        parts.append(_summed(e, slowed - e.change))
     return np.concatenate(parts).ravel()
 
 

@@ -140,22 +140,12 @@ def response_of(
     torque = np.where(moving, slip + vehicle.wheel_inertia * slower, 0.0)
     # A brake without an enable is on.
     demand = pedal[:, np.newaxis] * np.nan_to_num(signals.enable[motions.stop], nan=1.0)
-    rows = np.arange(len(pedal))
     begun = np.flatnonzero(np.diff((pedal > 0.0).astype(int), prepend=0) > 0)
-    apart = np.abs(rows[:, np.newaxis] - begun).min(axis=1, initial=len(rows))
-    return Response(
-        slip,
-        torque,
-        _acting(demand, signals.period, vehicle.brake),
-        rolling,
-        moving,
-        pedal[:, np.newaxis] > 0.0,
-        apart * signals.period <= _ALLOWED.latest,
-        signals.period,
-        radius,
-        limit,
-        vehicle.brake,
-    )
+    apart = np.abs(np.arange(len(pedal))[:, np.newaxis] - begun).min(axis=1, initial=len(pedal))
+    delayed = _acting(demand, signals.period, vehicle.brake)
+    braking, near = pedal[:, np.newaxis] > 0.0, apart * signals.period <= _ALLOWED.latest
+    rows = slip, torque, delayed, rolling, moving, braking, near
+    return Response(*rows, signals.period, radius, limit, vehicle.brake)
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:

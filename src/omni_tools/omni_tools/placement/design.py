@@ -299,6 +299,7 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
     scene = Scene(vehicle.chassis_length, vehicle.chassis_width, vehicle.wheels)
     area = mounting_area.MountingArea(scene, view, options.housing, options.clearance)
     speed = design_speed(options.speed, options.yaw_rate, area)
+    compared = {name: own for name, own in given.items() if options.check or len(own) == count}
     return DesignTask(
         area=area,
         texture=rig.ground(options.ground),
@@ -307,13 +308,7 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
         mix=MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
         speed=speed,
         redundant=options.redundant,
-        given=_cases(
-            {
-                name: sensors
-                for name, sensors in given.items()
-                if options.check or len(sensors) == count
-            }
-        ),
+        given=_cases(compared),
         seed=options.seed,
     )
 

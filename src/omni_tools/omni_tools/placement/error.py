@@ -301,19 +301,10 @@ def evaluate(
     for index, missing in enumerate(sensors):
         if singularity({name: own for name, own in sensors.items() if name != missing}):
             without[index] = math.inf
-    return EvaluatedPlacement(
-        name,
-        sensors,
-        criterion.mean_error(poses),
-        np.sqrt(mix.share @ variance),
-        by_motion,
-        without,
-        float(condition.value(condition.information(poses).sum(axis=0))),
-        spread,
-        lever,
-        singularity(sensors),
-        area.problem(tuple(sensors), poses),
-    )
+    errors = criterion.mean_error(poses), np.sqrt(mix.share @ variance), by_motion, without
+    number = float(condition.value(condition.information(poses).sum(axis=0)))
+    problems = singularity(sensors), area.problem(tuple(sensors), poses)
+    return EvaluatedPlacement(name, sensors, *errors, number, spread, lever, *problems)
 
 
 def singularity(sensors: Mapping[str, LineSensor]) -> str:

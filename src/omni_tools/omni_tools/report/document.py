@@ -49,19 +49,13 @@ def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[s
         title: title of the report.
         runs: runs in the order in which they are listed; at least one.
     """
+    notes = ((run.name, one.note) for run in runs for one in run.metrics.values() if one.note)
     return {
         "title": title,
         "timeLabel": style.time_label(run.history for run in runs),
         "runs": [_run(run) for run in runs],
         "metrics": _metrics(runs),
-        "metricNotes": list(
-            dict.fromkeys(
-                f"{run.name}: {metric.note}"
-                for run in runs
-                for metric in run.metrics.values()
-                if metric.note
-            )
-        ),
+        "metricNotes": [f"{name}: {note}" for name, note in dict.fromkeys(notes)],
         "configuration": _configuration(runs),
     }
 

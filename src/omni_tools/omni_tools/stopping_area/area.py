@@ -160,15 +160,10 @@ class StopCampaign:
         cell = self.cells[self.cell_of(number)]
         start, end = cell.direction
         load = self.base.vehicle.load
-        vehicle = dataclasses.replace(
-            self.base.vehicle,
-            load=dataclasses.replace(
-                load,
-                mass=draw(random, 0.0, load.mass),
-                x=draw(random, -abs(load.x), abs(load.x)),
-                y=draw(random, -abs(load.y), abs(load.y)),
-            ),
-        )
+        mass = draw(random, 0.0, load.mass)
+        x, y = (draw(random, -abs(most), abs(most)) for most in (load.x, load.y))
+        load = dataclasses.replace(load, mass=mass, x=x, y=y)
+        vehicle = dataclasses.replace(self.base.vehicle, load=load)
         maneuver = ManeuverConfiguration(
             speed=draw(random, *cell.speed),
             direction_deg=math.degrees(draw(random, start, end if end > start else end + math.tau)),

@@ -119,17 +119,10 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
     def from_peak(guess: float) -> Any:
         start = recipe.start(seen._replace(peak_slip=guess * seen.peak_slip))
         inside = np.clip(start, lower + 1e-6 * np.abs(start), upper - 1e-6 * np.abs(start))
-        return least_squares(
-            differences,
-            inside,
-            jac="3-point",
-            bounds=(lower, upper),
-            x_scale=np.maximum(np.abs(recipe.scale(inside, largest_load)), 1e-12),
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-            max_nfev=400,
-        )
+        scale = np.maximum(np.abs(recipe.scale(inside, largest_load)), 1e-12)
+        limits = {"bounds": (lower, upper), "x_scale": scale, "max_nfev": 400}
+        tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-12)
+        return least_squares(differences, inside, jac="3-point", **limits, **tolerances)
 
     best = min(map(from_peak, _PEAK_GUESSES), key=lambda found: float(found.cost))
     best.cost *= size**2
