@@ -45,6 +45,8 @@ _REQUIRED = (
 
 FEEDBACKS = ("optical", "velocity_sensor")
 """Built-in sources of the twist for the brake assistant."""
+WITHOUT_CAMERAS = ("feedback=velocity_sensor", "simulation.render_lines=false")
+"""Overrides for runs without line cameras."""
 
 
 class ExperimentConfiguration(SimulatorConfiguration):

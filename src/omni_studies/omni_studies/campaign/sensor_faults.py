@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omni_loop.compiled import FastRun, run_fast_loop
-from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentConfiguration, ExperimentLibrary
 from omni_sim.faults import CHANNELS, KINDS, FaultConfiguration
 from omni_sim.vehicle.configuration import WheelCondition
 from omni_tools.campaign.runner import digest
@@ -58,10 +58,8 @@ _BRAKES = ("brake", "open_valve", "stuck_brake")  # entries of `WheelCondition`
 # The encoders have 4096 counts, and no lines are rendered. A stop longer than the limit counts as
 # failed.
 _SETTING = (
-    "feedback=velocity_sensor",
-    "simulation.render_lines=false",
-    "simulation.duration_limit=20",
-    "encoders.resolution=4096",
+    *WITHOUT_CAMERAS,
+    *("simulation.duration_limit=20", "encoders.resolution=4096"),
     "brake_assist.fault_detection=true",
 )
 

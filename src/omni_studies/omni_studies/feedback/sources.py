@@ -70,6 +70,7 @@ def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
     return Source(f"{count} x {chip}", MODEL, *noise, maximum_speed=fastest)
 
 
+# Numbers without a name: deviation of v_x and v_y, of the yaw rate, per speed, of the scale.
 SOURCES = {
     "ideal": Source("ideal, 100 Hz"),
     # Studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability.

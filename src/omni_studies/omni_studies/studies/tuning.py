@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from omni_figures import style
-from omni_loop.experiment import short_name
+from omni_loop.experiment import WITHOUT_CAMERAS, short_name
 from omni_loop.metrics import Metric
 from omni_loop.options import LoopOptions
 from omni_platform.command_options import option
@@ -62,7 +62,7 @@ class Options(CampaignOptions, LoopOptions):
 def run(options: Options, study: StudyRun) -> StudyResult:
     """Try every setting, and recommend one within the limits."""
     overrides = [f"vehicle={options.vehicle}"] if options.vehicle else []
-    overrides += ["feedback=velocity_sensor", "simulation.render_lines=false", *options.changes]
+    overrides += [*WITHOUT_CAMERAS, *options.changes]
     variant = study.experiments.variants(options.experiment)[0]
     base = study.experiments.load(options.experiment, variant, overrides)
     brake = base.vehicle.brake

@@ -24,6 +24,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
+from omni_loop.experiment import WITHOUT_CAMERAS
 from omni_loop.history import RunHistory
 from omni_loop.loop import run_closed_loop
 from omni_loop.metrics import Metric, run_metrics
@@ -345,12 +346,7 @@ def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Fi
 def _mujoco(options: _Mujoco, study: StudyRun) -> StudyResult:
     """Brake in every engine and write figure, data and metrics."""
     load_mujoco()
-    same = [
-        f"vehicle={options.vehicle}",
-        f"maneuver.speed={options.speed}",
-        "feedback=velocity_sensor",
-        "simulation.render_lines=false",
-    ]
+    same = [*WITHOUT_CAMERAS, f"vehicle={options.vehicle}", f"maneuver.speed={options.speed}"]
     stops = {}
     cases = [(case, variant) for case in _MOTIONS for variant in _VARIANTS]
     for index, (case, variant) in enumerate(cases):

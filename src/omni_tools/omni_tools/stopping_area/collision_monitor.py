@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omni_loop.commented_yaml import commented_yaml
-from omni_loop.experiment import ExperimentLibrary, short_name
+from omni_loop.experiment import WITHOUT_CAMERAS, ExperimentLibrary, short_name
 from omni_loop.metrics import Metric
 from omni_platform import geometry, quantities
 from omni_tools.stopping_area import area
@@ -20,8 +20,7 @@ def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.Stop
     """Return the stops for the areas."""
     fixed = [
         f"vehicle={options.vehicle}",
-        "feedback=velocity_sensor",
-        "simulation.render_lines=false",
+        *WITHOUT_CAMERAS,
         "simulation.duration_limit=120",
         *_ASSISTANT,
         *options.overrides,
