@@ -18,7 +18,7 @@ from omni_sim.simulator import Simulator
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
-from omni_sim.wheel.roller_configuration import RollerConfiguration
+from omni_sim.wheel.roller_geometry import RollerConfiguration
 
 NO_COMMAND = np.zeros(3)
 MINUTE = 120_000

@@ -18,8 +18,7 @@ from omni_sim.tire.tire import TireConfiguration
 from omni_sim.vehicle import loads
 from omni_sim.vehicle.suspension import SuspensionConfiguration
 from omni_sim.wheel.passive_losses import PassiveLossConfiguration
-from omni_sim.wheel.roller_configuration import RollerConfiguration, roller_geometries
-from omni_sim.wheel.roller_geometry import RollerGeometry
+from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, roller_geometries
 
 
 class DriveConfiguration(Configuration):

@@ -37,7 +37,7 @@ from omni_sim.vehicle.loads import GRAVITY
 from omni_sim.vehicle.plant import static_loads
 from omni_sim.vehicle.vehicle import Vehicle, VehicleInputError
 from omni_sim.wheel.brake_pressure import press, set_demand
-from omni_sim.wheel.roller_configuration import RollerConfiguration
+from omni_sim.wheel.roller_geometry import RollerConfiguration
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/mujoco.lock"
 

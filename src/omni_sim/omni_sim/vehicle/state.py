@@ -165,7 +165,7 @@ class Rollers(NamedTuple):
         inertia: inertia of a roller [kg m^2].
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
-        overlap: overlap of the rollers, see `roller_configuration.RollerConfiguration`.
+        overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
         constant: friction at a roller's surface per load that does not depend on the load [1].
         growing: increase of the friction per load with the load, Eq. (19) [1/N].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).

@@ -51,7 +51,7 @@ def load_share(gamma: float, half_pitch: float, overlap: float) -> float:
     Args:
         gamma: angle of the lowest roller from its lowest position [rad], up to `half_pitch`.
         half_pitch: ``pi / n`` [rad].
-        overlap: overlap of the rollers, see `roller_configuration.RollerConfiguration`.
+        overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
     """
     into = (abs(gamma) / half_pitch - 1.0) / (2.0 * overlap) + 0.5
     if into <= 0.0:
