@@ -21,15 +21,8 @@ from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import KINDS, GroundTexture
 from omni_tools.line_trials import rig
 from omni_tools.line_trials.rig import BATCH_TIME, PERIOD, Rig, View, batch_lines
+from omni_tools.placement import error as criteria
 from omni_tools.placement import mounting_area
-from omni_tools.placement.error import (
-    ConditionNumber,
-    EvaluatedPlacement,
-    MeanError,
-    MotionMix,
-    evaluate,
-    gyration,
-)
 from omni_tools.placement.mounting_area import common_placements, named
 from omni_tools.placement.options import PlacementOptions
 from omni_tools.placement.search import FoundPlacement, NoRoomError, search
@@ -73,7 +66,7 @@ class PlacementTrial(NamedTuple):
 
 def drive_mix(
     sensors: Mapping[str, LineSensor],
-    mix: MotionMix,
+    mix: criteria.MotionMix,
     texture: GroundTexture,
     noise: float,
     batches: int,
@@ -137,7 +130,7 @@ class DesignTask:
     texture: GroundTexture
     noise: float
     count: int
-    mix: MotionMix
+    mix: criteria.MotionMix
     speed: float
     redundant: bool
     given: Mapping[str, Mapping[str, LineSensor]]
@@ -157,16 +150,16 @@ class Design(NamedTuple):
     """
 
     trial: SensorTrial
-    criterion: MeanError
+    criterion: criteria.MeanError
     found: FoundPlacement
-    placements: tuple[EvaluatedPlacement, ...]
+    placements: tuple[criteria.EvaluatedPlacement, ...]
 
     @property
-    def best(self) -> EvaluatedPlacement:
+    def best(self) -> criteria.EvaluatedPlacement:
         """Placement with the smallest mean twist error that the search found."""
         return self.placements[0]
 
-    def placement(self, name: str) -> EvaluatedPlacement:
+    def placement(self, name: str) -> criteria.EvaluatedPlacement:
         """Return a placement by its name."""
         return next(entry for entry in self.placements if entry.name == name)
 
@@ -187,15 +180,15 @@ def design(task: DesignTask, report: Report) -> Design:
         view, task.texture, task.noise, task.speed, task.batches, task.seed
     )
     scene = area.scene
-    radius = gyration(scene.chassis_length, scene.chassis_width)
-    criterion = MeanError(view, trial.error, task.mix, radius)
+    radius = criteria.gyration(scene.chassis_length, scene.chassis_width)
+    criterion = criteria.MeanError(view, trial.error, task.mix, radius)
     try:
         found = search(
             criterion, area, task.count, redundant=task.redundant, seed=task.seed,
             report=lambda share, words: report(0.3 + 0.4 * share, words),
         )  # fmt: skip
         report(0.7, "smallest condition number")
-        other = search(ConditionNumber(), area, task.count, seed=task.seed)
+        other = search(criteria.ConditionNumber(), area, task.count, seed=task.seed)
     except NoRoomError as error:
         raise WorkError(
             f"--sensors: {error} under {scene.chassis_length:g} x {scene.chassis_width:g} m; "
@@ -207,7 +200,9 @@ def design(task: DesignTask, report: Report) -> Design:
     sensors[CONDITION] = named(other.poses, view)
     for name, poses in common_placements(area, task.count).items():
         sensors[name] = named(poses, view, rounded=False)
-    placements = tuple(evaluate(name, own, criterion, area) for name, own in sensors.items())
+    placements = tuple(
+        criteria.evaluate(name, own, criterion, area) for name, own in sensors.items()
+    )
     return Design(trial, criterion, found, placements)
 
 
@@ -305,7 +300,7 @@ def design_task(options: PlacementOptions, library: ExperimentLibrary) -> Design
         texture=rig.ground(options.ground),
         noise=options.noise,
         count=count,
-        mix=MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
+        mix=criteria.MotionMix.of(speed, options.yaw_rate, _weights(options.mix)),
         speed=speed,
         redundant=options.redundant,
         given=_cases(compared),
