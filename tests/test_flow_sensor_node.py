@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import itertools
+import json
 import subprocess
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
+from pathlib import Path
 
 import numpy as np
+import pytest
 from bystander import Bystander
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistWithCovarianceStamped
+from omni_process import WORKSPACE
 
+from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.graph.process_group import ProcessGroup
+from omni_loop.experiment import ExperimentLibrary
+from omni_loop.yaml_files import read_mapping
+from omni_platform.sensors import FlowSensor, sensor_matrix
 from omni_ros.environment import node_environment
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 from omni_ros.qos import RELIABLE
@@ -45,6 +54,34 @@ flow_chips.open_chip = Chip
 raise SystemExit(flow_sensor_node.main())
 """
 RETRY_NS = 300_000_000
+
+# A model of the registers of an OTOS in place of each I2C bus; the board moves with a velocity.
+BOARD = """
+import sys
+import qwiic_i2c
+from omni_vehicle import flow_sensor_node
+
+folder, *velocity = sys.argv[1:5]
+del sys.argv[1:5]
+sys.path.insert(0, folder)
+from test_flow_chips import I2cOtos
+
+
+def board(iBus):
+    found = I2cOtos()
+    found.heading = 0.1 * iBus
+    found.velocity = tuple(map(float, velocity))
+    return found
+
+
+qwiic_i2c.get_i2c_driver = board
+raise SystemExit(flow_sensor_node.main())
+"""
+TWIST = np.array((0.5, -0.2, 0.3))
+SENSORS = {
+    "left": FlowSensor(x=0.1, y=0.4, heading_deg=90.0),
+    "right": FlowSensor(x=-0.2, y=-0.4, heading_deg=-30.0),
+}
 
 
 class Listener(Bystander):
@@ -100,3 +137,53 @@ def test_a_lost_chip_is_reported_and_opened_again() -> None:
     # The listener may have missed the first readings of the first opening.
     for before, after in itertools.pairwise(sorted(opened.values())[1:]):
         assert after - before > 0.9 * RETRY_NS
+
+
+class Vehicle(Bystander):
+    """The assistant, which receives the twist of the odometry."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("vehicle", domain)
+        self.twists: list[tuple[np.ndarray, np.ndarray]] = []
+        self.node.create_subscription(
+            TwistWithCovarianceStamped,
+            "odometry/twist",
+            lambda message: self.twists.append(planar_twist_of(message)),
+            RELIABLE,
+        )
+
+    def description(self) -> str:
+        return f"{len(self.twists)} twists"
+
+
+def test_two_otos_chips_measure_the_twist_of_the_vehicle(tmp_path: Path) -> None:
+    pytest.importorskip("qwiic_otos", reason="requirements/flow.lock is not installed")
+    experiment = read_mapping(WORKSPACE / "config/experiments/flow_sensors.yaml", "experiment")
+    experiment["flow_sensors"] = {name: vars(sensor) for name, sensor in SENSORS.items()}
+    file = tmp_path / "two.yaml"
+    file.write_text(json.dumps(experiment))
+    configuration = ExperimentLibrary(WORKSPACE / "config").load(str(file), "assisted")
+    odometry = graph.Nodes(configuration, tmp_path, lockstep=False).odometry(listeners=1)
+    velocities = (sensor_matrix(SENSORS) @ TWIST).reshape(-1, 2)
+    models = str(WORKSPACE / "src/omni_vehicle/test")
+    with (
+        reserved_domain() as domain,
+        ProcessGroup(node_environment(domain)) as group,
+        ExitStack() as stack,
+    ):
+        for bus, (name, (v_x, v_y)) in enumerate(zip(SENSORS, velocities, strict=True), 1):
+            moving = [models, str(v_x), str(v_y), str(TWIST[2])]
+            words = [f"sensor:={name}", "chip:=otos", f"i2c_bus:={bus}"]
+            parameters = itertools.chain.from_iterable(("-p", word) for word in words)
+            process = subprocess.Popen(
+                [sys.executable, "-c", BOARD, *moving, "--ros-args", *parameters],
+                env=node_environment(domain),
+                stdin=subprocess.DEVNULL,
+            )
+            stack.callback(process.wait)
+            stack.callback(process.terminate)
+        group.start(odometry)
+        with closing(Vehicle(domain)) as vehicle:
+            vehicle.wait(lambda: sum(c[0, 0] < 1.0 for _, c in vehicle.twists) > 50)
+    measured = [twist for twist, covariance in vehicle.twists if covariance[0, 0] < 1.0]
+    np.testing.assert_allclose(measured, np.broadcast_to(TWIST, (len(measured), 3)), atol=5e-3)

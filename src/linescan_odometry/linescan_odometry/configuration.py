@@ -70,7 +70,8 @@ class OdometryConfiguration(Configuration):
     the sensor is excluded (five or more sensors) or the covariance is increased (four sensors);
     0 for no limit"""
     maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
-    """Largest difference between the stamps of batches that are used together"""
+    """Largest difference between the stamps of batches that are used together; without line
+    cameras at least 3/4 of the period of the fastest flow sensor"""
     minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
     """Smallest effective lever arm (RMS) with which the sensors measure the yaw rate"""
     kinematics: KinematicsConfiguration = section(KinematicsConfiguration)
@@ -109,6 +110,19 @@ class OdometryConfiguration(Configuration):
                     f"{self.maximum_skew:g} s is shorter than the line period of sensor {name}, "
                     f"{1.0 / sensor.line_rate:g} s",
                 )
+
+    @property
+    def skew(self) -> float:
+        """Largest difference between the stamps of measurements that are used together [s].
+
+        Flow sensors without cameras are read at times of their own. If the limit is only half a
+        period, sensors that differ by about half a period lose measurements by jitter. With three
+        quarters of a period, each measurement has a partner for every difference of the sensors.
+        """
+        rates = [sensor.rate for sensor in self.flow_sensors.values()]
+        if self.sensors or not rates:
+            return self.maximum_skew
+        return max(self.maximum_skew, 0.75 / max(rates))
 
     def check_placement(self) -> None:
         """Check that the sensors together measure every planar motion.

@@ -178,7 +178,7 @@ class LineScanOdometry:
     def _stale(self, batch: LineBatch | Flow) -> str:
         """Describe by how much a batch is older than the newest one; empty if it is recent."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
-        too_old = age > self._configuration.maximum_skew
+        too_old = age > self._configuration.skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
 
     def _estimate(

@@ -110,7 +110,7 @@ class BatchCollector:
             fastest = max(sensor.rate for sensor in flows.values())
             leading = [name for name, sensor in flows.items() if sensor.rate == fastest]
         followers = {name: s.rate for name, s in flows.items() if name not in leading}
-        return cls(leading, configuration.maximum_skew, followers)
+        return cls(leading, configuration.skew, followers)
 
     def add(self, sensor: str, batch: LineBatch | Flow) -> list[dict[str, LineBatch | Flow]]:
         """Add a batch and return the groups that are now complete, oldest first.

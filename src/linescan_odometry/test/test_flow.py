@@ -289,6 +289,31 @@ def test_without_cameras_the_fastest_flow_sensors_lead() -> None:
     ]
 
 
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize("phase", np.linspace(0.0, 0.9, 10))
+def test_sensors_that_are_read_at_different_times_measure_together(
+    phase: float, rate: float
+) -> None:
+    """The times of reading differ by a share of the period, with a jitter of up to a tenth."""
+    random = np.random.default_rng(round(10.0 * phase))
+    flows = only("front", "left", rate=rate)
+    subject = odometry(flows)
+    collector = BatchCollector.of(OdometryConfiguration(sensors={}, flow_sensors=flows))
+    period_ns = 1e9 / rate
+    readings = [
+        (round(period_ns * (i + shift + 0.1 * random.uniform())), name)
+        for i in range(100)
+        for name, shift in (("front", 0.0), ("left", phase))
+    ]
+    estimates = [
+        subject.update(group)
+        for stamp_ns, name in sorted(readings)
+        for group in collector.add(name, flows_at(TWIST, flows, stamp_ns)[name])
+    ]
+    assert sum(estimate.measured for estimate in estimates) >= 98
+    assert sum(not estimate.measured for estimate in estimates) <= 2
+
+
 def test_played_again_it_begins_anew() -> None:
     flows = only("front", "left")
     subject = odometry(flows, maximum_acceleration=50.0)

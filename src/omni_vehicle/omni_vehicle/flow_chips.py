@@ -15,6 +15,7 @@ import enum
 import importlib
 import math
 import struct
+from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -91,6 +92,9 @@ class FlowChipConfiguration(Configuration):
     """Number of the SPI port"""
     chip_select: int = parameter(1, minimum=0, maximum=9)
     """Chip select of the SPI port"""
+    i2c_bus: int = parameter(1, minimum=0, maximum=99)
+    """Number of the I2C bus of an OTOS; all OTOS have the same address, so each needs its own
+    bus"""
     counts_per_meter: float = parameter(0.0, unit="1/m", minimum=0.0, maximum=1.0e6)
     """Counts of a PMW3901 or PAA5100 per meter at its mounting height. To measure it, move the
     chip by one meter and read 'counts' on /diagnostics"""
@@ -198,13 +202,22 @@ class CountingChip:
         return int(self._chip.spi_dev.xfer2([address, 0])[1])
 
 
+@cache
+def _i2c_driver(bus: int) -> Any:
+    """Return the driver of an I2C bus; only one per bus, because the library never closes it."""
+    driver = importlib.import_module("qwiic_i2c").get_i2c_driver(iBus=bus)
+    if driver is None or driver.i2cbus is None:
+        raise FlowChipError(f"the I2C bus {bus} cannot be opened")
+    return driver
+
+
 class OtosChip:
     """A SparkFun Optical Tracking Odometry Sensor."""
 
-    def __init__(self, configuration: FlowChipConfiguration, bus: Any = None) -> None:
+    def __init__(self, configuration: FlowChipConfiguration) -> None:
         self._configuration = configuration
         library = importlib.import_module("qwiic_otos")
-        self._chip: Any = library.QwiicOTOS(i2c_driver=bus)
+        self._chip: Any = library.QwiicOTOS(i2c_driver=_i2c_driver(configuration.i2c_bus))
         if getattr(self._chip, "_i2c", None) is None or not self._chip.begin():
             raise FlowChipError("no OTOS answers on the I2C bus")
         self._chip.setLinearUnit(self._chip.kLinearUnitMeters)

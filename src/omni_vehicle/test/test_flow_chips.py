@@ -6,6 +6,7 @@ import enum
 import math
 import struct
 import sys
+from collections.abc import Iterator
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -17,7 +18,6 @@ from omni_vehicle import flow_chips
 from omni_vehicle.flow_chips import (
     FlowChipConfiguration,
     FlowChipError,
-    OtosChip,
     open_chip,
 )
 
@@ -76,6 +76,8 @@ class SpiFlowChip:
 
 class I2cOtos:
     """Registers of an OTOS board on I2C; values are set in SI units."""
+
+    i2cbus = True
 
     def __init__(self) -> None:
         self.plugged, self.status = True, 0
@@ -230,24 +232,45 @@ def test_the_scale_must_be_measured() -> None:
         FlowChipConfiguration(chip="paa5100")
 
 
-def otos(board: I2cOtos) -> OtosChip:
+@pytest.fixture
+def board(monkeypatch: pytest.MonkeyPatch) -> Iterator[I2cOtos]:
+    """Return the only board, which is connected to bus 3."""
     pytest.importorskip("qwiic_otos", reason="requirements/flow.lock is not installed")
-    return OtosChip(FlowChipConfiguration(chip="otos"), board)
+    found = I2cOtos()
+    absent = SimpleNamespace(i2cbus=None)
+    monkeypatch.setattr(
+        "qwiic_i2c.get_i2c_driver",
+        lambda iBus: found if iBus == 3 else absent,  # noqa: N803
+    )
+    flow_chips._i2c_driver.cache_clear()
+    yield found
+    flow_chips._i2c_driver.cache_clear()
+
+
+def otos(bus: int = 3) -> flow_chips.FlowChip:
+    return open_chip(FlowChipConfiguration(chip="otos", i2c_bus=bus))
+
+
+def test_each_otos_has_its_own_bus(board: I2cOtos) -> None:
+    board.velocity = (0.3, 0.0, 0.0)
+    assert otos(3).read(0.0).velocity[0] == pytest.approx(0.3, abs=2e-3)
+    with pytest.raises(FlowChipError, match="I2C bus 1 cannot be opened"):
+        otos(1)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7, -2.5])
-def test_an_otos_reports_in_its_own_axes_whatever_its_heading(heading: float) -> None:
-    board = I2cOtos()
-    chip = otos(board)
+def test_an_otos_reports_in_its_own_axes_whatever_its_heading(
+    heading: float, board: I2cOtos
+) -> None:
+    chip = otos()
     board.heading, board.velocity = heading, (1.2, -0.4, 0.8)
     sample = chip.read(0.0)
     np.testing.assert_allclose(sample.velocity, board.velocity, atol=2e-3)
     assert np.all(sample.deviation > 0.0)
 
 
-def test_an_otos_that_warns_or_fails_measures_nothing() -> None:
-    board = I2cOtos()
-    chip = otos(board)
+def test_an_otos_that_warns_or_fails_measures_nothing(board: I2cOtos) -> None:
+    chip = otos()
     board.status = 0x02
     assert "poor tracking" in chip.read(0.0).problem
     board.status = 0x80
