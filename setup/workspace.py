@@ -223,7 +223,7 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return the identity of an up-to-date build, without the state of its inputs."""
+    """Return the part of a build's stamp that does not depend on the files of the packages."""
     return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 

@@ -159,7 +159,7 @@ class SensorOdometry:
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
-        # Chance may explain less than half of the correlation of neighbors.
+        # Lines of different ground may also correlate, so half of the correlation is required.
         least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(_correlation(line, lines[-1]) <= least for line in older):

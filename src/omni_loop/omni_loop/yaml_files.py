@@ -68,7 +68,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
     except OSError as error:
         raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
     except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and bytes
-        problem = " ".join(str(error).split())[:200]
+        problem = " ".join(str(error).replace('in "<unicode string>", ', "in ").split())[:200]
         raise ConfigurationError(key, f"{path} is not valid YAML: {problem}") from None
     if not isinstance(document, dict):
         raise ConfigurationError(key, f"{path} must contain a mapping of names to values")

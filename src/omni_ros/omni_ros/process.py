@@ -135,7 +135,7 @@ def _initialize_ros() -> None:
     environment.name_log_folder(os.environ)
     environment.chosen_domain(os.environ)  # Fast DDS would end the process
     try:
-        surplus = remove_ros_args(sys.argv)[1:]  # first: it does not log what it then raises
+        surplus = remove_ros_args(sys.argv)[1:]  # before rclpy.init, which logs the error
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.UnknownROSArgsError as error:
         raise ConfigurationError("--ros-args", f"unknown: {error}") from None
@@ -225,7 +225,7 @@ def _flush_publishers(
     acknowledges. A writer cannot distinguish the two cases. A process that knows that no reader is
     left therefore sends a second SIGTERM to end the wait.
     """
-    # After SIGINT a person waits for the end.
+    # After Ctrl-C, a person is waiting for the process to end.
     deadline = time.monotonic() + (interrupted if stop.is_interrupt else longest)  # [s]
     step = Duration(nanoseconds=int(_POLL * 1e9))  # short, so that signals are noticed
     for publisher in node.publishers:

@@ -21,8 +21,8 @@ class StatusConfiguration(Configuration):
     """Rate at which a node publishes its status."""
 
     diagnostics_period: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
-    """Real time between two messages on /diagnostics, from the start on; 0 to publish only by
-    the stamps of the inputs, for bit-identical runs"""
+    """Wall-clock period of /diagnostics; 0 to use the stamps of the inputs instead, for
+    bit-identical runs"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -184,11 +184,16 @@ def _disk(workspace: Path, needed: float = 0.2e9) -> str:
 def _feedback(parameters: Path, _: Path) -> str:
     from omni_bringup.graph.hardware import BRAKE_ASSIST, WARNING
 
+    file = parameters / f"{BRAKE_ASSIST}.yaml"
     try:
-        tree = yaml.safe_load((parameters / f"{BRAKE_ASSIST}.yaml").read_text(encoding="utf-8"))
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
         warning = tree["/**"]["ros__parameters"].get(WARNING, "")
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise TroubleError(f"{parameters} has no parameters of the assistant: {error}") from None
+    except OSError as error:
+        raise TroubleError(f"cannot read {file}: {error.strerror}") from None
+    except (yaml.YAMLError, KeyError, TypeError):
+        raise TroubleError(
+            f"{file} contains no parameters; write it by ./omni ros-params"
+        ) from None
     if warning:
         raise TroubleError(f"{warning}; use another source or law")
     return "no warning about the source of the twist"

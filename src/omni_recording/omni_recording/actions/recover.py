@@ -114,7 +114,7 @@ def _metadata_fit(path: Path, count: int) -> bool:
 
 def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
     if (channel.encoding, channel.definition_encoding) != ("cdr", "ros2msg"):
-        raise BagError(path, f"{channel.topic} is not recorded as CDR with an ros2msg definition")
+        raise BagError(path, f"{channel.topic} is not recorded as CDR with a ros2msg definition")
     definition = definitions.MessageDefinition(
         channel.type_name,
         channel.definition,

@@ -44,7 +44,7 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return the energy that the load plane of the balance minimizes, for springs of stiffness 1.
+    """Return the potential energy of wheel springs of stiffness 1, which is least in balance.
 
     It is half the sum of the squared loads, minus the work of a unit weight at the zero-moment
     point.

@@ -183,7 +183,8 @@ def _late(response: Response) -> int:
 def exchanged(response: Response) -> tuple[int, int] | None:
     """Return the indices of two exchanged brakes; None if the described order fits best.
 
-    Their exchange increases the sum of correlations most, and all brakes then act. Measured and
+    These are the two brakes whose exchange increases the sum of correlations most; after the
+    exchange, every brake must act. Measured and
     predicted torque are correlated relative to the mean of all wheels: the pedal acts on all brakes
     at once, so wheels differ only in their deviation from the mean.
     """

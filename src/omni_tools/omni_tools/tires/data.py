@@ -46,16 +46,16 @@ def read_tire_data(path: Path) -> TireData:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
-        raise TireDataError(f"cannot read {path}: {error.strerror}") from None
+        raise TireDataError(f"cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise TireDataError(f"{path} is not a text file") from None
+        raise TireDataError("is not a text file") from None
     numbered = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not numbered:
-        raise TireDataError(f"{path} is empty")
+        raise TireDataError("is empty")
     rows = list(csv.reader(line for _, line in numbered))
     places = _find_columns(rows[0])
     values = np.empty((len(rows) - 1, 3))
@@ -72,7 +72,7 @@ def _find_columns(header: list[str]) -> dict[str, int]:
     known = [_UNITS.get(name, name) for name in names]
     for column in _COLUMNS:
         if known.count(column) > 1:
-            raise TireDataError(f"the column {column!r} is there {known.count(column)} times")
+            raise TireDataError(f"the column {column!r} occurs {known.count(column)} times")
     if missing := [column for column in _COLUMNS if column not in known]:
         there = ", ".join(name or "(no name)" for name in names)
         raise TireDataError(

@@ -33,7 +33,7 @@ HALF = CLASSES // 2
 GROUP = 4
 """Number of rows that are added at a time."""
 
-_SPILL = 248  # rows of |gray - middle| <= 128 whose sum fits into int16: 248 + 4 <= 255
+_SPILL = 248  # rows added before an int16 could overflow: (248 + GROUP) 128 < 2^15
 _EDGE_COLUMNS = 16  # columns per step along the long sides
 _BLOCKS = ~(BLOCK - 1)  # mask that gives the first column of the block of a column
 _LEVEL = 20  # bits of the number that replaces infinity if rows and columns are parallel
@@ -150,7 +150,7 @@ def bound_rows(cover: Cover, count: int, rows: Rows) -> None:
         per_row <<= _LEVEL
         above = (above << _LEVEL) + (1 << (_LEVEL - 1))
         shorter <<= _LEVEL
-    lead = shorter // divisor  # start minus end [columns], plus 1 with a carry
+    lead = shorter // divisor  # start minus end of a row's columns, 1 more if the remainders carry
     lead_rest = divisor - shorter % divisor
     for j in range(len(rows.classes)):
         at = above + per_row * j
