@@ -49,7 +49,7 @@ def page(folder: Path) -> str:
     counts = Counter(row.status for rows in found.values() for row in rows)
     parts = [
         "# The dissertation, row by row\n\nThis page lists every equation, figure, table and claim "
-        "of the dissertation, its status in this project,\nand the command or test that shows it. "
+        "of the dissertation, its status in this project,\nand the command or test that shows it.\n"
         "Use it to check a claim, or to find the module of an equation.\n\n"
         "This page is generated from `dissertation.yaml` by "
         "`python -m omni_bringup.dissertation_page`; do not edit it.\n"

@@ -19,8 +19,8 @@ This page lists the parameters of experiments and nodes with default, unit, rang
 It is generated from the code by `python -m omni_bringup.parameter_reference`; do not edit it.
 The READMEs of the packages list the parameters for the communication of each node, such as its
 timeouts, and those of the nodes `recorder`, `player` and `driver`.
-`<name>` stands for the name of a wheel, sensor or patch. As ROS parameters the names themselves
-are listed in `wheels.names`, `sensors.names` and so on.
+`<name>` stands for the name of a wheel, sensor or patch.
+As ROS parameters the names themselves are listed in `wheels.names`, `sensors.names` and so on.
 Sections, equations and tables are those of the dissertation.
 """
 
