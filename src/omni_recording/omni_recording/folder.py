@@ -172,14 +172,11 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
             counts[topic] = counts.get(topic, 0) + count
     timed = [part for part in parts if any(part.counts.values())]
     channels = {(one.topic, one.type_name): one for part in parts for one in part.channels}
-    return mcap.McapSummary(
-        tuple(channels.values()),
-        counts,
-        min((part.first_ns for part in timed), default=0),
-        max((part.last_ns for part in timed), default=0),
-        sum(part.chunks for part in parts),
-        tuple(sorted({word for part in parts for word in part.compressions})),
-    )
+    first_ns = min((part.first_ns for part in timed), default=0)
+    last_ns = max((part.last_ns for part in timed), default=0)
+    chunks = sum(part.chunks for part in parts)
+    words = tuple(sorted({word for part in parts for word in part.compressions}))
+    return mcap.McapSummary(tuple(channels.values()), counts, first_ns, last_ns, chunks, words)
 
 
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
@@ -199,14 +196,9 @@ def _counted(file: Path, namespace: str) -> mcap.McapSummary:
         first_ns, last_ns = min(first_ns, message.log_ns), max(last_ns, message.log_ns)
     for channel in reader.channels:
         counts.setdefault(channel.topic, 0)
-    return mcap.McapSummary(
-        reader.channels,
-        counts,
-        first_ns if any(counts.values()) else 0,
-        last_ns,
-        reader.chunks,
-        tuple(sorted(reader.compressions)),
-    )
+    extent = first_ns if any(counts.values()) else 0, last_ns
+    compressions = tuple(sorted(reader.compressions))
+    return mcap.McapSummary(reader.channels, counts, *extent, reader.chunks, compressions)
 
 
 def _from_metadata(folder: Path) -> Bag:
@@ -239,13 +231,9 @@ def _from_metadata(folder: Path) -> Bag:
         raise BagError(folder, "metadata.yaml names no file")
     files = tuple(_file_within(folder, name, version) for name in names)
     topics = get("topics_with_message_count", list, [])
-    return Bag(
-        folder,
-        files,
-        get("message_count", int, None),
-        dict(_claimed_count(folder, topic) for topic in topics),
-        str(information.get("ros_distro") or ""),
-    )
+    number = get("message_count", int, None)
+    counts = dict(_claimed_count(folder, topic) for topic in topics)
+    return Bag(folder, files, number, counts, str(information.get("ros_distro") or ""))
 
 
 def _claimed_count(folder: Path, entry: Any) -> tuple[str, int]:

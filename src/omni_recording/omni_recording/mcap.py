@@ -219,14 +219,9 @@ def _summary(records: Iterator[tuple[int, bytes]], tables: _Tables) -> McapSumma
         if number not in tables.channels:
             raise McapError(f"is damaged: its summary counts messages of no channel ({number})")
         counts[tables.channels[number].topic] += count
-    return McapSummary(
-        tuple(tables.channels.values()),
-        counts,
-        statistics.message_start_time,
-        statistics.message_end_time,
-        chunks,
-        tuple(sorted(compressions)),
-    )
+    extent = statistics.message_start_time, statistics.message_end_time
+    channels, words = tuple(tables.channels.values()), tuple(sorted(compressions))
+    return McapSummary(channels, counts, *extent, chunks, words)
 
 
 _DATA_RECORDS = frozenset(
