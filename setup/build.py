@@ -57,12 +57,12 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
 
 
 def compile_in_background(workspace: places.Workspace, environment: Mapping[str, str]) -> None:
-    """Start to compile all kernels, in a process that outlives this one."""
+    """Start to compile the kernels of a run, in a process that outlives this one."""
     if not (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
         return
     with open(workspace.cache / "kernels.log", "w") as log:
         subprocess.Popen(
-            [str(workspace.python), "-m", "omni_bringup.warm_up", "--in-background"],
+            [str(workspace.python), "-m", "omni_bringup.warm_up"],
             env=environment,
             cwd=str(workspace.root),
             stdin=subprocess.DEVNULL,
@@ -71,7 +71,7 @@ def compile_in_background(workspace: places.Workspace, environment: Mapping[str,
             start_new_session=True,  # Ctrl-C ends the command, and not the compiler
         )
     say(
-        "compiling kernels in the background (one to two minutes); commands wait only for those "
+        "compiling kernels in the background (about one minute); commands wait only for those "
         "that they use"
     )
 

@@ -47,7 +47,8 @@ def _kernels() -> None:
     with (cache / "compiled").open("a") as stamp:
         fcntl.flock(stamp, fcntl.LOCK_EX)
         if not stamp.tell() or os.fstat(stamp.fileno()).st_mtime < changed:
-            subprocess.run([sys.executable, "-m", "omni_bringup.warm_up"], check=True)
+            command = [sys.executable, "-m", "omni_bringup.warm_up", "--all"]
+            subprocess.run(command, check=True)
             stamp.write("\n")
 
 
