@@ -1,10 +1,8 @@
-"""Build of the packages by colcon, and compilation of the kernels."""
+"""Build of the packages by colcon."""
 
 import contextlib
 import re
 import shutil
-import subprocess
-from collections.abc import Mapping
 from pathlib import Path
 
 from setup import workspace as places
@@ -14,15 +12,12 @@ from setup.steps import Steps
 
 
 def build(workspace: places.Workspace, steps: Steps) -> None:
-    """Build the packages from scratch, and compile the kernels if there are none."""
+    """Build the packages from scratch."""
     state = places.files_state(
         places.build_inputs(workspace.root)
     )  # taken first, so that an edit during the build causes another build
     environment_stamp = places.read_stamp(workspace.venv)
-    libraries = environment_stamp["libraries"]
-    environment = places.venv_environment(workspace, libraries)
-    if not workspace.kernels.exists():
-        compile_in_background(workspace, places.final_environment(workspace, libraries))
+    environment = places.venv_environment(workspace, environment_stamp["libraries"])
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
     say(f"building {len(packages)} packages with colcon")
     # Built from scratch, so that no file of a deleted package stays. The stamp is removed first.
@@ -54,26 +49,6 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
             )
         repair_first_lines(prefix / "lib")
     places.write_stamp(workspace.install, places.build_identity(environment_stamp), state=state)
-
-
-def compile_in_background(workspace: places.Workspace, environment: Mapping[str, str]) -> None:
-    """Start to compile the kernels of a run, in a process that outlives this one."""
-    if not (workspace.root / "src/omni_bringup/omni_bringup/warm_up.py").exists():
-        return
-    with open(workspace.cache / "kernels.log", "w") as log:
-        subprocess.Popen(
-            [str(workspace.python), "-m", "omni_bringup.warm_up"],
-            env=environment,
-            cwd=str(workspace.root),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,  # Ctrl-C ends the command, and not the compiler
-        )
-    say(
-        "compiling kernels in the background (about one minute); commands wait only for those "
-        "that they use"
-    )
 
 
 def remove(folder: Path) -> None:

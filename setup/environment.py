@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Mapping
@@ -13,6 +14,8 @@ from setup.pythons import find_python, say
 from setup.steps import Steps
 
 DISK_SPACE = 1.5e9  # bytes: the environment takes 0.9 GB, downloads and kernels the rest
+# Packages that compile the kernels; they are installed first, as compilation takes the longest.
+COMPILER = ("llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy")
 
 
 def make_environment(workspace: places.Workspace, steps: Steps) -> None:
@@ -90,9 +93,9 @@ def install_packages(
     if "PIP_RETRIES" not in environment:
         install += ["--retries", "3"]
     # empy is published as source only. It is built with the setuptools of the lock file.
-    tools = workspace.venv / "setuptools.lock"
-    block = re.search(r"(?m)^setuptools==(?:.*\\\n)*.*\n", lock)
-    tools.write_text(block.group() if block else "")
+    first = workspace.venv / "first.lock"
+    blocks = rf"(?m)^(?:setuptools|{'|'.join(COMPILER)})==(?:.*\\\n)*.*\n"
+    first.write_text("".join(re.findall(blocks, lock)))
     total = len(re.findall(r"(?m)^[\w.-]+==", lock))
     ignored: list[str] = []
     names: list[str] = []
@@ -113,9 +116,28 @@ def install_packages(
     say(f"installing the packages of {workspace.lock_file.relative_to(workspace.root)}")
     wheels = ["--only-binary", ":all:"]
     sources = ["--no-binary", "empy", "--use-pep517", "--no-build-isolation"]
-    code, output = steps.run(install + wheels + ["-r", tools], environment)
+    code, output = steps.run(install + wheels + ["-r", first], environment)
     if not code:
+        compile_in_background(workspace)
         every = wheels + sources + ["-r", workspace.lock_file]
         code, output = steps.run(install + every, environment, note)
     if code:
         raise failures.SetupError(failures.explain_install(output, workspace.log))
+
+
+def compile_in_background(workspace: places.Workspace) -> None:
+    """Start to compile the kernels of a run, in a process that outlives this one."""
+    with open(workspace.cache / "kernels.log", "w") as log:
+        subprocess.Popen(
+            [str(workspace.python), "-m", "omni_bringup.warm_up"],
+            env=places.final_environment(workspace, ()),
+            cwd=str(workspace.root),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C ends the command, and not the compiler
+        )
+    say(
+        "compiling kernels in the background (about one minute); commands wait only for those "
+        "that they use"
+    )
