@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
-from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
+from omni_bringup.graph.process_group import NodeProcess, ProcessGroup, wait_for
 from omni_loop.experiment import ExperimentLibrary
 from omni_platform.configuration import to_mapping
 from omni_platform.sensors import LineSensor, sensor_matrix
@@ -139,7 +139,7 @@ def test_films_of_the_ground_give_the_twist(tmp_path: Path) -> None:
 def test_a_camera_that_is_none_is_refused_in_a_sentence(tmp_path: Path) -> None:
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         node = group.start(camera("left", tmp_path / "nothing.npy"))
-        assert node.process.wait(60.0) == 2
+        assert wait_for(node, 60.0) == 2
         assert "source: " in node.error_output()
         assert "nothing.npy cannot be read" in node.error_output()
         assert "Traceback" not in node.error_output()

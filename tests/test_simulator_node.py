@@ -86,12 +86,12 @@ def test_a_subscriber_with_a_deadline_is_notified_of_a_simulator_that_hangs(tmp_
         running = group.start(process)
         with closing(Valve(domain)) as valve:
             valve.wait(lambda: valve.pedals > 50)
-            os.kill(running.process.pid, signal.SIGSTOP)
+            os.kill(running.pid, signal.SIGSTOP)
             try:
                 missed = valve.missed
                 valve.wait(lambda: valve.missed > missed)
             finally:
-                os.kill(running.process.pid, signal.SIGCONT)
+                os.kill(running.pid, signal.SIGCONT)
 
 
 class Valve(Bystander):

@@ -2,9 +2,8 @@
 
 The launcher starts this program after a build, at the same time as the first command, and it
 compiles the kernels of ``omni run``. Processes share the compiled kernels
-(`omni_platform.compilation.cache`). With ``--all`` it compiles also those of campaigns, 16-bit lines
-and external control laws, which otherwise are compiled at their first use: beside a run over the
-graph, they would take a third of its speed.
+(`omni_platform.compilation.cache`). With ``--all`` it also compiles those of campaigns, 16-bit
+lines and external control laws, which otherwise are compiled at their first use.
 """
 
 import dataclasses

@@ -92,7 +92,7 @@ def test_stubborn_processes_are_killed_and_gone(prefix: Path) -> None:
             while not process.new_reports() and time.monotonic() < deadline:
                 wait_for(process, 0.02)
     assert [process.returncode for process in processes] == [-signal.SIGKILL] * 2
-    assert not any(alive(process.process.pid) for process in processes)
+    assert not any(alive(process.pid) for process in processes)
 
 
 def test_processes_end_when_the_block_is_left_by_an_error(prefix: Path) -> None:
@@ -219,7 +219,7 @@ def test_a_halted_process_does_not_outlive_the_one_that_started_it(prefix: Path)
         "from omni_bringup.graph.process_group import NodeProcess, ProcessGroup\n"
         "node = ProcessGroup(os.environ).start(NodeProcess('node', 'toys', 'node'))\n"
         "while not node.new_reports() and node.returncode is None: time.sleep(0.01)\n"
-        "print(node.process.pid, flush=True)\n"
+        "print(node.pid, flush=True)\n"
         "time.sleep(60)\n"
     )
     parent = subprocess.Popen(

@@ -1,7 +1,6 @@
 """Start of a node's process; a signal during the imports ends it without a traceback.
 
-The executables of the packages start modules that their entry points of the group ``omni_nodes``
-name.
+The executables of the packages start modules that their entry points of the group `NODES` name.
 """
 
 import atexit
@@ -12,6 +11,9 @@ import signal
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
+
+NODES = "omni_nodes"
+"""Group of entry points that name the module of a node by its executable."""
 
 _COLLECTION_THRESHOLD = 50_000  # objects made until a garbage collection, which then takes 2 ms
 
@@ -51,5 +53,5 @@ def start_node(module: str) -> None:
 
 def main() -> None:
     """Run the node that belongs to the executable."""
-    (entry,) = entry_points(group="omni_nodes", name=Path(sys.argv[0]).name)
+    (entry,) = entry_points(group=NODES, name=Path(sys.argv[0]).name)
     start_node(entry.module)

@@ -2,11 +2,11 @@
 
 import contextlib
 import dataclasses
+import functools
 import json
 import os
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -14,8 +14,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from omni_bringup.graph.fork_server import ForkServer
 from omni_platform.configuration import WorkError
-from omni_ros.environment import PARENT_PID_VARIABLE, REPORT_VARIABLE
+from omni_ros.environment import PARENT_PID_VARIABLE
 
 _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
 
@@ -62,8 +63,19 @@ def find_executable(package: str, executable: str) -> Path:
     )
 
 
+@functools.cache
+def _fork_server() -> ForkServer:
+    """Return the fork server of this process, which carries the mark of a node of this process."""
+    return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
+
+
 class RunningProcess:
-    """A started node, with its exit code, reports and error output."""
+    """A started node, with its exit code, reports and error output.
+
+    Attributes:
+        node: description of the node.
+        pid: process ID.
+    """
 
     def __init__(
         self, node: NodeProcess, environment: Mapping[str, str], stop_timeout: float
@@ -74,36 +86,33 @@ class RunningProcess:
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         # A file instead of a pipe: a node never waits for a slow reader.
         self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
-        descriptor = self._reports.fileno()
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         shown = {"PYTHONUNBUFFERED": "1"} if node.own_code else {}
-        # Each node has its own process group. Ctrl-C then reaches only this process, which ends the
-        # nodes in order. The nodes stay in the session: if this process dies, the kernel sends
-        # SIGHUP and SIGCONT to a halted node, which then ends.
-        self.process = subprocess.Popen(
-            command,
-            env={**environment, **shown, REPORT_VARIABLE: str(descriptor)},
-            pass_fds=(descriptor,),
-            stdin=subprocess.DEVNULL,
-            # Output of the user's code goes to standard error, since standard output contains the
-            # document.
-            stdout=sys.stderr.fileno() if node.own_code else self._output,
-            stderr=None if node.own_code else self._errors,
-            preexec_fn=os.setpgrp,  # noqa: PLW1509 (process_group= came with Python 3.11)
-        )
+        # Output of the user's code goes to standard error, since standard output contains the
+        # document.
+        output = (sys.stderr, sys.stderr) if node.own_code else (self._output, self._errors)
+        with Path(os.devnull).open("rb") as nothing:
+            streams = [stream.fileno() for stream in (nothing, *output, self._reports)]
+            # Each node has its own process group. Ctrl-C then reaches only this process, which ends
+            # the nodes in order. The nodes stay in the session: if this process dies, the kernel
+            # sends SIGHUP and SIGCONT to a halted node, which then ends.
+            self.pid = _fork_server().start(command, {**environment, **shown}, streams)
         self._read_until = 0
         self._halted = False
+        self._returncode: int | None = None
 
     @property
     def returncode(self) -> int | None:
         """Exit code, negative for a signal; None while the process runs."""
-        return self.process.poll()
+        if self._returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
+            self._returncode = os.waitstatus_to_exitcode(ended[1])
+        return self._returncode
 
     @property
     def is_halted(self) -> bool:
         """Whether the process is stopped by a signal."""
         try:
-            state = Path(f"/proc/{self.process.pid}/stat").read_text()
+            state = Path(f"/proc/{self.pid}/stat").read_text()
         except OSError:  # it has ended
             return False
         return state.rpartition(")")[2].split()[0] == "T"
@@ -117,7 +126,7 @@ class RunningProcess:
     def _note_halts(self) -> None:
         with contextlib.suppress(ChildProcessError):  # it has ended
             events = os.WSTOPPED | os.WCONTINUED | os.WNOHANG
-            self._halted |= os.waitid(os.P_PID, self.process.pid, events) is not None
+            self._halted |= os.waitid(os.P_PID, self.pid, events) is not None
 
     def new_reports(self) -> list[dict[str, Any]]:
         """Return the reports since the last call, see `omni_ros.report`."""
@@ -136,8 +145,8 @@ class RunningProcess:
 
     def signal(self, number: signal.Signals) -> None:
         """Send a signal, if the process still runs."""
-        with contextlib.suppress(ProcessLookupError):
-            self.process.send_signal(number)
+        if self.returncode is None:
+            os.kill(self.pid, number)
 
     def request_stop(self) -> None:
         """Request the end of the process; a second request ends its wait for acknowledgments."""
@@ -153,14 +162,13 @@ class RunningProcess:
     def wait_or_kill(self) -> int:
         """Return the exit code after a request to stop; kill the process after a timeout."""
         deadline = time.monotonic() + self._stop_timeout
-        while not self.was_halted and time.monotonic() < deadline:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                return self.process.wait(0.02)
-        try:
-            return self.process.wait(max(deadline - time.monotonic(), 0.0))
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return self.process.wait()
+        while self.returncode is None and time.monotonic() < deadline:
+            self._note_halts()
+            time.sleep(0.02)
+        self.signal(signal.SIGKILL)
+        while self.returncode is None:
+            time.sleep(0.001)
+        return self.returncode
 
 
 def _read_from(file: IO[bytes], offset: int) -> bytes:
