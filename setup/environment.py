@@ -1,5 +1,6 @@
 """Environment of the workspace, with exactly the packages of a lock file."""
 
+import itertools
 import os
 import re
 import shutil
@@ -14,8 +15,9 @@ from setup.pythons import find_python, say
 from setup.steps import Steps
 
 DISK_SPACE = 1.5e9  # bytes: the environment takes 0.9 GB, downloads and kernels the rest
-# Packages that compile the kernels; they are installed first, as compilation takes the longest.
-COMPILER = ("llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy")
+# Packages that compile the kernels, after a package that every index has; they are installed first,
+# as compilation takes the longest.
+COMPILER = ["setuptools", "llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy"]
 
 
 def make_environment(workspace: places.Workspace, steps: Steps) -> None:
@@ -94,8 +96,8 @@ def install_packages(
         install += ["--retries", "3"]
     # empy is published as source only. It is built with the setuptools of the lock file.
     first = workspace.venv / "first.lock"
-    blocks = rf"(?m)^(?:setuptools|{'|'.join(COMPILER)})==(?:.*\\\n)*.*\n"
-    first.write_text("".join(re.findall(blocks, lock)))
+    blocks = [re.findall(rf"(?m)^{name}==(?:.*\\\n)*.*\n", lock) for name in COMPILER]
+    first.write_text("".join(itertools.chain(*blocks)))
     total = len(re.findall(r"(?m)^[\w.-]+==", lock))
     ignored: list[str] = []
     names: list[str] = []

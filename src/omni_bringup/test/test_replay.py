@@ -156,6 +156,8 @@ def test_a_silent_camera_is_no_hindrance(
     metrics = json.loads(capsys.readouterr().out)["metrics"]
     # The replay waits for the camera once; every step gets an answer.
     assert metrics[f"replayed.{TWIST}"]["value"] == STEPS
+    assert command(bag, "--out", tmp_path / "graph") == 0
+    assert "times no result arrived within 0.5 s" in capsys.readouterr().out
 
 
 def test_what_cannot_be_replayed_is_refused_by_name(

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from omni_recording.actions.compare import TopicComparison
 
 WORK = "replaying the recorded inputs"
+_TIMEOUTS = (
+    "{} times no result arrived within 0.5 s, and the player sent further inputs: results may "
+    "depend on the speed of the machine"
+)
 
 
 class Options(CommandOptions):
@@ -70,11 +74,12 @@ def run(options: Options, workspace: Workspace) -> Report:
     default = beside(options.bag, f"replayed_{time_in_name()}")
     folder = unused((options.out or default).absolute())
     make_folder(folder).rmdir()  # the recorder makes the folder itself
+    timeouts = 0
     try:
         if options.offline:
             replay_offline(bag, plan, folder)
         else:
-            replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
+            timeouts = replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known).values()
     except BagError as error:  # damage that is found only during the replay
@@ -85,11 +90,12 @@ def run(options: Options, workspace: Workspace) -> Report:
             for one in comparisons
             for key, entry in _entries(one, options.tolerance).items()
         },
-        details={"folder": str(folder)},
+        details={"folder": str(folder), "timeouts": timeouts},
         text=(
             *(f"{one.topic}: {_in_words(one, options.tolerance)}" for one in comparisons),
             f"recorded in {folder}",
         ),
+        hints=[_TIMEOUTS.format(timeouts)] if timeouts else [],
         ok=not options.check or all(one.agrees(options.tolerance) for one in comparisons),
     )
 

@@ -13,7 +13,7 @@ from omni_platform.topics import CLOCK
 from omni_ros.environment import node_environment
 
 
-def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) -> None:
+def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) -> int:
     """Run the nodes of a plan on the recorded inputs and record their outputs.
 
     Args:
@@ -21,6 +21,9 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
         plan: nodes and topics of the replay.
         folder: rosbag2 folder to be created for the results and the clock.
         rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
+
+    Returns:
+        How often the player sent a round although the result of an earlier one was missing.
 
     Raises:
         ProcessError: a node ended, stopped sending or lost data; the message names it.
@@ -38,6 +41,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
             report = _follow(group, player)
         group.raise_if_failed()
         processes.check_counts(recorder.new_reports(), report["results"])
+    return int(report["timeouts"])
 
 
 def _follow(group: processes.ProcessGroup, player: processes.RunningProcess) -> Mapping[str, Any]:

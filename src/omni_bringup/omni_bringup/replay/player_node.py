@@ -4,7 +4,7 @@ A round consists of one message of each topic. It is sent when the result of the
 arrived. Topics therefore cannot overtake each other, no queue overflows, and the results do not
 depend on the speed. If no result arrives, for example because a sensor is missing, the next round
 is sent after a timeout. At the end the node reports ``{"published": {topic: count}, "results":
-...}``, see `omni_ros.report`.
+..., "timeouts": count}``, see `omni_ros.report`.
 """
 
 import time
@@ -116,17 +116,18 @@ def play(node: PlayerNode, spinner: process.Spinner) -> None:
     listened = [node.clock, *node.inputs.values()]
     node.startup.await_subscribers(listened, spinner, 1)
     try:
-        _publish_all(node, spinner)
+        timeouts = _publish_all(node, spinner)
     except BagError as error:
         raise process.NodeError(str(error)) from None
     spinner.spin_until(lambda: node.unanswered == 0, 2.0 * node.configuration.round_timeout)
     _await_silence(node, spinner)
     if not spinner.stop and not any(node.results.values()):
         raise process.NodeError(f"no result on {', '.join(node.results)}: the node does not answer")
-    report({"published": node.published, "results": node.results})
+    report({"published": node.published, "results": node.results, "timeouts": timeouts})
 
 
-def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
+def _publish_all(node: PlayerNode, spinner: process.Spinner) -> int:
+    """Publish all rounds; return how often the result of a round did not arrive in time."""
     bag = folder.open_vehicle(Path(node.configuration.bag))
     rate = node.configuration.rate
     ahead = 1
@@ -134,7 +135,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
     start: float | None = None
     for messages in folder.in_rounds(folder.in_time_order(chosen)):
         if spinner.stop:
-            return
+            break
         if rate > 0.0:
             # Times are relative to the first round, so that delays do not accumulate.
             recorded = messages[0].log_ns / SECOND_NS / rate
@@ -142,6 +143,7 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> None:
             _spin_until_time(spinner, start + recorded)
         node.publish_round(messages)
         ahead = _await_result(node, spinner, ahead)
+    return ahead - 1
 
 
 def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
