@@ -22,8 +22,8 @@ from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.laws.allocation_state import BODY, WHEEL, Constants, Memory
 from omni_brake_assist.laws.braking_qp import allocate, new_qp
 from omni_brake_assist.laws.law import ASSIST, NO_HELP, Motion
-from omni_brake_assist.laws.observers import estimate_dead_time, observe_body, observe_friction
-from omni_brake_assist.laws.slip_control import control_slip, remember
+from omni_brake_assist.laws.observers import advance_brakes, observe_body, observe_friction
+from omni_brake_assist.laws.slip_control import control_slip
 from omni_brake_assist.laws.wheel_model import QUEUE, NominalBrake
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
@@ -37,11 +37,10 @@ def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
     """Convert a configuration to the constants of the law."""
-    n_x, n_y = np.ascontiguousarray(geometry.active.T)
     brake, rim, position = configuration.brake, geometry.rim, geometry.position
     return Constants(
-        n_x=n_x,
-        n_y=n_y,
+        n_x=geometry.active[:, 0].copy(),
+        n_y=geometry.active[:, 1].copy(),
         lever=geometry.lever,
         rim=rim,
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
@@ -78,17 +77,20 @@ def step(
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
     if motion.first:
         _start(law, memory)
-    unknown = _read_wheels(law, memory, motion, error)
-    if motion.pedal <= 0.0 or 2 * unknown > error.size:
+    _read_wheels(law, memory, motion, error)
+    if motion.pedal <= 0.0 or 2 * memory.wheel["known"].sum() < error.size:
         return NO_HELP
     if body.steps > 0:
-        if not body.responded:
-            estimate_dead_time(law, memory)
+        advance_brakes(law, memory)
         observe_friction(law, memory)
         observe_body(law, memory, motion)
     allocate(law, memory, motion)
     control_slip(law, memory, motion, enable)
-    remember(law, memory, motion, enable)
+    for i in range(enable.size):  # the upper bound of a share is 0 for a failed brake, otherwise 1
+        most = law.most[i] * motion.pedal * memory.qp.upper[i]
+        memory.sent[body.steps % QUEUE, i] = enable[i] * most
+    body.v_x, body.v_y, body.yaw_rate = motion.v_x, motion.v_y, motion.yaw_rate
+    body.steps += 1
     return ASSIST
 
 
@@ -101,15 +103,14 @@ def _start(law: Constants, memory: Memory) -> None:
     body.deceleration, body.force = _GRAVITY, law.mass * _GRAVITY
     body.dead_time, body.responded = law.brake.dead_time, False
     memory.sent[:], memory.qp.solution[:] = 0.0, 1.0
-    for i in range(wheel.size):
-        wheel[i].brake = wheel[i].mean_brake = wheel[i].force = 0.0
-        wheel[i].capacity = law.mass * _GRAVITY / wheel.size
+    wheel["brake"][:] = wheel["force"][:] = 0.0
+    wheel["capacity"][:] = law.mass * _GRAVITY / wheel.size
 
 
 @lean
-def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> int:
-    """Write the state and error of each wheel; return the number of unknown wheel speeds."""
-    unknown, limit = 0, law.locked_share * math.hypot(motion.v_x, motion.v_y)
+def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
+    """Write the state and error of each wheel."""
+    limit = law.locked_share * math.hypot(motion.v_x, motion.v_y)
     for i in range(error.size):
         wheel = memory.wheel[i]
         carried = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
@@ -121,7 +122,6 @@ def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArr
         wheel.sign = math.copysign(1.0, carried if holds else along)
         wheel.fixed = i == motion.failed_brake or max(abs(carried), wheel.hub) <= limit
         wheel.known = math.isfinite(rolled)
+        wheel.last_speed = wheel.speed
         wheel.speed = max(wheel.sign * rolled, 0.0) if wheel.known else wheel.hub
         error[i] = wheel.hub - (1.0 + law.peak_slip[i]) * wheel.speed
-        unknown += not wheel.known
-    return unknown

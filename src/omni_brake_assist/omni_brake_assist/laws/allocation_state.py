@@ -14,6 +14,9 @@ from omni_brake_assist.laws.box_least_squares import Box
 from omni_brake_assist.laws.wheel_model import NominalBrake
 from omni_platform.quantities import FloatArray
 
+CASCADE = 2.0
+"""Ratio of the time constant of a loop to that of the next inner loop [1]."""
+
 WHEEL = np.dtype(
     [
         # Sign of the hub's velocity along the active direction [1]; if the locked wheel holds its
@@ -42,7 +45,6 @@ BODY = np.dtype(
         ("v_y", "f8"),  # velocity in the last step, y [m/s]
         ("yaw_rate", "f8"),  # yaw rate in the last step [rad/s]
         ("deceleration", "f8"),  # low-passed magnitude of the acceleration [m/s^2]
-        ("slowing", "f8"),  # deceleration as a share of the speed [1/s]
         ("force", "f8"),  # low-passed magnitude of the sum of friction forces [N]
         ("yaw_disturbance", "f8"),  # yaw acceleration that friction does not explain [rad/s^2]
         ("lateral_disturbance", "f8"),  # unexplained acceleration across the line [m/s^2]

@@ -15,10 +15,9 @@ as in Huber's cost.
 
 import math
 
-from omni_brake_assist.laws.allocation_state import Constants, Memory
+from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.box_least_squares import Box, box_least_squares, new_box
 from omni_brake_assist.laws.law import NO_WHEEL, Motion
-from omni_brake_assist.laws.observers import CASCADE
 from omni_platform.kernels import lean
 
 DECELERATION, YAW, SIDE = range(3)
@@ -50,9 +49,7 @@ def new_qp(wheels: int) -> Box:
 def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     """Solve the QP for the demanded shares of the wheels' capacities."""
     body, wheel, qp, n = memory.body[0], memory.wheel, memory.qp, law.rim.size
-    total = 0.0
-    for i in range(n):
-        total += wheel[i].capacity
+    total = wheel["capacity"].sum()
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
     speed = math.hypot(motion.v_x, motion.v_y)
     # The time constants follow the remaining time of the stop; the inner loops must be faster.

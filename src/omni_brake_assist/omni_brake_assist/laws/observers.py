@@ -13,13 +13,10 @@ loop is half as fast as the next inner one.
 
 import math
 
-from omni_brake_assist.laws.allocation_state import Constants, Memory
+from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
 from omni_brake_assist.laws.law import Motion
-from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim
+from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_platform.kernels import lean
-
-CASCADE = 2.0
-"""Ratio of the time constant of a loop to that of the next inner loop [1]."""
 
 _RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as response [1]
 _LONGEST_EXTRA = 0.15  # largest estimated dead time beyond the nominal one [s]
@@ -27,24 +24,28 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 
 
 @lean
-def estimate_dead_time(law: Constants, memory: Memory) -> None:
-    """Increase the dead time while the wheels slow much less than the nominal torque predicts."""
+def advance_brakes(law: Constants, memory: Memory) -> None:
+    """Advance the nominal brake forces by one period, and estimate the dead time.
+
+    The dead time increases while the wheels slow much less than the nominal torque predicts. The
+    brakes then have no force yet.
+    """
     body = memory.body[0]
     expected = lost = 0.0
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
+        command = command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
+        wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
         model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
         after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
         expected += wheel.last_speed - after
         lost += wheel.last_speed - wheel.speed
-    if expected <= 0.0:
-        return
-    longest = law.brake.dead_time + _LONGEST_EXTRA
-    body.responded = lost > _RESPONSE * expected or body.dead_time > longest
-    if not body.responded:
-        body.dead_time += body.dt
-        for i in range(law.rim.size):
-            memory.wheel[i].brake = memory.wheel[i].mean_brake = 0.0
+    if expected > 0.0 and not body.responded:
+        longest = law.brake.dead_time + _LONGEST_EXTRA
+        body.responded = lost > _RESPONSE * expected or body.dead_time > longest
+        if not body.responded:
+            body.dead_time += body.dt
+            memory.wheel["brake"][:] = memory.wheel["mean_brake"][:] = 0.0
 
 
 @lean
@@ -53,36 +54,32 @@ def observe_friction(law: Constants, memory: Memory) -> None:
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
     The force is then a lower bound of the capacity, even if the wheel slides.
+    The force of a wheel without a speed reading is at most its capacity.
     An error of the brakes' nominal lag appears as friction during the lag, so the capacity then
     rises with the time constant of the lag.
     """
     dt = memory.body[0].dt
-    gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
+    gain = 1.0 - math.exp(-dt / law.observer_time)
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
-        capacity = wheel.capacity
         change = wheel.speed - wheel.last_speed
         measured = max(wheel.mean_brake + law.wheel_mass[i] * change / dt, 0.0)
         if not wheel.known:
-            measured = min(measured, capacity)
+            measured = min(measured, wheel.capacity)
         elif max(wheel.speed, wheel.last_speed) <= law.locked_share * wheel.hub:
-            measured = capacity  # the wheel does not turn while its hub moves, so it slides
+            measured = wheel.capacity  # the wheel does not turn while its hub moves, so it slides
         rise = gain * (measured - wheel.force)
         wheel.measured = measured
         wheel.force += rise
-        if wheel.known:
-            growth = dt / (CASCADE**4 * law.observer_time) * capacity
-            if rise > growth:
-                capacity += dt / (dt + law.brake.time_constant) * max(measured - capacity, 0.0)
-            elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
-                capacity += gain * (wheel.force - capacity)
-            elif memory.qp.solution[i] >= 1.0:
-                capacity += growth
-            wheel.capacity = min(max(capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
-            largest = max(largest, wheel.capacity)
-    for i in range(law.rim.size):
-        if not memory.wheel[i].known:
-            memory.wheel[i].capacity = largest
+        growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
+        if rise > growth:
+            share = dt / (dt + law.brake.time_constant)
+            wheel.capacity += share * max(measured - wheel.capacity, 0.0)
+        elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
+            wheel.capacity += gain * (wheel.force - wheel.capacity)
+        elif memory.qp.solution[i] >= 1.0:
+            wheel.capacity += growth
+        wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
 
 
 @lean
