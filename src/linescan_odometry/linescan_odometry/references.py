@@ -40,6 +40,11 @@ class References:
         self.dead: NDArray[np.bool_] = np.zeros(pixels, np.bool_)
         self.pattern: FixedPattern | None = None
 
+    @property
+    def white(self) -> bool:
+        """Whether the gains of the pixels are known from a white reference."""
+        return bool((self.gain != 1.0).any())
+
     def take(self, dark: Lines | None, white: Lines | None) -> None:
         """Compute references from lines of a covered camera and of an evenly lit white surface.
 
@@ -99,7 +104,7 @@ class References:
         Args:
             lines: m lines of n pixels, shape (m, n).
         """
-        if not self.dark.any() and (self.gain == 1.0).all():
+        if not self.dark.any() and not self.white:
             return lines
         scale = 64.0 if lines.dtype == np.uint8 else 0.25
         light = (lines - self.dark) * (scale * self.gain)

@@ -81,7 +81,12 @@ class SensorOdometry:
         self._method: Method = (
             PairsMethod(sensor, configuration)
             if configuration.method == "pairs"
-            else JointMethod(sensor, configuration, self._references.pattern)
+            else JointMethod(
+                sensor,
+                configuration,
+                0.0 if self._references.white else sensor.non_uniformity,
+                self._references.pattern,
+            )
         )
         self._finish_last: Callable[[], SensorReading | None] = lambda: None
         self._keyframe = Keyframe(sensor.pixels)

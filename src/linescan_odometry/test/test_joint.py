@@ -264,6 +264,37 @@ def test_rest_of_a_coarse_camera_is_always_measured(expose: Expose) -> None:
         assert abs(found.value) < 5.0 * math.sqrt(found.variance)
 
 
+def unequal(expose: Expose, displacement: float, contrast: float, seed: int) -> Any:
+    """Return lines of a camera with unequal pixels (1 %) over a ground of a relative contrast."""
+    generator = np.random.default_rng(seed)
+    gain = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(PIXELS)
+    ground = expose(np.arange(LINES) * displacement, PIXELS, grain=3.0, noise=0.0, seed=seed)
+    lines = 128.0 * (1.0 + contrast * (ground / 128.0 - 1.0) / (30.0 / 128.0)) * gain
+    lines += generator.normal(0.0, 2.0, lines.shape)
+    return np.rint(lines).astype(np.uint8)
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.003])
+@pytest.mark.parametrize("displacement", [0.3, 1.0])
+def test_unequal_pixels_do_not_show_rest_before_the_camera_has_moved(
+    displacement: float, contrast: float, expose: Expose
+) -> None:
+    for seed in range(20):
+        found = estimator().estimate(unequal(expose, displacement, contrast, seed))
+        assert found.reason or abs(found.value - displacement) < 5.0 * math.sqrt(found.variance)
+
+
+def test_a_camera_that_has_moved_measures_rest_over_a_faint_ground(expose: Expose) -> None:
+    camera = estimator()
+    cold = camera.estimate(unequal(expose, 0.0, 0.01, 1))
+    for seed in range(20):
+        assert not camera.estimate(unequal(expose, 7.0, 0.1, seed)).reason
+    warm = camera.estimate(unequal(expose, 0.0, 0.01, 1))
+    assert not warm.reason
+    assert abs(warm.value) < 5.0 * math.sqrt(warm.variance)
+    assert warm.variance < 0.7 * cold.variance
+
+
 @pytest.mark.parametrize("method", ["pairs", "joint"])
 def test_each_method_measures_the_twist(method: str, expose: Expose) -> None:
     sensors = {
@@ -289,7 +320,10 @@ def test_each_method_measures_the_twist(method: str, expose: Expose) -> None:
 
 
 def test_a_stuck_pixel_leaves_a_coarse_ground_at_rest_measured(expose: Expose) -> None:
-    sensor = LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=PITCH * PIXELS)
+    length = PITCH * PIXELS
+    sensor = LineSensor(
+        x=0.0, y=0.0, heading_deg=0.0, pixels=PIXELS, length=length, non_uniformity=0.0
+    )
     lines = moved(expose, 0.0, grain=6.0)
     lines[:, 100] = 0
     reading = SensorOdometry(sensor, _with_others(sensor)).update(LineBatch(10**9, lines))

@@ -58,6 +58,10 @@ class LineSensor(Mount):
     """Field of view across the axis"""
     line_rate: float = parameter(2500.0, unit="1/s", above=0.0, maximum=1e6)
     """Line rate"""
+    non_uniformity: float = parameter(0.01, minimum=0.0, maximum=1.0)
+    """Standard deviation of the pixel gains relative to their mean (PRNU of EMVA 1288; a data sheet
+    states it). Without a white reference, and until the camera has moved, only a texture
+    with more contrast shows that it is at rest"""
 
     @property
     def pixel_pitch(self) -> float:

@@ -82,6 +82,7 @@ class JointEstimator:
         pixels: int,
         limit: int,
         acceleration: float,
+        non_uniformity: float = LineSensor.non_uniformity,
     ) -> None:
         """Allocate the working memory.
 
@@ -89,6 +90,8 @@ class JointEstimator:
             pixels: number of pixels n of a line.
             limit: largest displacement per line [px].
             acceleration: standard deviation of the displacement's change from line to line [px].
+            non_uniformity: standard deviation of the fixed pattern before the camera has moved,
+                relative to the gray level [1].
         """
         load_transforms()
         self._limit, self._spread = limit, acceleration
@@ -96,6 +99,8 @@ class JointEstimator:
         self._bins = int(spectra.HIGHEST * self._size)
         self._taper = spectra.window(pixels)
         self._tables = {1: spectra.log_table(8), 2: spectra.log_table(16)}
+        power = non_uniformity**2 * float((self._taper**2).sum())
+        self._stated = 1.0 / power if power > 0.0 else math.inf
         self._weight = candidates.band_pass(self._size, self._bins)
         self.pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
 
@@ -124,10 +129,11 @@ class JointEstimator:
         if choice.reason:
             return Estimate(d, math.inf, choice.reason, lines)
         motion = np.array([d, 0.0])
-        # At rest, and with few lines, ground and pattern cannot be separated. The pattern then
-        # counts as known.
+        # At rest, and with few lines, ground and pattern cannot be separated. The prior of the
+        # pattern then decides.
         parted = moves and m >= FEWEST_LINES
-        pattern, before, batch = known, np.full(self._bins, math.inf), np.zeros(self._bins)
+        pattern, batch = known, np.zeros(self._bins)
+        before = self.pattern.precision + self._stated
         information, removed = known, products.mean
         for number in range(_STEPS):
             if parted:
@@ -216,6 +222,8 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
         return f"dominated by {best.features:.1f} features"
     if moves and best.difference > _TWO_MOTIONS:
         return "two motions"
+    if not moves:
+        return "low texture" if shift > candidates.APART else ""
     # After a smaller shift the estimated pattern still contains part of the ground texture.
     return "low texture" if shift > _SHIFTED and best.contrast < _LEAST_CONTRAST else ""
 
@@ -227,6 +235,7 @@ class JointMethod:
         self,
         sensor: LineSensor,
         configuration: OdometryConfiguration,
+        non_uniformity: float,
         pattern: FixedPattern | None = None,
     ) -> None:
         """Create the estimator.
@@ -234,11 +243,15 @@ class JointMethod:
         Args:
             sensor: configuration of the camera.
             configuration: configuration of the odometry.
+            non_uniformity: standard deviation of the fixed pattern before the camera has moved,
+                relative to the gray level [1].
             pattern: fixed pattern from an earlier drive; None if there is none.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
-        self.estimator = JointEstimator(sensor.pixels, configuration.shift_limit(sensor), change)
+        self.estimator = JointEstimator(
+            sensor.pixels, configuration.shift_limit(sensor), change, non_uniformity
+        )
         if pattern is not None:
             self.estimator.pattern = pattern
         self._last = math.nan

@@ -15,6 +15,7 @@ import numpy as np
 from linescan_odometry.joint.likelihood import Cut, Expansion
 from linescan_odometry.joint.spectra import (
     LEAST_NOISE,
+    SIGNIFICANT,
     Doubles,
     Floats,
     summing,
@@ -26,7 +27,6 @@ from omni_platform.kernels import kernel
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
 _LEAST_FREEDOM = 2.5  # degrees of freedom; limits Student's factor of the variance to 5
-_SIGNIFICANT = 3.0  # standard deviations; neighboring and distant lines then contradict each other
 
 
 class Fit(NamedTuple):
@@ -126,7 +126,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
     total = max(parts[:, 2].sum(), 1e-12)
     offset = parts[:, 4].sum() / total
     scatter = (parts[:, 4] - offset * parts[:, 2]) / total
-    excess = max(offset**2 - _SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
+    excess = max(offset**2 - SIGNIFICANT**2 * (scatter * scatter).sum(), 0.0)
     variance += excess
     coherence = moments[1].sum() / max(moments[0].sum(), 1e-9)
     white = here.inverse[0, 0]

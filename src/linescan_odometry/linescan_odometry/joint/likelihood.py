@@ -322,22 +322,28 @@ def _trace(along: Doubles, off: Doubles, inverse: Doubles, rho: Doubles, share: 
 
 
 @kernel
-def _on_grid(precision: Precision, cut: Cut, pixels: int) -> Doubles:
-    """Return the fixed pattern's precision from all other blocks, at the frequencies of the cut.
+def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doubles]:
+    """Return precision and variance of the fixed pattern at the frequencies of the cut.
 
     Args:
         precision: precision of the pattern; each block of this batch contributes an equal share.
         cut: cut lines, which have fewer than n pixels.
         pixels: number of pixels n of a line.
+
+    Returns:
+        Precision from all other blocks, shape (F,); variance of the pattern that the lines contain,
+        0 if an estimate from these lines has been subtracted, shape (F,).
     """
     before, batch = precision
-    known = np.zeros(cut.spectra.shape[1])
+    known, contained = np.zeros(cut.spectra.shape[1]), np.zeros(cut.spectra.shape[1])
     others = 1.0 - 1.0 / (len(cut.first) - 1)
     scale = pixels / cut.length
     for f in range(len(known)):
         i = min(f * len(before) // len(known), len(before) - 1)
         known[f] = scale * (before[i] + others * batch[i])
-    return known
+        if batch[i] == 0.0:
+            contained[f] = 1.0 / known[f]
+    return known, contained
 
 
 @kernel
@@ -350,14 +356,15 @@ def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
     paths = motion[0] * along[0] + motion[1] * along[1]
     cut = _cut(lines, paths)
     edges = bands(cut.size)
-    covariances, moments = covariance(cut.spectra, cut.first, edges)
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
-    known = _on_grid(precision, cut, n)
+    known, contained = _on_grid(precision, cut, n)
+    turn, share = rate * motion[0], cut.length / cut.size
+    covariances, moments = covariance(cut.spectra, cut.first, edges, contained, turn, share)
     model = _Model(edges, covariances, known, rate, along, paths)
-    turn = _turned(cut, paths)
-    white, slopes = _slopes(cut, model, turn)
+    turned = _turned(cut, paths)
+    white, slopes = _slopes(cut, model, turned)
     slopes[1] -= motion[1] / spread**2
-    information = _information(cut, model, turn)
+    information = _information(cut, model, turned)
     information[1, 1] += 1.0 / spread**2
     determinant = information[0, 0] * information[1, 1] - information[0, 1] ** 2
     inverse = np.full((2, 2), math.nan)

@@ -25,6 +25,7 @@ LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band
 _TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
 _LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
 _SMOOTHED = 4  # bins on each side over which a power spectrum is averaged
+SIGNIFICANT = 3.0  # standard deviations that chance does not cause
 _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -169,7 +170,12 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
 
 @_fast
 def covariance(
-    aligned: Spectrum, first: NDArray[np.int64], edges: NDArray[np.int64]
+    aligned: Spectrum,
+    first: NDArray[np.int64],
+    edges: NDArray[np.int64],
+    fixed: Doubles,
+    turn: Doubles,
+    share: float,
 ) -> tuple[Doubles, Doubles]:
     """Estimate the covariance model of each band by the method of moments.
 
@@ -177,6 +183,10 @@ def covariance(
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
+        fixed: variance of the fixed pattern in the lines, which is no texture, shape (F,).
+        turn: phase of a fixed pattern in the ground frame from line to line [rad], shape (F,).
+        share: number of independent frequencies per bin, the length of the lines divided by that of
+            their transform.
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
@@ -199,20 +209,27 @@ def covariance(
                     total[f] += new[f] * old[f]
     model, moments = np.empty((3, count)), np.empty((2, count))
     for b in range(count):
-        mean = np.zeros(3)
+        mean, pattern = np.zeros(3), np.zeros(3)
+        # The power of a random pattern in a few independent frequencies exceeds its variance.
+        bound = 1.0 + SIGNIFICANT / math.sqrt((edges[b + 1] - edges[b]) * share)
         for which in range(3):
-            for f in range(2 * edges[b], 2 * edges[b + 1]):
-                mean[which] += sums[which, f]
+            lag = far if which == 2 else which
+            for f in range(edges[b], edges[b + 1]):
+                mean[which] += sums[which, 2 * f] + sums[which, 2 * f + 1]
+                if fixed[f] > 0.0:
+                    pattern[which] += fixed[f] * math.cos(lag * turn[f])
             mean[which] /= max(number[which], 1.0) * (edges[b + 1] - edges[b])
+            pattern[which] *= bound / (edges[b + 1] - edges[b])
         power = max(mean[0], 1e-9)
-        near = min(max(mean[1], 1e-6 * power), 0.9999 * power)
+        near = min(max(mean[1] - pattern[1], 1e-6 * power), 0.9999 * power)
         rho = 1.0
         if far > 1:
-            rho = (min(max(mean[2], 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
-        rho = min(max(rho, near / power, 0.01), 0.99999)
-        texture = min(near / rho, power)
+            rho = (min(max(mean[2] - pattern[2], 1e-6 * power) / near, 1.0)) ** (1.0 / (far - 1))
+        whole = max(power - pattern[0], near)
+        rho = min(max(rho, near / whole, 0.01), 0.99999)
+        texture = min(near / rho, whole)
         model[0, b], model[1, b] = texture, rho
-        model[2, b] = max(power - texture, LEAST_NOISE * power)
+        model[2, b] = max(whole - texture, LEAST_NOISE * power)
         moments[0, b], moments[1, b] = power, near
     return model, moments
 
