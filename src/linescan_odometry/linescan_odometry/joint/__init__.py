@@ -18,4 +18,8 @@ noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The
 too. Each batch updates its mean and variance at every frequency. The mean is subtracted, and the
 variance is marginalized. The variance of the displacement therefore increases where a pattern could
 be mistaken for motion: in slow motion over coarse texture.
+
+In motion, the prior variance of the pattern is the power of its estimate. At rest, lines do not
+separate ground and pattern. The prior variance is then the stated non-uniformity of the pixels, and
+S is only the power beyond the variance that this prior and earlier batches leave.
 """
