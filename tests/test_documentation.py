@@ -99,18 +99,29 @@ def prose(text: str) -> str:
     return re.sub(filled, "", tested, flags=re.DOTALL)
 
 
-def test_lines_of_pages_are_at_most_120_characters() -> None:
-    """Tables, blocks of code and templates are exempt, because they cannot be wrapped."""
+def lines_of_pages() -> list[tuple[str, str]]:
+    """Return the lines with their pages, without tables, blocks of code and templates."""
     exempt = re.compile(r"<!-- .*?-->|^ *```.*?^ *```|^[|!].*?$", re.DOTALL | re.MULTILINE)
-    long = [
+    return [
         (page.name, line)
         for pattern in ("*.md", "docs/**/*.md", "src/*/README.md", "b*/README.md")
         for page in WORKSPACE.glob(pattern)
         if page.name not in GENERATED
         for line in exempt.sub("", page.read_text("utf-8")).splitlines()
-        if len(line) > 120
     ]
-    assert not long
+
+
+def test_lines_of_pages_are_at_most_120_characters() -> None:
+    assert not [(page, line) for page, line in lines_of_pages() if len(line) > 120]
+
+
+def test_each_sentence_of_a_page_begins_on_a_new_line() -> None:
+    """Headings, numbers of lists, and initials of names contain full stops too."""
+    number = re.compile(r"^\W*\d+\. ")
+    end = re.compile(r"[a-z0-9)\]`*][.?!] +[A-Z`\[*]")
+    found = lines_of_pages()
+    assert len(found) > 1000
+    assert not [(page, line) for page, line in found if end.search(number.sub("", line))]
 
 
 def test_every_metric_that_the_code_names_is_explained() -> None:
