@@ -132,10 +132,16 @@ def test_spring_brakes_are_released_by_those_who_agree_alone() -> None:
         rest.until(1.0, 0.0)
         rest.enables = (float("nan"), 1.0)
         rest.until(0.0, 0.0)
-        rest.pressed, rest.enables = False, (1.0, 1.0)
+
+
+@pytest.mark.parametrize("silent", ["twist", "estop", "enable"])
+def test_an_input_that_stops_sending_applies_all_brakes(silent: str) -> None:
+    with vehicle(False, kind="spring") as rest:
         rest.until(1.0, 1.0)
-        rest.node.destroy_publisher(rest.estop)
-        rest.estop = rest.node.create_publisher(Bool, "unheard", RELIABLE)
+        publisher = getattr(rest, silent)
+        rest.node.destroy_publisher(publisher)
+        other = rest.node.create_publisher(publisher.msg_type, "another_topic", RELIABLE)
+        setattr(rest, silent, other)
         rest.until(0.0, 0.0)
 
 
