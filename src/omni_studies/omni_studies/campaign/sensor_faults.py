@@ -309,9 +309,9 @@ def _range(channel: str, kind: str, axis: int) -> tuple[float, float]:
 def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
     """Return the faults of all channels.
 
-    In a pair, both amplitudes are at the same relative position in their logarithmic ranges. The faulty axis
-    is that of the twist and, for x and y, also that of the accelerometer; a fault of the yaw rate
-    affects both axes of the accelerometer. Gyro and encoders are affected as a whole.
+    In a pair, both amplitudes are at the same relative position in their logarithmic ranges. The
+    faulty axis is that of the twist and, for x and y, also that of the accelerometer; a fault of
+    the yaw rate affects both axes of the accelerometer. Gyro and encoders are affected as a whole.
     """
     channels = fault.channel.split("+")
     low, high = _range(channels[0], fault.kind, fault.axis)
