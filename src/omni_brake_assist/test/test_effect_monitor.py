@@ -69,7 +69,7 @@ def trip_time(
         rolls: number of wheels that roll; the others are locked.
     """
     ledger, speed = effect_memory(), START
-    roll = np.where(np.arange(WHEELS) < rolls, 1.0, 0.0) / constants.roll
+    roll = np.where(np.arange(constants.roll.size) < rolls, 1.0, 0.0) / constants.roll
     watch(constants, ledger, DT, 0.0, False, speed / constants.roll, UNKNOWN)
     for step in range(1, 3000):
         late = step * DT > 0.5
@@ -89,6 +89,10 @@ def test_a_steady_stop_is_left_alone_whatever_its_brakes_do(
     constants: EffectConstants, imu: bool, loss: float
 ) -> None:
     assert trip_time(constants, loss, loss, imu=imu) == np.inf
+
+
+def test_one_braked_wheel_of_three_has_enough_effect(kiwi: dict[str, WheelMount]) -> None:
+    assert trip_time(lagging(kiwi, 0.0), 1.0, 1.0, imu=False) == np.inf
 
 
 @pytest.mark.safety(

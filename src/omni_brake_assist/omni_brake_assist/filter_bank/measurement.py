@@ -22,12 +22,13 @@ from omni_platform.quantities import FloatArray
 GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
-_LOCKED = 0.5  # share of the sliding wheels of a braked vehicle that are locked [1]
 # A released wheel counts as idle while its rim gains less than _GAIN [m/s]. Either it rolls, or its
-# brake still acts. The time for which a brake acts beyond its nominal release time has a Rayleigh
-# distribution with the mode _IDLE / sqrt(2) [s]. On ice (friction 0.1, load 2500 N, radius 0.2 m,
-# inertia 1 kg m^2) a rim gains _GAIN in 0.01 s.
-_GAIN, _IDLE = 0.1, 0.05
+# brake still acts. On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains
+# _GAIN in 0.01 s. The time without gain has a Rayleigh distribution: with the mode
+# _IDLE / sqrt(2) [s] while the wheel slides, because the torques of brake and friction are equal
+# only briefly, and with the mode _HELD / sqrt(2) [s] while it is locked, because it stays so until
+# the torque of a brake with an unknown lag has fallen below that of friction.
+_GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
 # Width of the range of readings of a faulty encoder: at rest [m/s], and its increase per speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
@@ -222,19 +223,20 @@ def fuse_wheels(
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
         own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls, excess, locked = 1.0 - bank.PRIOR, 0.0, 0.0
+        rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
         if braking:
             fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
             own += (constants.rebound * fresh) ** 2
             excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
-            rolls = bank.PRIOR
+            slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
             if memory.released[i] >= constants.spin_up:
-                rolls = 1.0 - (1.0 - bank.PRIOR) * math.exp(-((memory.idle[i] / _IDLE) ** 2))
-            locked = _LOCKED * (1.0 - rolls) * math.exp(-0.5 * min((rim / bank.WHEEL) ** 2, GATE))
+                slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
+                stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
+            rolls = 1.0 - slides - stays
+            locked = stays * math.exp(-0.5 * min((rim / bank.WHEEL) ** 2, GATE))
             locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
         faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], bank.PRIOR)
         memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(locked + 1.0 / span)
-        slides = (1.0 - rolls) * (1.0 - _LOCKED if braking else 1.0)
         wheel, odds = _Wheel(rolls, slides, locked, faulty, own, excess, span), 1.0
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
@@ -319,7 +321,7 @@ def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, ped
         return
     for k in range(bank.FILTERS):
         lost = loss[0, k] - loss[bank.LOSS_STEPS, k]
-        least = min(bank.LEAST_LOSS * pedal * time, 0.5 * loss[0, k])
+        least = min(constants.least_loss * pedal * time, 0.5 * loss[0, k])
         off = max(least - lost, 0.0) + max(lost - bank.LARGEST_LOSS * time, 0.0)
         memory.evidence[k] -= constants.wheel_weight * 0.5 * (off / bank.WHEEL) ** 2
     memory.evidence[bank.NO_ESTIMATE] -= constants.wheel_weight

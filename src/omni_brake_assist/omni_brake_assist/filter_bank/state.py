@@ -39,9 +39,7 @@ FAULTY = 0.5
 WHEEL = 0.03  # standard deviation of a rolling rim and of the velocity of a fault-free twist [m/s]
 SHARE = 0.005  # further standard deviation of both and of yaw rates, as a share of the reading [1]
 RELEASED = 0.05  # enable up to which a brake counts as released [1]
-# Deceleration of a braked vehicle with a friction of 0.3 if half of the wheels brake, as on a
-# diagonal course: 0.3 g / 2 [m/s^2].
-LEAST_LOSS = 1.5
+LEAST_FRICTION = 3.0  # deceleration with a friction of 0.3 if all wheels brake [m/s^2]
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
 # its brake acts; the prior probability of two faults is its square [1].
 PRIOR = 0.05
@@ -120,6 +118,7 @@ class BankConstants(NamedTuple):
             shape (8,).
         nothing: an empty record, for a reset.
         rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
+        least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
         walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
         turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
@@ -149,6 +148,7 @@ class BankConstants(NamedTuple):
     initial: FloatArray
     nothing: NDArray[np.void]
     rate_deviation: float
+    least_loss: float
     force: float = 0.02
     walk: float = 1.0
     turn: float = 3.0
@@ -214,6 +214,14 @@ class BankMemory(NamedTuple):
     product: FloatArray
 
 
+def least_loss(wheels: int) -> float:
+    """Return the deceleration with little friction if half of the wheels brake [m/s^2].
+
+    This is the case on a diagonal course. One of three wheels may brake alone.
+    """
+    return LEAST_FRICTION * (wheels // 2) / wheels
+
+
 def bank_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BankConstants:
@@ -235,6 +243,7 @@ def bank_constants(
         initial=np.array([10.0, 10.0, 10.0, 0.01, 0.3, 0.3, 0.015, 0.03]),
         nothing=np.zeros(1, BANK),
         rate_deviation=configuration.maximum_yaw_rate_deviation,
+        least_loss=least_loss(geometry.rim.size),
     )
 
 

@@ -14,8 +14,8 @@ an error cannot be observed, and ``v`` decreases at most at the rate `loss`. Whi
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
 ``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest one observed in this
-stop, scaled by the pedal position, and at least `LEAST_LOSS`, which is possible even with little
-friction. Without an IMU it is `LEAST_LOSS`, because the deceleration of a rim that begins to slide
+stop, scaled by the pedal position, and at least `least_loss`, which is possible even with little
+friction. Without an IMU it is `least_loss`, because the deceleration of a rim that begins to slide
 exceeds that of the vehicle.
 
 Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omni_brake_assist.configuration import BrakeAssistConfiguration
-from omni_brake_assist.filter_bank.state import LARGEST_LOSS, LEAST_LOSS
+from omni_brake_assist.filter_bank.state import LARGEST_LOSS, least_loss
 from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
@@ -77,6 +77,7 @@ class EffectConstants(NamedTuple):
         empty: an empty record for a reset, shape (1,).
         allowance: further missed distance allowed per initial speed, for the time until brakes
             act [s].
+        least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         share: largest ratio of missed to braked distance [1].
         creep: missed distance that is always allowed [m].
         loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
@@ -89,6 +90,7 @@ class EffectConstants(NamedTuple):
     roll: FloatArray
     empty: NDArray[np.void]
     allowance: float
+    least_loss: float
     share: float = 0.25
     creep: float = 0.1
     loss: float = 6.0
@@ -103,7 +105,7 @@ def effect_constants(
 ) -> EffectConstants:
     """Convert a configuration to the constants of the monitor."""
     allowance = 0.15 + configuration.brake.settling_time
-    return EffectConstants(geometry.rim, effect_memory(), allowance)
+    return EffectConstants(geometry.rim, effect_memory(), allowance, least_loss(geometry.rim.size))
 
 
 def effect_memory() -> NDArray[np.void]:
@@ -185,7 +187,8 @@ def _share_of_wheels(
     loss = (ledger.mean_speed - ledger.speed) / (time * settled) if settled > 0.0 else 0.0
     if settled > _SETTLED and felt and loss > ledger.best_loss:
         ledger.best_loss, ledger.loss_pedal = loss, pedal
-    return float(_share(loss, pedal, ledger.best_loss, ledger.loss_pedal))
+    least = constants.least_loss
+    return float(_share(loss, pedal, least, ledger.best_loss, ledger.loss_pedal))
 
 
 @lean
@@ -210,20 +213,22 @@ def _share_of_force(
     loss = math.hypot(ledger.force_x, ledger.force_y) / settled if settled > 0.0 else 0.0
     if settled > _SETTLED and loss > ledger.best_force:
         ledger.best_force, ledger.force_pedal = loss, pedal
-    return float(_share(loss, pedal, ledger.best_force, ledger.force_pedal))
+    least = constants.least_loss
+    return float(_share(loss, pedal, least, ledger.best_force, ledger.force_pedal))
 
 
 @lean
-def _share(loss: float, pedal: float, best: float, best_pedal: float) -> float:
+def _share(loss: float, pedal: float, least: float, best: float, best_pedal: float) -> float:
     """Return a deceleration divided by the possible one, 0 to 1.
 
     Args:
         loss: deceleration [m/s^2].
         pedal: pedal position, above 0 [1].
+        least: smallest possible deceleration with the pedal fully down [m/s^2].
         best: largest deceleration in this stop [m/s^2].
         best_pedal: pedal position at which it was measured [1], 0 before the first measurement.
     """
-    possible = LEAST_LOSS * pedal
+    possible = least * pedal
     if best_pedal > 0.0:
         possible = max(possible, best * min(pedal / best_pedal, 1.0))
     return min(max(loss / possible, 0.0), 1.0)
