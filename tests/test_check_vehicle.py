@@ -15,6 +15,7 @@ from omni_process import WORKSPACE, omni_command, omni_environment
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 
+from omni_bringup.cli import main
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.node_check.drive_node import receive_drive
 from omni_bringup.node_check.exchange_node import Partner
@@ -118,3 +119,13 @@ def test_no_message_of_a_drive_is_lost_while_the_receiver_is_busy() -> None:
             signals = receive_drive(partner, WHEELS, timeout=60.0)
         assert partner.published is not None
         np.testing.assert_allclose(signals.wheel_speed, partner.published[:-1], atol=1e-9)
+
+
+@pytest.mark.parametrize("namespace", ["é", "robot 1", "1st", "robot1//rear", "robot1/"])
+def test_a_namespace_that_ros_rejects_is_refused(
+    namespace: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["check-vehicle", "live", "--vehicle", "mecanum_forklift", "--namespace", namespace])
+    assert ended.value.code == 2
+    assert f"--namespace: {namespace!r} must be names" in capsys.readouterr().err

@@ -9,6 +9,7 @@ reveal are reported too.
 
 import math
 import os
+import re
 from contextlib import closing
 from pathlib import Path
 
@@ -18,9 +19,11 @@ from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform import topics
 from omni_platform.command_options import CommandOptions, option
+from omni_platform.configuration import ConfigurationError
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
+_NAMESPACE = re.compile(r"/?|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 class Options(CommandOptions):
@@ -41,6 +44,12 @@ class Options(CommandOptions):
     """time within which a live drive must be complete"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
+
+    def check_consistency(self) -> None:
+        """Check the namespace before ROS starts."""
+        if not _NAMESPACE.fullmatch(self.namespace):
+            problem = f"{self.namespace!r} must be names of letters, digits and _, such as robot1"
+            raise ConfigurationError("namespace", problem)
 
 
 def run(options: Options, workspace: Workspace) -> Report:
