@@ -355,7 +355,7 @@ def _parsed(kind: Any, content: bytes) -> Any:
         return kind.read(ReadDataStream(BytesIO(content)))
     except (EndOfFile, struct.error, OverflowError, ValueError) as error:
         raise McapError(
-            f"is damaged: a {kind.__name__.lower()} record is invalid ({error or 'too short'})"
+            f"is damaged: a {kind.__name__.lower()} record is invalid ({str(error) or 'too short'})"
         ) from None
 
 

@@ -102,7 +102,7 @@ def test_damage_anywhere_is_noticed_or_harmless(tmp_path: Path) -> None:
         (MAGIC + b"\0" * 1000 + MAGIC, "there is no record at byte 8"),
         (MAGIC + struct.pack("<BQ", 1, 2**63) + MAGIC, "is truncated"),
         (MAGIC + struct.pack("<BQ", 1, 2) + b"\xff\xff" + MAGIC, "header record is invalid"),
-        (MAGIC + struct.pack("<BQI", 1, 8, 0xFFFFFFFF) + b"ros2" + END, "is invalid"),
+        (MAGIC + struct.pack("<BQI", 1, 8, 0xFFFFFFFF) + b"ros2" + END, "(too short)"),
         (MAGIC + record(Footer(2**60, 0, 0)) + MAGIC, "its footer gives byte"),
     ],
 )
