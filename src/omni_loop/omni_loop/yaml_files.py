@@ -12,10 +12,7 @@ from typing import Any
 import yaml
 
 from omni_platform.configuration import ConfigurationError
-from omni_recording.safe_yaml import SafeLoader
-
-LARGEST_YAML = 1 << 20
-"""Largest number of characters of a configuration; reading as many takes a few seconds."""
+from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
 
 class _Loader(SafeLoader):

@@ -9,8 +9,9 @@ import pytest
 import yaml
 
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
-from omni_loop.yaml_files import LARGEST_YAML, parse_override
+from omni_loop.yaml_files import parse_override
 from omni_platform.configuration import ConfigurationError, from_mapping, to_mapping
+from omni_recording.safe_yaml import LARGEST_YAML
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -177,7 +178,11 @@ def test_overrides_are_yaml(text: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a", "=1", "a..b=1", ".=1", "a=[", "a={", "a=2020-13-01", "a=0x_"]
+    "text",
+    [
+        *("", "a", "=1", "a..b=1", ".=1", "a=[", "a={", "a=2020-13-01", "a=0x_", "a=&a {b: *a}"),
+        *('a=!!int ""', 'a=!!float ""', "a=!!bool maybe", "a=!!timestamp x", "a=!!set [a]"),
+    ],
 )
 def test_a_malformed_override_is_refused(text: str) -> None:
     with pytest.raises(ConfigurationError):
@@ -193,6 +198,17 @@ def test_a_malformed_override_is_refused(text: str) -> None:
         ("wheels: {front: {x: 1.0}}", "describes a vehicle; give it as --vehicle"),
         ("vehicle: mecanum_forklift\nvariants: {assisted: 3}", "variants.assisted: 3 is not a"),
         ("seed: 1\nvariants: {assisted: {}}\nseed: 2", "the key 'seed' is given twice"),
+        (
+            "seed: !!bool maybe",
+            "does not fit its tag .*:bool in line 1, column 7",
+        ),
+        ("variants: &a {assisted: *a}", "a value contains itself in line 1, column 25"),
+        # Each line doubles the last: 2^60 values.
+        (
+            "a0: &a0 {x: 1}\n"
+            + "".join(f"a{k}: &a{k} {{x: *a{k - 1}, y: *a{k - 1}}}\n" for k in range(1, 61)),
+            f"more than {LARGEST_YAML} values, with those that aliases repeat",
+        ),
         pytest.param(
             f"a: 1 #{'-' * LARGEST_YAML}", f"more than the limit of {LARGEST_YAML}", id="large"
         ),

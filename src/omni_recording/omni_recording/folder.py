@@ -271,13 +271,6 @@ def _require_regular(folder: Path, path: Path) -> None:
         raise BagError(folder, f"{path.name} is not a regular file")
 
 
-class _PlainLoader(SafeLoader):
-    """YAML loader without merge keys, since a few lines with such keys can exhaust the memory."""
-
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave merge keys unexpanded, so that they are rejected as unknown keys."""
-
-
 def read_plain_yaml(text: str) -> Any:
     """Return a YAML document of plain values.
 
@@ -286,7 +279,7 @@ def read_plain_yaml(text: str) -> Any:
     """
     load: Callable[..., Any] = yaml.load
     try:
-        return load(text, Loader=_PlainLoader)
+        return load(text, Loader=SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         problem = " ".join(str(error).split())[:200]
         raise ValueError(f"is not valid YAML: {problem}") from None

@@ -1,10 +1,19 @@
 """Fast reading of YAML from files of unknown origin."""
 
+from typing import Any
+
 import yaml
+
+LARGEST_YAML = 1 << 20
+"""Largest number of characters of a configuration, and of values in any YAML text after aliases are
+replaced; reading as many takes a few seconds."""
+
+# Errors of PyYAML's constructors if a value does not fit its explicit tag, as in `!!bool maybe`.
+_UNFIT = (AttributeError, IndexError, KeyError, TypeError)
 
 
 class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
-    """YAML loader for plain values.
+    """YAML loader for plain values, which are limited in number and cannot contain themselves.
 
     libyaml parses the text and Python composes it, because deep nesting would crash libyaml's
     composer.
@@ -13,3 +22,33 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
     def __init__(self, text: str) -> None:
         yaml.CSafeLoader.__init__(self, text)
         yaml.composer.Composer.__init__(self)
+        self._count = 0  # values composed so far, with the values that each alias repeats
+        self._counts: dict[yaml.Node, int] = {}  # number of values of each complete node
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node; reject an alias of a node that contains it, and too many values."""
+        event: Any = self.peek_event()
+        mark, before = event.start_mark, self._count
+        alias = isinstance(event, yaml.AliasEvent)
+        node: Any = super().compose_node(parent, index)
+        if alias and node not in self._counts:
+            raise yaml.composer.ComposerError(None, None, "a value contains itself", mark)
+        self._count += self._counts[node] if alias else 1
+        if self._count > LARGEST_YAML:
+            problem = f"it has more than {LARGEST_YAML} values, with those that aliases repeat"
+            raise yaml.composer.ComposerError(None, None, problem, mark)
+        if not alias:
+            self._counts[node] = self._count - before
+        return node
+
+    def construct_document(self, node: yaml.Node) -> Any:
+        """Construct every value where it stands, so that an error has the place of its value."""
+        return self.construct_object(node, deep=True)
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """Construct a value; reject one that does not fit its tag."""
+        try:
+            return super().construct_object(node, deep)
+        except _UNFIT:
+            problem = f"a value does not fit its tag {node.tag}"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark) from None

@@ -223,6 +223,8 @@ def test_metadata_that_lead_elsewhere_are_refused(
         "rosbag2_bagfile_information: 3",
         "[" * 2_000,
         "!!python/object/apply:os.system ['true']",
+        "!!timestamp x",
+        "rosbag2_bagfile_information: &a {version: *a}",
         # Each line doubles the last: a merge of 2^60 entries.
         "a0: &a0 {x: 1}\n"
         + "".join(f"a{k}: &a{k}\n  <<: [*a{k - 1}, *a{k - 1}]\n" for k in range(1, 61)),
