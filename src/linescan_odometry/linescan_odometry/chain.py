@@ -14,7 +14,7 @@ from linescan_odometry.measurements import Unmeasured
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
-_ANEW = 10.0  # batches; stamps that are older by this much mean that a recording is played again
+_ANEW = 10.0  # batches; a stamp that is older by more means that a recording is played again
 _WHOLE = 0.75  # share of a batch; a longer gap counts as a missing batch
 
 
@@ -22,9 +22,9 @@ class LineChain:
     """Stores the last line of a batch, for comparison with the first line of the next batch.
 
     Attributes:
-        stretch: relative deviation of the measured duration of the last batch from that of its
-            number of lines [1]; 0 within the tolerance. The velocity may have the same relative
-            error.
+        stretch: relative deviation of the last batch's measured duration from the duration of its
+            lines at the configured line rate [1]; 0 within the tolerance. The velocity may have the
+            same relative error.
         remark: description of this deviation; empty within the tolerance.
         joined: whether the last batch followed the previous one without a gap.
     """
@@ -72,7 +72,7 @@ class LineChain:
         if len(lines) == count:
             restart()
         if len(lines) < 2:
-            raise Unmeasured("a single line without a previous line to compare it with")
+            raise Unmeasured("only one line, and no previous line to compare it with")
         return lines
 
     def join(self, batch: LineBatch) -> Lines:
@@ -139,7 +139,7 @@ class LineChain:
         if joined:
             self._late += late
             drifted = abs(self._late) >= 1.0
-            # Errors by jitter of the stamps cancel over time; those by a wrong rate accumulate.
+            # Errors due to stamp jitter cancel over time; those due to a wrong rate accumulate.
             self._late *= 0.9
             return drifted
         self._late = 0.0

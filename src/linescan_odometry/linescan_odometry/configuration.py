@@ -29,51 +29,53 @@ class OdometryConfiguration(Configuration):
     flow_sensors: Mapping[str, FlowSensor] = section(dict)
     """Optical-flow sensors on the platform; each of them replaces two cameras"""
     method: str = parameter("joint", choices=METHODS)
-    """Method that estimates displacements: `joint` is the maximum likelihood of whole batches,
-    together with the camera's fixed pattern; `pairs` uses only line pairs and the median filter of
-    section 4.6"""
+    """Method that estimates displacements: `joint` maximizes the likelihood of whole batches and
+    estimates the camera's fixed pattern at the same time; `pairs` uses only line pairs and the
+    median filter of section 4.6"""
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """Distance measure between lines (section 4.3.2)"""
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
-    """k: the search is limited to shifts of n / k, with n pixels per line"""
+    """k: the search is limited to shifts of up to n / k, for lines of n pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Half width of the search range around the last displacement. The full search follows if
-    the best match is outside the range or is poor; 0 to use the full search always"""
+    """Half width of the search range around the last displacement. If the best match in this range
+    is at its border or is poor, all shifts are searched; 0 to always search all shifts"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Relative increase of the distance measure at a shift that differs from the last
     displacement by the shift limit (section 4.6); 0 for no increase"""
     flat_field_tables: str = parameter("")
     """Folder with the tables that `omni lines reference` computed from dark and white references
-    or from a drive, a file <sensor>.npz for each camera with a table; empty for no tables"""
+    or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
+    tables"""
     minimum_correlation: float = parameter(0.4, minimum=0.0, maximum=1.0)
-    """A line pair is not used if Pearson's correlation at its peak is lower"""
+    """Pearson's correlation at the peak below which a line pair is not used"""
     median_lines: int = parameter(10, minimum=1, maximum=10000)
-    """n: consecutive displacements whose median rejects outliers (section 4.6)"""
+    """n: number of consecutive displacements whose median is used to reject outliers (section
+    4.6)"""
     median_tolerance: float = parameter(1.5, unit="px", above=0.0, maximum=100.0)
     """Distance from the median beyond which a displacement is an outlier"""
     minimum_inlier_share: float = parameter(0.5, above=0.0, maximum=1.0)
-    """Share of usable line pairs below which a batch has no measurement"""
+    """Share of usable line pairs below which a batch yields no measurement"""
     maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
-    """Largest plausible acceleration along a sensor's axis; 0 for no limit"""
+    """Limit on the plausible acceleration along a sensor's axis; 0 for no limit"""
     maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)
-    """Largest speed of the vehicle; while no twist is measured, the covariance of the pose grows
-    with it"""
+    """Maximum speed of the vehicle, which determines how fast the position covariance grows while
+    no twist is measured"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=1000.0)
-    """Largest yaw rate of the vehicle; while no twist is measured, the variance of the yaw angle
-    grows with it"""
+    """Maximum yaw rate of the vehicle, which determines how fast the variance of the yaw angle
+    grows while no twist is measured"""
     cover_detection: bool = parameter(True)
     """Whether a camera is rejected if its view does not change while the platform moves across its
-    axis, because it is covered or sees an oblique texture; switch it off for grounds with stripes
-    along the path"""
+    axis, because it is covered or sees an oblique texture; set this to false for grounds with
+    stripes along the path"""
     contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
-    """Largest contradiction between a sensor and the others, in standard deviations. Beyond it,
-    the sensor is excluded (five or more sensors) or the covariance is increased (four sensors);
-    0 for no limit"""
+    """Limit on the residual of a sensor against the others, in standard deviations. Beyond the
+    limit, the sensor is excluded (five or more sensors) or the covariance is increased (four
+    sensors); 0 for no limit"""
     maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
-    """Largest difference between the stamps of batches that are used together; without line
-    cameras at least 3/4 of the period of the fastest flow sensor"""
+    """Limit on the difference between the stamps of batches that are used together; without line
+    cameras, the limit is at least 3/4 of the period of the fastest flow sensor"""
     minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
-    """Smallest effective lever arm (RMS) with which the sensors measure the yaw rate"""
+    """Minimum effective lever arm (RMS) that the sensors need to measure the yaw rate"""
     kinematics: KinematicsConfiguration = section(KinematicsConfiguration)
     """Kinematic constraint: a motion that the vehicle cannot make while its wheels grip"""
     sideslip: Mapping[str, SideslipWheel] = section(dict)
@@ -92,7 +94,7 @@ class OdometryConfiguration(Configuration):
         """Check that placements and line lengths suffice for a twist.
 
         Raises:
-            ConfigurationError: a placement or length is invalid; names the sensors.
+            ConfigurationError: a placement or length is invalid; the message names the sensors.
         """
         self.check_placement()
         self._check_sideslip()
@@ -102,7 +104,7 @@ class OdometryConfiguration(Configuration):
                 raise ConfigurationError(
                     f"sensors.{name}.pixels",
                     f"{sensor.pixels} px leave an overlap of {overlap} px at the shift limit, "
-                    f"must be at least {FEWEST_PIXELS} px",
+                    f"which must be at least {FEWEST_PIXELS} px",
                 )
             if self.maximum_skew * sensor.line_rate < 1.0:
                 raise ConfigurationError(
@@ -113,11 +115,11 @@ class OdometryConfiguration(Configuration):
 
     @property
     def skew(self) -> float:
-        """Largest difference between the stamps of measurements that are used together [s].
+        """Limit on the difference between the stamps of measurements that are used together [s].
 
-        Flow sensors without cameras are read at times of their own. If the limit is only half a
-        period, sensors that differ by about half a period lose measurements by jitter. With three
-        quarters of a period, each measurement has a partner for every difference of the sensors.
+        Without cameras, each flow sensor measures at its own times. If the limit is only half a
+        period, sensors whose times differ by about half a period lose measurements due to jitter.
+        With three quarters of a period, each measurement has a partner for every such difference.
         """
         rates = [sensor.rate for sensor in self.flow_sensors.values()]
         if self.sensors or not rates:
@@ -128,7 +130,7 @@ class OdometryConfiguration(Configuration):
         """Check that the sensors together measure every planar motion.
 
         Raises:
-            ConfigurationError: the placement is singular; names the sensors.
+            ConfigurationError: the placement is singular; the message names the sensors.
         """
         both = self.sensors.keys() & self.flow_sensors.keys()
         if both:

@@ -48,8 +48,8 @@ class SensorReading:
         static_time: time for which the view has not changed [s]; 0 if it changed in this batch.
         remark: description of a defect that does not make the lines unusable; empty if there is
             none.
-        reference_age: age of the earlier line that was compared with the newest one [s]; 0 for
-            none.
+        reference_age: age of the earlier line that was compared with the newest one [s]; 0 if none
+            was compared.
         persistence: correlation of the earlier line, shifted by the displacement since then, with
             the newest line, divided by that of neighboring lines [1].
         unmatched: whether the lines have contrast but do not match, or the match contradicts the
@@ -72,11 +72,11 @@ class SensorReading:
     def unmeasured(
         cls, reason: str, correlation: float = 0.0, inlier_share: float = 0.0
     ) -> SensorReading:
-        """Create a reading without a measurement, with the reason."""
+        """Create a reading that is marked as unmeasured, with the reason."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
 
     def rejected(self, reason: str) -> SensorReading:
-        """Return this reading as unmeasured, because its view contradicts the motion."""
+        """Return this reading marked as unmeasured, because the view contradicts the motion."""
         nothing = SensorReading.unmeasured(reason, self.correlation)
         return dataclasses.replace(nothing, unmatched=True)
 
@@ -101,7 +101,7 @@ class FlowReading:
 
     @classmethod
     def unmeasured(cls, reason: str) -> FlowReading:
-        """Create a reading without a measurement, with the reason."""
+        """Create a reading that is marked as unmeasured, with the reason."""
         return cls(np.zeros(2), UNMEASURED_VARIANCE * np.eye(2), False, reason)
 
     def in_words(self) -> str:
@@ -110,7 +110,7 @@ class FlowReading:
         return self.reason or f"{x:.3f} m/s along its axis, {y:.3f} m/s to the left of it"
 
 
-class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
+class Unmeasured(Exception):  # noqa: N818 - not an error: a view may be blank
     """A batch yields no velocity; the exception contains an unmeasured reading with the reason."""
 
     def __init__(self, reason: str, inlier_share: float = 0.0, *, unmatched: bool = False) -> None:
@@ -128,7 +128,7 @@ class Unmeasured(Exception):  # noqa: N818 - no error: a camera may see nothing
 
 @dataclasses.dataclass(frozen=True)
 class TwistEstimate:
-    """Velocity of the platform at a time.
+    """Twist of the platform at a stamp.
 
     Attributes:
         stamp_ns: exposure time of the newest line that was used [ns].
@@ -159,7 +159,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Reasons of unmeasured sensors, such as ``front: no line; left: ...``, and of a skid."""
+        """Why sensors did not measure, such as ``front: no line; left: ...``, and any skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

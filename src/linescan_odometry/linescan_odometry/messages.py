@@ -21,7 +21,7 @@ from omni_ros.messages import (
     to_nanoseconds,
 )
 
-_SAME_SCALE = 0.005  # largest relative difference between measured and configured scale of a camera
+_SAME_SCALE = 0.005  # limit on the relative difference between measured and configured camera scale
 
 
 def line_batch_of(message: Image | LineImage) -> LineBatch:

@@ -1,9 +1,9 @@
 """Line-scan odometry: from batches of lines of several cameras to the twist of the platform.
 
 One of two methods converts the lines of each sensor to a velocity along the sensor's axis. Weighted
-least squares combine these velocities to the twist. The twist is the mean over the batch, so in an
-acceleration it lags by half the duration of a batch: 5 ms at 100 batches per second, or 0.05 m/s at
-10 m/s^2.
+least squares combine these velocities into the twist. The twist is the mean over the batch, so it
+lags by half the duration of a batch. At 100 batches per second the lag is 5 ms, which is an error
+of 0.05 m/s at an acceleration of 10 m/s^2.
 """
 
 import dataclasses
@@ -28,9 +28,9 @@ from omni_platform.signals import Flow, LineBatch, LineBatchError
 __all__ = ["LineBatch", "LineScanOdometry", "OdometryConfiguration", "TwistEstimate"]
 
 _UNKNOWNS = 3  # components of the twist
-_MOST_EARLY = 4  # largest number of batches with which a camera may be ahead of the others
+_MOST_EARLY = 4  # limit on the number of batches by which a camera may be ahead of the others
 _MINIMUM_VARIANCE = 1e-12  # m^2/s^2; keeps the weights finite for noise-free lines
-_SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below, a weight is lost to rounding
+_SMALLEST_SHARE = 1e-9  # smallest ratio of two variances; below it, a weight is lost to rounding
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,7 @@ class _Solution:
         assumed: whether the axle was used.
         scores: normalized residual of each sensor, and of the axle [1], shape (S,) or (S + 1,).
         leverage: largest ratio of the twist's squared error, normalized by its covariance, to the
-            squared score of the single faulty velocity that causes it [1].
+            squared score of the single faulty velocity that causes the error [1].
         last_variance: variance of the last velocity [m^2/s^2]: that of the axle if there is one.
     """
 
@@ -116,7 +116,7 @@ class LineScanOdometry:
                 has not measured.
 
         Raises:
-            LineBatchError: a name does not belong to a configured sensor of this kind.
+            LineBatchError: a name is not that of a configured camera (for lines) or flow sensor.
         """
         lines: dict[str, LineBatch] = {}
         flows: dict[str, Flow] = {}
@@ -145,7 +145,7 @@ class LineScanOdometry:
     def warm_up(self) -> None:
         """Compile or load all kernels, so that the first update is as fast as the later ones.
 
-        The state does not change, because another instance processes lines of the sensors' sizes.
+        The state does not change, because a separate instance processes lines of the same sizes.
         """
         trial = LineScanOdometry(self._configuration)
         generator = np.random.default_rng(0)
@@ -265,7 +265,7 @@ class LineScanOdometry:
         if not score > limit > 0.0 or too_few:
             return None
         if self._flows:
-            # The two errors of one flow sensor can have the same effect as those of another sensor.
+            # The two errors of one flow sensor can have the same effect as an error of another one.
             rivals = np.delete(solution.scores, worst) ** 2 >= score**2 - limit**2
             if rivals.any():
                 return None
@@ -276,8 +276,8 @@ class LineScanOdometry:
     ) -> dict[str, SensorReading]:
         """Return the readings of occluded cameras, or else of those over oblique textures.
 
-        They are marked as unmeasured. The twist must not be computed from faulty sensors, since
-        fault-free cameras would then seem occluded.
+        The readings are marked as unmeasured. The twist must not be computed from faulty sensors,
+        since fault-free cameras would then seem occluded.
         """
         if self._covers is None or self._oblique is None:
             return {}
@@ -293,7 +293,7 @@ class LineScanOdometry:
         """Return the twist; contradictions increase its covariance or cause a skid warning."""
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
-        # The faulty sensor cannot be isolated. The covariance is increased until it includes the
+        # If the faulty sensor cannot be isolated, the covariance is increased until it includes the
         # error that any single faulty sensor with these residuals could cause.
         inflation = solution.leverage * score**2 if score > limit > 0.0 else 1.0
         covariance = solution.covariance * inflation
@@ -331,7 +331,7 @@ class LineScanOdometry:
             return ""
         return (
             f"the platform skids: its axle at x = {axle:g} m moves sideways at {sideways:.3g} m/s, "
-            f"{score:.3g} standard deviations from the zero of an axle that grips"
+            f"{score:.3g} standard deviations from the zero velocity of an axle that grips"
         )
 
 

@@ -1,6 +1,7 @@
 """ROS node that converts batches of lines to the body twist.
 
-The README of this package describes the contract: topics, types, QoS, parameters and timeouts.
+The README of this package describes the contract: topics, types, QoS settings, parameters and
+timeouts.
 """
 
 import math
@@ -42,7 +43,7 @@ class InterfaceConfiguration(Configuration):
     """Your own odometry class as my_module:MyOdometry, see docs/extending.md; empty for the
     line-scan odometry"""
     best_effort_cameras: bool = parameter(False)
-    """Accept cameras whose drivers publish with best effort (sensor data); lines may then be
+    """Accept cameras whose drivers publish with best-effort QoS (sensor data); lines may then be
     lost, but are not delayed"""
     publish_tf: bool = parameter(True)
     """Publish odom -> base_link on /tf and the cameras' frames on /tf_static, if tf2_msgs is
@@ -138,7 +139,7 @@ class OdometryNode(Node):
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
         """Update the status of the sensors."""
         each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
-        # State to report: which cameras measured, constraint, skid, which wheels are measured.
+        # A change of any of these values is reported.
         key = (
             *(reading.measured for reading in each.values()),
             estimate.assumed,

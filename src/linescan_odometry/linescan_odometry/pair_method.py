@@ -20,7 +20,7 @@ from omni_platform.signals import Lines
 
 
 class PairsMethod:
-    """Measures displacements by pairs of lines."""
+    """Measures displacements from pairs of lines."""
 
     def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
         """Create the stages of the method.

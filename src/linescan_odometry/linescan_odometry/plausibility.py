@@ -1,7 +1,7 @@
-"""Plausibility check of displacements by the largest acceleration (dissertation, section 4.6).
+"""Plausibility check of displacements by an acceleration limit (dissertation, section 4.6).
 
 In the time ``dt`` since the last measurement, the velocity along an axis cannot have changed by
-more than ``a dt``, where ``a`` is the largest acceleration. Other displacements are rejected. The
+more than ``a dt``, where ``a`` is the acceleration limit. Other displacements are rejected. The
 permitted range grows with time, so a faulty last measurement or a shock excludes the sensor for a
 limited time only.
 """
@@ -22,12 +22,12 @@ class Plausibility:
 
         Args:
             sensor: configuration of the line camera.
-            maximum_acceleration: largest acceleration of the sensor along its axis [m/s^2]; 0 for
-                no limit.
+            maximum_acceleration: limit on the acceleration of the sensor along its axis [m/s^2]; 0
+                for no limit.
             tolerance: largest error of a single displacement, by which the range is widened [px].
         """
         self._period_ns = 1e9 / sensor.line_rate
-        # Largest change of the displacement per line [px] within a nanosecond.
+        # Limit on the change of the displacement per line [px] within a nanosecond.
         self._rate = maximum_acceleration / (sensor.pixel_pitch * sensor.line_rate) * 1e-9
         self._tolerance = tolerance
         self._displacement = 0.0
@@ -52,7 +52,7 @@ class Plausibility:
             displacement: displacements of consecutive pairs of lines [px], shape (m,); the last
                 pair ends at the newest line.
         """
-        if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # played again
+        if self._rate == 0.0 or self._stamp_ns is None or stamp_ns < self._stamp_ns:  # replay
             return np.ones(len(displacement), np.bool_)
         plausible = np.empty(len(displacement), np.bool_)
         _mark(

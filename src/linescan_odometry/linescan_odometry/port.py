@@ -1,4 +1,4 @@
-"""Odometries by name, and the grouping of their inputs, as in the node but without topics."""
+"""Choice of an odometry estimator by name, and grouping of its inputs, without ROS topics."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Group of entry points under which an installed package offers odometries by name."""
+"""Group of entry points in which an installed package registers odometry classes by name."""
 
 _MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
 
 
 class Odometry(Protocol):
-    """Interface of an odometry."""
+    """Interface of an odometry estimator."""
 
     def match(self, name: str, batch: LineBatch) -> None:
         """Start to process a batch early; the next `update` receives the same batch."""
@@ -51,7 +51,7 @@ class _OwnOdometry:
 
 
 def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
-    """Create an odometry.
+    """Create an odometry estimator.
 
     Args:
         name: ``module:Class`` or the name of an entry point; empty for the line-scan odometry.
@@ -90,7 +90,7 @@ class BatchCollector:
 
         Args:
             sensors: names of the sensors; a group lists its batches in this order.
-            maximum_skew: largest difference of stamps within a group [s].
+            maximum_skew: limit on the difference of stamps within a group [s].
             followers: rate [1/s] of each sensor that has its own rate, by name.
         """
         self._skew_ns = round(1e9 * maximum_skew)
@@ -103,7 +103,7 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Return the collector for an odometry; without cameras, flow sensors start the groups."""
+        """Return a collector for the sensors; without cameras, flow sensors start the groups."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:

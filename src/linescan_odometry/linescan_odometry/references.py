@@ -1,10 +1,10 @@
-"""Reference tables of one camera: dark signal, gain of each pixel, fixed pattern of a drive.
+"""Reference tables of one camera: dark signal, gain of each pixel, fixed pattern of an earlier run.
 
 Lines of a covered camera give the dark signal; lines of an evenly lit white surface give the gains.
 Both are used to correct lines before a measurement. Pixels that receive hardly any light are
 interpolated. Dirt, shadows and mud are not part of the references; they are estimated together with
-the displacement. The file may also contain such an estimate from an earlier drive, with which the
-estimator then starts.
+the displacement. The file may also contain such an estimate from an earlier run, which then is the
+initial value of the estimator.
 """
 
 from pathlib import Path
@@ -16,17 +16,17 @@ from linescan_odometry.joint.fixed_pattern import FixedPattern
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import LineBatchError, Lines
 
-_STRONGEST = 4.0  # largest gain; a pixel that needs more counts as dead
+_STRONGEST = 4.0  # limit on the gain; a pixel that needs a larger one counts as dead
 
 
 class References:
-    """Corrects the lines of one camera by its dark signal and gains.
+    """Corrects the lines of one camera for its dark signal and gains.
 
     Attributes:
         dark: dark signal [gray levels], shape (n,).
         gain: gain of each pixel [1], shape (n,).
         dead: whether each pixel is dead and therefore interpolated, shape (n,).
-        pattern: fixed pattern from an earlier drive; None if there is none.
+        pattern: fixed pattern from an earlier run; None if there is none.
     """
 
     def __init__(self, pixels: int) -> None:
@@ -80,7 +80,7 @@ class References:
         """Read references that `save` wrote.
 
         Raises:
-            LineBatchError: they are invalid, or their number of pixels differs.
+            LineBatchError: the references are invalid, or their number of pixels differs.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -97,7 +97,7 @@ class References:
         self.pattern = pattern if len(pattern.precision) else None
 
     def correct(self, lines: Lines) -> Lines:
-        """Return lines corrected by dark signal and gains, 16 bit; unchanged without references.
+        """Return 16-bit lines corrected for dark signal and gains; unchanged without references.
 
         A gain of 1 uses a quarter of the range, so that larger gains do not saturate.
 

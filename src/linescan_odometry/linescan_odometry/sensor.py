@@ -25,10 +25,10 @@ from omni_platform.kernels import lean
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import LineBatch, Lines
 
-_FROZEN_PAIRS = 3  # number of identical neighbors that the noise of a working camera excludes
-_LONGEST_STRETCH = 0.25  # largest `LineChain.stretch` with which a batch is measured
+_FROZEN_PAIRS = 3  # number of identical line pairs that the noise of a working camera rules out
+_LONGEST_STRETCH = 0.25  # limit on `LineChain.stretch`, above which a batch yields no measurement
 _STATIC_PAIRS = 4  # smallest number of line pairs that prove a static view
-_STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; a larger one is not static
+_STATIC_DISPLACEMENT = 0.5  # px, oldest to newest line; if it is larger, the view is not static
 _STATIC_TOLERANCE = 0.002  # allowed loss of correlation beyond twice the loss between neighbors
 _BACKGROUND = 16384  # pixels of a batch above which a background thread saves time
 
@@ -41,7 +41,7 @@ class Method(Protocol):
 
         Args:
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: check of the displacements that the platform can have made.
+            plausibility: check whether the platform can have made a displacement.
             stamp_ns: exposure of the newest line [ns].
 
         Raises:
@@ -156,15 +156,15 @@ class SensorOdometry:
     def _static_time(self, lines: Lines, displacement: Displacement) -> float:
         """Return for how long the lines have not changed [s]; 0 if they changed within this batch.
 
-        The newest line is compared with older lines all over the batch; on a periodic ground, the
-        two ends alone may match. The first line is excluded, because it belongs to the previous
+        The newest line is compared with several older lines, because on periodic ground the first
+        and last lines alone may match. Line 0 is excluded, because it belongs to the previous
         batch.
         """
         span = len(lines) - 1
         if span < _STATIC_PAIRS or abs(displacement.value) * span > _STATIC_DISPLACEMENT:
             return 0.0
         near = _correlation(lines[-2], lines[-1])
-        # Lines of different ground may also correlate, so half of the correlation is required.
+        # Lines of different ground may correlate too, so half of `near` is required at least.
         least = max(0.5 * near, 2.0 * near - 1.0 - _STATIC_TOLERANCE)
         older = (lines[1], lines[span // 3], lines[span // 2])
         if any(_correlation(line, lines[-1]) <= least for line in older):

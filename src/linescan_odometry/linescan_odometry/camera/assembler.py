@@ -10,10 +10,10 @@ from omni_platform.signals import LineBatch, Lines
 
 
 class LineAssembler:
-    """Extracts lines from frames and assembles them into batches with stamps.
+    """Extracts lines from frames and assembles them into stamped batches.
 
     A batch never extends across lost frames, so consecutive lines are always one line period apart.
-    The odometry detects a gap between batches by their stamps.
+    The odometry detects a gap between batches from their stamps.
     """
 
     def __init__(self, configuration: CameraConfiguration) -> None:
@@ -43,7 +43,7 @@ class LineAssembler:
 
         Raises:
             FrameError: the picture does not contain the configured rows, or its lines differ in
-                length from earlier ones.
+                length or type from those of earlier frames.
         """
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))
@@ -60,7 +60,7 @@ class LineAssembler:
         # the same time.
         batch_ns = 1e9 * self._configuration.batch
         last = stamps_ns // batch_ns != (stamps_ns + round(period_ns)) // batch_ns
-        if self._configuration.row_time > 0.0:  # a gap is between frames
+        if self._configuration.row_time > 0.0:  # each frame is followed by a gap
             last[:] = False
             last[-1] = True
         begin = 0

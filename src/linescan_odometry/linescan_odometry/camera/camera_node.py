@@ -1,6 +1,6 @@
 """ROS node that reads frames of a real camera and publishes batches of lines.
 
-The README of this package describes the contract: topics, types, QoS and parameters.
+The README of this package describes the contract: topics, types, QoS settings and parameters.
 """
 
 import threading
@@ -25,10 +25,10 @@ from omni_ros.qos import LATCHED, advertise
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 
-_MOST_WAITING = 64  # largest number of frames in the queue; further frames are lost
-_OFF_RATE = 0.01  # deviation of the rate from the configured one that causes a warning [1]
-_OLDEST_NS = 2_000_000_000  # largest age at which a driver's stamp counts as monotonic time [ns]
-_LONGEST_END = 2.0  # longest time to wait for the release of the device [s]
+_MOST_WAITING = 64  # limit on the number of frames in the queue; further frames are lost
+_OFF_RATE = 0.01  # relative error of the configured frame rate that causes a warning [1]
+_OLDEST_NS = 2_000_000_000  # limit on the age of a driver's stamp; an older stamp is ignored [ns]
+_LONGEST_END = 2.0  # limit on the time to wait for the release of the device [s]
 
 
 class CameraNode(Node):
@@ -50,7 +50,7 @@ class CameraNode(Node):
         self.outputs = (self._lines,)
         self._frames: deque[tuple[Frame, int]] = deque()
         self._overrun = 0
-        self._lost = 0  # number of lost frames in the last report
+        self._lost = 0  # number of lost frames at the last report
         self._failure = ""
         self._ended = False
         self._stop = threading.Event()
@@ -65,7 +65,7 @@ class CameraNode(Node):
         self._reader.start()
         try:
             while not spinner.stop:
-                ended = self._ended  # read before the frames, so that all are published
+                ended = self._ended  # read before the queue, so that all frames are published
                 self._publish_all()
                 if ended:
                     break
@@ -80,7 +80,7 @@ class CameraNode(Node):
         self._send(self._assembler.finish())
 
     def _read(self) -> None:
-        """Store frames with their arrival times; nothing else is done here, to lose no frame."""
+        """Store frames with their arrival times; any other work here could cause lost frames."""
         try:
             begin_ns = 0
             while not self._stop.is_set() and not self._source.ended:
@@ -168,7 +168,7 @@ class CameraNode(Node):
 
 
 def run(node: CameraNode, spinner: Spinner) -> None:
-    """Publish lines until the end of a file or a signal."""
+    """Publish lines until the end of a file, or until a signal requests shutdown."""
     node.startup.await_subscribers(node.outputs, spinner)
     node.run(spinner)
 

@@ -15,28 +15,29 @@ class CameraConfiguration(Configuration):
     # and the serial number of the camera), or a file that replaces the camera and is played in
     real time: a video, or pictures in an array (.npy)"""
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
-    """Frame rate, requested from a device"""
+    """Frame rate, which is also requested from a device"""
     rows: str = parameter("")
     """Rows of a frame to use, for example 240 or 236:244; empty for all rows"""
     band: bool = parameter(True)
-    """Whether the mean of the rows gives one line per frame; otherwise each row is a line"""
+    """Whether the rows are averaged to one line per frame; otherwise each row is a line"""
     columns: bool = parameter(False)
     """Whether the lines are the columns of the frame instead of its rows"""
     row_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time between the rows of a frame if each row is a line, as with a rolling shutter; 0 if
-    the rows of all frames follow each other evenly, as in the blocks of a line camera"""
+    the rows follow each other at a constant rate across frames, as in the blocks of a line
+    camera"""
     latency: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Time from the exposure of a frame's last row to the stamp of the frame. The stamp is that
     of the driver if it provides one, otherwise the time of arrival"""
     batch: float = parameter(0.01, unit="s", above=0.0, maximum=1.0)
-    """Duration of the lines in a message"""
+    """Time span of the lines in one message"""
     length: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Field of view along the camera's axis, published in camera_info so that the odometry can
     compare it with its configuration; 0 if unknown"""
     frame_width: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Frame width requested from a device; 0 to keep its setting"""
+    """Frame width requested from a device; 0 to keep the device's setting"""
     frame_height: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Frame height requested from a device; 0 to keep its setting"""
+    """Frame height requested from a device; 0 to keep the device's setting"""
     pixel_format: str = parameter("")
     """Pixel format requested from a device: four characters of V4L2 (GRAY, Y16, YUYV, MJPG), or
     a name of GenICam (Mono8, Mono12); empty for Mono8 with GenICam, and for the device's own
@@ -51,7 +52,7 @@ class CameraConfiguration(Configuration):
         return Cut(row_range(self.rows, "rows"), self.band, self.columns)
 
     def check_consistency(self) -> None:
-        """Check that the selected rows are valid."""
+        """Check that sensor and source are given and that the selected rows are valid."""
         if not self.sensor or not self.source:
             raise ConfigurationError("source" if self.sensor else "sensor", "is empty")
         if row_range(self.rows, "rows") == (0, 0):

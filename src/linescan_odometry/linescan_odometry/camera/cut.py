@@ -55,7 +55,7 @@ def row_range(text: str, key: str) -> tuple[int, int] | None:
         key: name of the parameter, for messages.
 
     Raises:
-        ConfigurationError: the text has another form.
+        ConfigurationError: the text does not have one of these forms.
     """
     if not text:
         return None

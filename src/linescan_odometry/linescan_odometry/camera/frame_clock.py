@@ -2,16 +2,16 @@
 
 A camera takes frames at a constant rate, but the frames arrive with varying delays. The odometry
 needs constant periods, and it must detect lost frames, because they change the duration of a
-displacement. The frame numbers of the driver reveal lost frames. Without frame numbers, a frame
-that arrives more than half a period late counts as preceded by a lost frame. If the next frame
-shows that the frame was only late, the clock is reset, and the lines before and after it are not
-joined.
+displacement. The frame numbers of the driver reveal lost frames. Without frame numbers, if a frame
+arrives more than half a period late, a frame before it is assumed to be lost. If the next frame
+shows that the frame was only late, the clock is reset, and the lines before and after the reset are
+not joined.
 """
 
-_FOLLOWED = 0.05  # share of a frame's deviation by which its stamp is corrected
-_DRIFT = 0.002  # share of a frame's deviation by which the period is corrected
-_FURTHEST = 50.0  # largest deviation of numbered frames before a reset [periods]
-_WIDEST = 0.1  # largest deviation of the rate from the configured one [1]
+_FOLLOWED = 0.05  # share of a frame's timing error by which its stamp is corrected
+_DRIFT = 0.002  # share of a frame's timing error by which the period is corrected
+_FURTHEST = 50.0  # timing error of a numbered frame above which the clock is reset [periods]
+_WIDEST = 0.1  # limit on the relative deviation of the rate from the configured one [1]
 
 
 class FrameClock:
@@ -60,8 +60,8 @@ class FrameClock:
         lost = steps - 1
         self.lost += lost
         if abs(error) > furthest * self._period_ns:
-            # Arrivals and stamps disagree, for example because a late frame counted as a lost one.
-            # Reset the clock to the time of arrival. Stamps must not decrease.
+            # Arrivals and stamps disagree, for example because a late frame was taken for a lost
+            # one. Reset the clock to the time of arrival. Stamps must not decrease.
             self.anew += 1
             self._last_ns = max(float(arrival_ns), self._last_ns + 1.0)
             return round(self._last_ns), max(lost, 1)

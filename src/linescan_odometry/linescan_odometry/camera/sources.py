@@ -17,7 +17,7 @@ from omni_platform.configuration import ConfigurationError
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
-"""Command that installs an optional library."""
+"""Command that installs an optional library, to be completed with the name of its lock file."""
 
 _RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that are not converted to color
 _FETCH_TIMEOUT = 0.5  # timeout for a frame of a GenICam camera [s]
@@ -113,7 +113,7 @@ class ArraySource:
         return Frame(np.array(self._pictures[self._next - 1]), self._next)
 
     def close(self) -> None:
-        """Do nothing, as an array needs no release."""
+        """Do nothing, because an array occupies no device."""
 
 
 class VideoSource:
@@ -133,7 +133,7 @@ class VideoSource:
             raise ConfigurationError(
                 "source",
                 f"{source} cannot be opened: "
-                + ("no such device, or in use" if device else "no video that OpenCV can read"),
+                + ("it is missing or in use" if device else "it is no video for OpenCV"),
             )
         if device:
             self._request(configuration)
@@ -164,7 +164,7 @@ class VideoSource:
             if self.played:
                 self.ended = True
                 return None
-            raise CameraError(f"{self._name} delivers no more frames: unplugged, or reset")
+            raise CameraError(f"{self._name} delivers no more frames: it was unplugged or reset")
         if picture.ndim == 3 and picture.shape[2] > 1:
             picture = self._cv2.cvtColor(picture, self._cv2.COLOR_BGR2GRAY)
         gray = picture.reshape(picture.shape[:2])  # raw formats may keep a third dimension
@@ -187,7 +187,7 @@ class GenicamSource:
     ended = False
 
     def __init__(self, producer: Path, serial: str, configuration: CameraConfiguration) -> None:
-        """Open the camera with this serial number, or the first camera if it is empty."""
+        """Open the camera with this serial number, or the first camera if the number is empty."""
         core = _load("harvesters.core", "Harvester", "genicam")
         if not producer.exists():
             raise ConfigurationError("source", f"there is no GenTL producer {producer}")

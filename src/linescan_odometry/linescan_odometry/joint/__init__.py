@@ -1,15 +1,16 @@
-"""Maximum-likelihood displacement of a batch of lines, estimated with the camera's fixed pattern.
+"""Maximum-likelihood estimate of the displacement of a batch and of the camera's fixed pattern.
 
 Line k of a batch of m lines is modeled as
 
     y_k(x) = b(x) + g_k(x + X_k) + e_k(x),    X_k = d kappa_k + a kappa_k^2 / 2,
 
 with the pixel x, kappa_k = k - (m - 1) / 2, a fixed pattern b of the camera, a ground texture g,
-and white noise e. As the line drifts sideways onto new ground, the texture loses its coherence from
-line to line, modeled as a first-order autoregressive process. The unknowns are the displacement d
-per line [px] and its change a [px per line^2]. The pattern is subtracted from the lines, and their
-spectra Y_k are shifted into the ground frame. At every spatial frequency f [cycles per pixel], the
-resulting vector over the lines is Gaussian with mean 0 and covariance T:
+and white noise e. As the line drifts sideways onto new ground, the texture loses coherence from
+line to line. This loss is modeled as a first-order autoregressive process. The unknowns are the
+displacement d per line [px] and its change a [px per line^2]. The pattern is subtracted from the
+lines, and the spectra Y_k of the lines are shifted into the ground frame. At every spatial
+frequency f [cycles per pixel], the resulting vector over the lines is Gaussian with mean 0 and
+covariance T:
 
     z_k = Y_k(f) exp(-2 pi i f X_k),    T_kj = S rho^|k - j| + N delta_kj.
 
@@ -20,6 +21,6 @@ variance is marginalized. The variance of the displacement therefore increases w
 be mistaken for motion: in slow motion over coarse texture.
 
 In motion, the prior variance of the pattern is the power of its estimate. At rest, lines do not
-separate ground and pattern. The prior variance is then the stated non-uniformity of the pixels, and
-S is only the power beyond the variance that this prior and earlier batches leave.
+separate ground and pattern. The prior variance is then the specified non-uniformity of the pixels,
+and S is only the power that exceeds the posterior variance of the pattern after earlier batches.
 """

@@ -29,8 +29,8 @@ from omni_platform.kernels import kernel
 REACH = 0.5  # largest shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance of two peaks
-_COARSEST = 100.0  # px; largest texture details that pass the filter of the stack
-_COMPARED = 0.5 * HIGHEST  # cycles per pixel, up to which candidates are compared
+_COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
+_COMPARED = 0.5 * HIGHEST  # cycles per pixel; highest frequency at which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
 
 
@@ -50,7 +50,7 @@ class Layout(NamedTuple):
         lines: number of lines m.
         pixels: pixels per line n.
         size: length of the Fourier transform [px].
-        limit: largest displacement per line [px].
+        limit: limit on the displacement per line [px].
     """
 
     lines: int
@@ -248,7 +248,7 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
     lagged, power = np.empty((_LAGS, count), np.complex64), np.empty((_LAGS, count), np.float32)
     square = np.zeros((_LAGS, count), np.float32)
     for which in range(_LAGS):
-        # Noise alone has on average the square 1 / N of the coherence of N pairs.
+        # For noise alone, the squared coherence of N pairs is 1 / N on average.
         noise = 1.0 / max(layout.lines - distances[which], 1)
         product, own = lagged[which], power[which]
         whole, energy = products.lagged[which], products.power[which]
@@ -266,7 +266,7 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
 
 @kernel
 def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return the correlations with all pairs counted, because noise is independent in each line."""
+    """Return the correlations with all pairs counted as independent, which is true of noise."""
     pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
@@ -281,7 +281,7 @@ def coherent(
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        spread: width of the range around the displacement whose largest ratio is returned [px].
+        spread: width of the range around the displacement in which the largest ratio is taken [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size
@@ -313,7 +313,7 @@ def coherent(
 def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
     """Return each candidate's log-likelihood ratio against noise [nats], shape (c,).
 
-    The ratio is that of the best line spacing.
+    The ratio is the largest one among the line spacings.
 
     Args:
         rest: correlations between the lines.
@@ -334,19 +334,21 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
 def scatter(
     rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
-    """Return the variance of a displacement among rivals that are nearly as likely [px^2].
+    """Return the variance of a displacement due to others that are nearly as likely [px^2].
 
-    The rivals are zero displacement, and displacements that differ by 1 px, 2 px and so on, in each
-    direction up to the first that is too unlikely. On a smooth ground, rest is nearly as likely as
-    slow motion, and the likelihood has many small maxima on one peak that is several pixels wide.
-    The curvature at the largest maximum then does not give the variance.
+    These rivals are zero displacement, and displacements that differ from the given one by 1 px to
+    `APART` px. In each direction, they end before the first one that is too unlikely. On smooth
+    ground, zero displacement is nearly as likely as slow motion, and the likelihood has many small
+    maxima on one peak that is several pixels wide. The curvature at the largest maximum then does
+    not give the variance.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        limits: loss of log-likelihood that excludes a rival [nats]; factor on this loss, below 1
-            because neighboring frequencies are not independent [1].
+        limits: two numbers: the loss of log-likelihood from which on a rival is excluded [nats],
+            and the factor on this loss in the rival's weight [1], which is below 1 because
+            neighboring frequencies are not independent.
     """
     excluded, share = limits
     last = farthest(displacement, layout)
@@ -387,8 +389,9 @@ def decide(
         found: candidates [px], shape (c,).
         evidence: result of `rate`, shape (c,).
         unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
-        limits: smallest log-likelihood of an accepted displacement [nats]; largest ratio of the
-            second-best log-likelihood to the best one at which the choice is unambiguous [1].
+        limits: two numbers: the smallest log-likelihood of an accepted displacement [nats], and the
+            ratio of the second-best log-likelihood to the best one above which the choice is
+            ambiguous [1].
     """
     likely, ratio = limits
     order = np.argsort(unlikely - evidence)
@@ -399,14 +402,14 @@ def decide(
             best = i
     ambiguous = False
     for i in range(len(found)):
-        # Noise causes such rival peaks between lines without overlap. A single line spacing may not
-        # show them.
+        # Noise causes such rival peaks if lines do not overlap. At the single spacing that
+        # `_contest` uses, they may be absent.
         if abs(found[i] - found[best]) >= APART and evidence[i] > ratio * evidence[best]:
             ambiguous = True
         if i != best and not ambiguous:
             own, other, between = _contest(rest, layout, found[best], found[i], likely)
-            # If the displacement halfway between two candidates is as likely, both belong to one
-            # peak.
+            # If the displacement halfway between two candidates is as likely as they are, both
+            # belong to one peak.
             ambiguous = other > ratio * own and between < ratio * other
     return best, ambiguous
 

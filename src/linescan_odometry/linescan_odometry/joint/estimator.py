@@ -24,17 +24,17 @@ from linescan_odometry.plausibility import Plausibility
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 
-_ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road has 10
-_STEPS = 4  # largest number of Newton steps; the pattern is estimated before each of them
-_CONVERGED = 0.1  # px within a batch; after a smaller step, a further one changes little
+_ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
+_STEPS = 4  # limit on the number of Newton steps; the pattern is estimated before each of them
+_CONVERGED = 0.1  # px within a batch; after a smaller step, a further step changes little
 _MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = (
     0.5  # ratio of the second-best log-likelihood to the best one; above it the peak is ambiguous
 )
-_FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge has up to 7
-_TWO_MOTIONS = 0.25  # px; difference between neighboring and all lines at which two motions overlap
-_LEAST_CONTRAST = 0.03  # ratio of gradient energy to noise; on wood, less may be another motion
+_FEWEST = 7.5  # smallest number of independent moving features; a shadow's edge counts as up to 7
+_TWO_MOTIONS = 0.25  # px; a larger difference between neighboring and all lines means two motions
+_LEAST_CONTRAST = 0.03  # gradient energy over noise; below it, wood may match another motion
 _SHIFTED = 25.0  # px within a batch; beyond it, ground and pattern can be separated
 
 
@@ -45,7 +45,8 @@ class Estimate(NamedTuple):
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
         reason: why the displacement is invalid; empty if it is valid.
-        rest: logarithm of the lines minus the fixed pattern, shape (m, n).
+        rest: logarithm of the lines minus the fixed pattern, or unchanged lines if the displacement
+            was rejected before the fit, shape (m, n).
         coherence: coherence between neighboring lines [1].
     """
 
@@ -88,7 +89,7 @@ class JointEstimator:
 
         Args:
             pixels: number of pixels n of a line.
-            limit: largest displacement per line [px].
+            limit: limit on the displacement per line [px].
             acceleration: standard deviation of the displacement's change from line to line [px].
             non_uniformity: standard deviation of the fixed pattern before the camera has moved,
                 relative to the gray level [1].
@@ -130,7 +131,7 @@ class JointEstimator:
             return Estimate(d, math.inf, choice.reason, lines)
         motion = np.array([d, 0.0])
         # At rest, and with few lines, ground and pattern cannot be separated. The prior of the
-        # pattern then decides.
+        # pattern then determines the split.
         parted = moves and m >= FEWEST_LINES
         pattern, batch = known, np.zeros(self._bins)
         before = self.pattern.precision + self._stated
@@ -155,7 +156,7 @@ class JointEstimator:
         best = assess(rest, here)
         d, variance = float(motion[0]), best.variance
         if not moves and not math.isfinite(variance):
-            variance = best.white  # at rest all lines are equal, even those with few features
+            variance = best.white  # at rest all lines are equal, so few features suffice
         reason = _flaw(best, variance, moves, abs(d) * (m - 1))
         if reason:
             return Estimate(d, variance, reason, rest)
@@ -183,7 +184,7 @@ class JointEstimator:
         best = int(np.argmax(evidence))
         # A shift within the batch that is below the smallest distance of two peaks counts as rest.
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < candidates.APART)
-        # Noise alone rarely exceeds half the least log-likelihood of a displacement.
+        # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
         if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
             rest = candidates.subtract(products, layout, known)
@@ -193,7 +194,7 @@ class JointEstimator:
             return _Choice(float(found[best]), True, "low texture")
         unlikely = np.zeros(len(found))
         if math.isfinite(last):
-            # The prior is limited: it decides only if the lines cannot distinguish candidates.
+            # The limited prior matters only if the lines cannot distinguish candidates.
             change = (found - last) / (self._spread * layout.lines)
             unlikely = np.minimum(0.5 * change**2, _RATIO * _LIKELY)
         limits = _LIKELY, _RATIO
@@ -245,7 +246,7 @@ class JointMethod:
             configuration: configuration of the odometry.
             non_uniformity: standard deviation of the fixed pattern before the camera has moved,
                 relative to the gray level [1].
-            pattern: fixed pattern from an earlier drive; None if there is none.
+            pattern: fixed pattern from an earlier run; None if there is none.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
@@ -267,7 +268,7 @@ class JointMethod:
             raise Unmeasured(estimate.reason, unmatched=True)
         if not plausibility.check(stamp_ns, np.array([estimate.value]))[0]:
             raise Unmeasured(
-                f"not plausible: {estimate.value:.3g} px a line needs more than "
+                f"not plausible: {estimate.value:.3g} px per line needs more than "
                 f"{self._limit:g} m/s^2 since the last measurement"
             )
         self._last = estimate.value

@@ -4,7 +4,7 @@ The variance is the sandwich estimate ``J^-1 B J^-1`` over segments of the groun
 curvature of the log-likelihood. B is the covariance of its derivative by Newey and West (1987):
 segments up to `_CORRELATED` apart may have correlated errors, because texture that is longer than a
 segment is part of several of them. The sandwich is valid even if the noise is not white and the
-model not exact.
+model is not exact.
 """
 
 import math
@@ -41,7 +41,7 @@ class Fit(NamedTuple):
         contrast: energy of the gradients that neighboring lines have in common, relative to that of
             the noise [1].
         difference: difference between the displacement per line estimated from neighboring lines
-            and that from all lines [px]; 0 if it is not significant.
+            and that from all lines [px]; 0 if the difference is not significant.
     """
 
     variance: float
@@ -80,7 +80,7 @@ def _gain(cut: Cut) -> float:
 
 @kernel
 def _noise(lines: Floats) -> float:
-    """Return the variance of a pixel's noise, as the median over the line.
+    """Return the noise variance of a pixel, as the median over the pixels of the line.
 
     Differences between lines contain no fixed pattern. Their third differences along the line
     contain hardly any ground texture, because the optics blur it.
@@ -94,8 +94,8 @@ def _noise(lines: Floats) -> float:
             inner = new[i + 2] - old[i + 2] - new[i + 1] + old[i + 1]
             value = outer + np.float32(3.0) * inner
             square[i] += value * value
-    # 1, 3, 3 and 1 have the sum of squares 20, and the difference of two lines has twice their
-    # noise.
+    # The coefficients 1, 3, 3 and 1 of a third difference have the sum of squares 20, and the
+    # difference of two lines has twice the noise variance of one line.
     noise: float = np.median(square) / (2.0 * 20.0 * (m - 1))
     return noise
 
@@ -118,7 +118,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
         weight[edges[b] : edges[b + 1]] = math.sqrt(gamma / ((1.0 - gamma * gamma) * moments[0, b]))
     parts = _places(here, weight, lines.shape[1])
     variance = _sandwich(parts, here.inverse[0])
-    # Weighting by amplitude and coherence lets a bright edge count like a faint one.
+    # With weights of amplitude times coherence, a bright edge dominates less than with energies.
     energy = np.maximum(parts[:, 2], 0.0)
     amplitude = energy**1.5 / np.maximum(parts[:, 3], 1e-12)
     features = amplitude.sum() ** 2 / max((amplitude * amplitude).sum(), 1e-12)
@@ -135,7 +135,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
 @kernel
 def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the displacement's variance [px^2]; infinite if two segments contain all energy.
+    """Return the displacement's variance [px^2]; infinite if one or two segments have all energy.
 
     Args:
         parts: properties of the p segments from `_places`, shape (p, 5).
@@ -150,7 +150,7 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
     own = slope - share * slope.sum()
     scatter = (own * own).sum()
     for lag in range(1, _CORRELATED + 1):
-        weight = 1.0 - lag / (_CORRELATED + 1.0)  # of Bartlett, so that the sum is not negative
+        weight = 1.0 - lag / (_CORRELATED + 1.0)  # Bartlett's, so that the sum is not negative
         scatter += 2.0 * weight * (own[lag:] * own[:-lag]).sum()
     effective = 1.0 / (share * share).sum()
     if effective <= 2.0:

@@ -28,8 +28,8 @@ from omni_platform.signals import Lines
 FEWEST_LINES = 8
 """Smallest number of lines from which a fixed pattern is estimated."""
 
-# Smallest difference of a defective pixel from its neighbors, as a multiple of the median of all
-# pixels [1]: about 6 standard deviations.
+# Smallest difference of a defective pixel from its neighbors, as a multiple of the median
+# difference of all pixels [1]: about 6 standard deviations.
 _OUTSTANDING = 9.0
 
 
@@ -150,7 +150,7 @@ def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], spectra.Floats]:
     """Return the pixels whose mean is far from the median of the pixels within 2 px.
 
     Returns:
-        The pixels, shape (d,); mean minus median of every pixel, shape (n,).
+        Indices of these pixels, shape (d,); mean minus median of every pixel, shape (n,).
     """
     m, n = lines.shape
     mean = np.zeros(n, np.float32)
@@ -182,7 +182,7 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
 
 
 def without_defects(lines: Lines) -> Lines:
-    """Interpolate the defective pixels; without any, the same lines are returned.
+    """Interpolate the defective pixels; if there are none, return the same lines.
 
     Args:
         lines: consecutive lines, shape (m, n).

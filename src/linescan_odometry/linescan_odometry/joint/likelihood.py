@@ -72,7 +72,7 @@ class Cut(NamedTuple):
 
     Attributes:
         spectra: spectra in the ground frame, shape (t, F).
-        line: number of the line in each row, shape (t,).
+        line: index of the line in each row, shape (t,).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         ground: ground position at which each block begins [px], shape (blocks,).
         length: length of the cut lines [px].
@@ -94,7 +94,7 @@ class Expansion(NamedTuple):
         cut: cut lines, without the pattern.
         model: covariance model of the lines.
         white: lines multiplied by the inverse covariance, shape (t, F).
-        moments: power of each band, and its covariance between neighboring lines, shape (2, B).
+        moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
         slopes: derivatives of the log-likelihood with respect to d and a, shape (2,).
         inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if there is
             no information on either.
@@ -379,7 +379,7 @@ def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
 def step(
     lines: Floats, precision: Precision, motion: Doubles, spread: float
 ) -> tuple[Doubles, Expansion]:
-    """Return displacement and change after a Newton step, and the expansion before it.
+    """Return displacement and change after a Newton step, and the expansion before the step.
 
     Without information, displacement and change are not finite.
 

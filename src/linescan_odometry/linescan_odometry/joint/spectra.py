@@ -19,13 +19,13 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Spectrum = NDArray[np.complex64]
 
-HIGHEST = 0.3  # cycles per pixel; higher frequencies are weak behind the optics, and aliased
+HIGHEST = 0.3  # cycles per pixel; the optics attenuate higher frequencies, which are also aliased
 _FIRST_BAND, _BAND_GROWTH = 0.002, 1.45  # cycles per pixel; ratio of band edges
 LEAST_NOISE = 0.2  # smallest ratio of noise to power in a band, so that no band dominates
 _TAPER = 16  # each end of a line is tapered by a raised cosine over 1/16 of its length
 _LEAST_TAPER = 0.2  # smallest taper by which a pattern is divided near the ends of a line
 _SMOOTHED = 4  # bins on each side over which a power spectrum is averaged
-SIGNIFICANT = 3.0  # standard deviations that chance does not cause
+SIGNIFICANT = 3.0  # standard deviations; larger deviations are not attributed to chance
 _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -183,14 +183,16 @@ def covariance(
         aligned: spectra in the ground frame, blocks of lines one after the other, shape (t, F).
         first: row of each block's first line, then the number of rows t, shape (blocks + 1,).
         edges: edges of the bands [bins], shape (B + 1,).
-        fixed: variance of the fixed pattern in the lines, which is no texture, shape (F,).
-        turn: phase of a fixed pattern in the ground frame from line to line [rad], shape (F,).
-        share: number of independent frequencies per bin, the length of the lines divided by that of
+        fixed: variance that the fixed pattern adds to the lines; it is not counted as texture,
+            shape (F,).
+        turn: phase change of a fixed pattern from one line to the next in the ground frame [rad],
+            shape (F,).
+        share: number of independent frequencies per bin: the length of the lines divided by that of
             their transform.
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
-        power of each band and its covariance between neighboring lines, shape (2, B).
+        power of each band and the covariance of neighboring lines in it, shape (2, B).
     """
     count = len(edges) - 1
     real = aligned.view(np.float32)
@@ -210,7 +212,8 @@ def covariance(
     model, moments = np.empty((3, count)), np.empty((2, count))
     for b in range(count):
         mean, pattern = np.zeros(3), np.zeros(3)
-        # The power of a random pattern in a few independent frequencies exceeds its variance.
+        # Over few independent frequencies, the power of a pattern may exceed its variance by
+        # chance.
         bound = 1.0 + SIGNIFICANT / math.sqrt((edges[b + 1] - edges[b]) * share)
         for which in range(3):
             lag = far if which == 2 else which

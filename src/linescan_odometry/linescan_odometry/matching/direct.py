@@ -101,7 +101,7 @@ class DirectSearch:
         self._limit = limit
         self._window = window
         self._prior_weight = prior_weight
-        self._before = np.zeros(2, np.int64)  # shift [px], whether there is one
+        self._before = np.zeros(2, np.int64)  # last shift [px]; 1 if there is one, else 0
 
     def reset(self) -> None:
         """Discard the last displacement; the next line starts a new sequence."""
@@ -122,7 +122,7 @@ class DirectSearch:
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Replace gray levels by their ranks among the occurring levels; return also their number."""
+    """Return the rank of each gray level among the occurring levels, and the number of levels."""
     if lines.dtype == np.uint8:
         return lines, 256
     values, places = np.unique(lines, return_inverse=True)
@@ -176,7 +176,7 @@ def _match(
 
 @njit(cache=True)
 def _best(batch: _Batch, pair: int, within: _Range) -> int:
-    """Return the shift with the smallest distance; of equal ones, the smallest motion."""
+    """Return the shift with the smallest distance; if several are equal, the smallest shift."""
     low, high, prior, pull = within
     best, best_shift = _UNDEFINED, min(max(0, low), high)
     nearest = max(0, low, -high)

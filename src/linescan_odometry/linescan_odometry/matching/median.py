@@ -31,7 +31,7 @@ def mark_inliers(
         displacement: displacements of m consecutive pairs [px], shape (m,).
         usable: whether each pair has a displacement, shape (m,).
         group_lines: number n of displacements in the median.
-        tolerance: largest distance from the median [px].
+        tolerance: limit on the distance from the median [px].
         inlier: output, whether each displacement agrees, shape (m,).
     """
     total = displacement.shape[0]
@@ -82,7 +82,7 @@ def average(
 
     Args:
         displacement: displacements of m consecutive pairs [px], shape (m,).
-        inlier: whether to average each displacement, true for at least one, shape (m,).
+        inlier: whether to include each displacement in the mean; at least one is true, shape (m,).
         weight: output, weight of each displacement in the mean, with the sum 1, shape (m,).
 
     Returns:

@@ -13,7 +13,7 @@ from omni_platform.signals import Lines
 
 @dataclasses.dataclass(frozen=True)
 class PairDisplacements:
-    """Displacements of consecutive lines; pair i is line i + 1 against line i.
+    """Displacements of consecutive lines; pair i compares line i + 1 with line i.
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).

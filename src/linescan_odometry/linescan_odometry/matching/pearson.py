@@ -1,8 +1,8 @@
 """Full search by Pearson's correlation, Eq. (81) of the dissertation, over the true overlap.
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
-deviations of the overlapping parts are computed from running sums. Each line shares these sums
-between its two pairs. This single-precision step only selects candidates: every shift whose
+deviations of the overlapping parts are computed from running sums. The sums of a line are used for
+both of its pairs. This single-precision step only selects candidates: every shift whose
 correlation could be the largest, within a bound of the rounding error, is then evaluated with
 integers. The result therefore equals that of a direct evaluation, for 8-bit and 16-bit lines, and
 does not depend on the rounding of the FFT or on the grouping of lines into batches.
@@ -96,7 +96,7 @@ def _match(
     for pair in range(len(shift)):
         reach = _bound(product[pair], ends, pair, lines.shape[1], upper)
         best, shift[pair] = -1.0, 0
-        for s in range(limit + 1):  # smaller shifts first, as they win a tie
+        for s in range(limit + 1):  # smaller shifts first, because they win a tie
             for side in range(2 if s > 0 else 1):
                 if upper[side, s] >= reach:
                     r = correlation(lines, sums, pair, -s if side else s)
@@ -121,7 +121,7 @@ def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends)
             for s in range(len(into)):
                 count, first = pixels - s, s if side else 0
                 part = total[first + count] - total[first]
-                # Whole numbers, at most 2^60 for 16384 px of 16 bit: zero is exactly zero.
+                # Integers of at most 2^60 for 16384 px of 16 bits, so zero is exactly zero.
                 variance = np.float32(
                     count * (squares[first + count] - squares[first]) - part * part
                 )

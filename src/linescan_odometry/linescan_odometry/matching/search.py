@@ -46,7 +46,7 @@ METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
     "spearman": partial(DirectSearch, "spearman"),
     "cosine": partial(DirectSearch, "cosine"),  # Eq. (83)
 }
-"""Full searches by the name of their metric, for a shift limit [px]."""
+"""Constructors of the full searches by metric; each takes the shift limit [px]."""
 
 
 def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:

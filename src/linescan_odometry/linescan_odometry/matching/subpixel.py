@@ -11,9 +11,9 @@ of the old line, and ``g = (p + q) / 2 = de/df``, a step is
 
 The noise of the two lines is independent, so ``sum(p q)`` is the gradient energy of the texture
 alone, whereas ``sum(g^2)`` would include the noise. The variance is computed at the last step. For
-white noise e, it would be the Cramer-Rao bound times the loss by smoothing. But e is correlated
-along the line, by the filter and, in sideways motion, by texture that enters and leaves. Therefore
-e g is summed over blocks longer than this correlation:
+white noise e, it would be the Cramer-Rao bound times the loss due to smoothing. But e is correlated
+along the line, because of the filter and, in sideways motion, because of texture that enters and
+leaves. Therefore e g is summed over blocks longer than this correlation:
 ``var f = sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, each block's errors are first
 summed over the pairs: the noise of a line cancels in the pairs before and after it, and a strip of
 ground that enters or leaves causes correlated errors in several pairs (cluster-robust variance).
@@ -38,9 +38,9 @@ _RADIUS = 4  # px; radius of the FIR filter, 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
 _STEPS = 2
 _FEWEST_TERMS = 16  # smallest overlap [px]
-_BLOCKS = 16  # largest number of parts of an overlap, longer than the correlation of its errors
+_BLOCKS = 16  # limit on the parts of an overlap, so that each is longer than the error correlation
 _SHORTEST_BLOCK = 4  # px
-_FARTHEST = 1.0  # px; a fraction farther from the integer shift means that this was no peak
+_FARTHEST = 1.0  # px; if the fraction exceeds this, the integer shift was not at a peak
 
 # The sums below may be reordered for speed. A kernel that permits this must not be cached if
 # another kernel calls it. The code inlined into the caller may be rounded differently before and
@@ -89,7 +89,7 @@ def _refine(
     displacement: NDArray[np.float64],
     errors: NDArray[np.float64],
 ) -> None:
-    """Perform all Gauss-Newton steps for every pair; see `SubpixelRefiner.refine`."""
+    """Perform the Gauss-Newton steps of every pair; see `SubpixelRefiner.refine`."""
     pixels = lines.shape[1]
     both = np.empty((2, pixels), np.float32)
     filtered, filters = np.empty((4, pixels), np.float32), np.empty((4, _TAPS), np.float32)
@@ -115,7 +115,7 @@ def _refine(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
-    """Copy part of a line with mean 0 and variance 1, all zeros if it is constant."""
+    """Copy part of a line, scaled to mean 0 and variance 1; write zeros if it is constant."""
     mean, squares = part.mean(), 0.0
     for i in range(len(part)):
         squares += (part[i] - mean) ** 2

@@ -10,9 +10,9 @@ the sliding, then points to the left, so angle and force have the same sign. Wit
 this is also true for a wheel that rolls backward.
 
 The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward and v_b the sideways
-velocity. Taken literally, a wheel that rolls straight ahead would have an angle of 90 deg. The two
-names are exchanged: a camera parallel to the axis of rotation measures v_par, the sideways
-velocity.
+velocity. Taken literally, a wheel that rolls straight ahead would have an angle of 90 deg. The
+dissertation interchanges the two names: a camera parallel to the axis of rotation measures v_par,
+the sideways velocity.
 
 v_f must be the velocity of the wheel's center over the ground. The rim speed omega R (wheel speed
 times radius) equals v_f only without longitudinal slip. On a braked wheel omega R is smaller, so
@@ -39,8 +39,8 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 from omni_platform.sensors import LineSensor, velocity_row
 
-_SKEWEST = 30.0  # deg; largest angle between camera axis and axis of rotation
-_ROUNDING = 1e-6  # deg; error of this angle by the rounding of sine and arcsine
+_SKEWEST = 30.0  # deg; limit on the angle between camera axis and axis of rotation
+_ROUNDING = 1e-6  # deg; error of this angle due to rounding of sine and arcsine
 
 
 class SideslipWheel(Configuration):
@@ -78,7 +78,7 @@ class SideslipEstimate:
 
     @classmethod
     def unmeasured(cls, reason: str) -> SideslipEstimate:
-        """Create an estimate without a measurement, with the reason."""
+        """Create an estimate that is marked as unmeasured, with the reason."""
         return cls(0.0, math.inf, 0.0, False, reason)
 
 
@@ -160,9 +160,9 @@ class WheelSideslip:
         reading = estimate.readings[self._wheel.sensor]
         if not estimate.measured:
             return SideslipEstimate.unmeasured("the twist is not measured")
-        # The twist contains the camera's error too: by least squares, the covariance of both is C
-        # a. If the sensors contradict each other, C is inflated, and the variance of the camera
-        # must be inflated in the same way.
+        # The twist contains the camera's error too. For least squares, the covariance of the twist
+        # and this error is C a, with the twist's covariance C and the camera's row a. If sensors
+        # contradict each other, C is inflated, and the camera's variance must be inflated equally.
         joint = np.empty((4, 4))
         joint[0, 0] = estimate.inflation * reading.variance
         joint[1:, 1:] = estimate.covariance

@@ -39,7 +39,7 @@ class SideslipMeter:
         """Create the meter for one wheel of `configuration.sideslip`.
 
         Raises:
-            ConfigurationError: the wheel is not one of them.
+            ConfigurationError: the wheel is not in `configuration.sideslip`.
         """
         check_choice("sideslip", wheel, configuration.sideslip)
         settings = configuration.sideslip[wheel]

@@ -2,8 +2,8 @@
 
 Such a sensor (PMW3901, PAA5160 of an OTOS, a mouse sensor) counts the displacement of the ground
 along two axes, and its driver publishes a velocity with a covariance. The velocity is weighted by
-this covariance. It is rejected if it is NaN, if it exceeds the largest speed of the sensor, or if
-it differs from the last velocity by more than the largest acceleration permits.
+this covariance. A velocity is rejected if it is NaN, if it exceeds the speed limit of the sensor,
+or if it differs from the last velocity by more than the acceleration limit permits.
 """
 
 import math
@@ -15,7 +15,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import FlowSensor
 from omni_platform.signals import Flow
 
-_DEVIATIONS = 6.0  # standard deviations by which the velocity may change by noise alone
+_DEVIATIONS = 6.0  # standard deviations by which the velocity may change due to noise alone
 
 
 class FlowMonitor:
@@ -26,7 +26,7 @@ class FlowMonitor:
 
         Args:
             sensor: configuration of the flow sensor.
-            maximum_acceleration: largest acceleration of the sensor [m/s^2]; 0 for no limit.
+            maximum_acceleration: limit on the acceleration of the sensor [m/s^2]; 0 for no limit.
         """
         self._sensor = sensor
         self._acceleration = maximum_acceleration

@@ -3,10 +3,10 @@
 Sensor i measures ``a_i . (v_c + Omega k x r_i)``, Eq. (23) of the dissertation, where ``a_i`` is
 the unit vector of its axis and ``r_i`` its position in the body frame, ``v_c`` the velocity of
 base_link, ``Omega`` the yaw rate, and ``k`` the unit vector upwards. This is one row of
-`sensor_matrix`. Three rows determine the twist unless all axes are parallel or pass through one
-point, because no sensor then measures a rotation about this point. Whether the yaw rate is
-observable does not depend on the position of base_link. It depends on the part of the lever arms
-that no translation can explain.
+`sensor_matrix`. Three rows determine the twist unless all axes are parallel or all axes pass
+through one point. In the second case, no sensor measures a rotation about this point. Whether the
+yaw rate is observable does not depend on the position of base_link. It depends on the part of the
+lever arms that no translation can explain.
 
 A flow sensor measures the velocity of one position along two axes. It adds two rows, whose errors
 may be correlated.
@@ -20,9 +20,9 @@ Omega), this error is
 
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl.
 
-Its variance is added to that of the match. A pitch error scales the speed, an axis error adds
-motion across the axis, and a position error adds yaw rate. A flow sensor has one scale error and
-one axis error for both of its velocities.
+The variance of this error is added to that of the match. A pitch error scales the velocity, an axis
+error adds a part of the motion across the axis, and a lever-arm error adds a part of the yaw rate.
+A flow sensor has one scale error and one axis error for both of its velocities.
 
 In shapes, S is the number of sensors, and R the number of velocities: one for each line camera and
 for the axle, two for each flow sensor.
@@ -39,7 +39,7 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import Mount, sensor_matrix
 
 _NARROWEST = math.sin(math.radians(5.0)) ** 2
-_CHECKED = 1e-6  # smallest share of a sensor's variance in its residual for a check by others
+_CHECKED = 1e-6  # ratio of residual to sensor variance below which the others cannot check a sensor
 _WEAKEST_LEVER = 0.05  # smallest ratio of the effective lever arm to the spread of the sensors
 
 
@@ -56,7 +56,7 @@ def check_placement(
 
     Raises:
         ConfigurationError: fewer than three velocities, or axes that are (nearly) parallel or
-            (nearly) pass through one point; the text names the sensors.
+            (nearly) pass through one point; the message names the sensors.
     """
     problem = _problem(sensors, minimum_lever)
     if problem and axle is not None:
@@ -93,8 +93,8 @@ class TwistSolver:
         self._sizes = np.array(sizes if axle is None else [*sizes, 1], np.intp)
         ends = np.cumsum(sizes)
         self._places = [slice(end - size, end) for size, end in zip(sizes, ends, strict=True)]
-        # Rows of the motion across each axis, and remaining calibration errors, which are 0 for an
-        # axle.
+        # Rows that convert the twist to the motion across each axis, and remaining calibration
+        # errors; both are 0 for an axle.
         self._across = np.zeros_like(matrix)
         self._left = np.zeros_like(matrix)  # errors of scale [1], axis [rad], lever [m]
         for place, sensor in zip(self._places, sensors.values(), strict=True):

@@ -31,16 +31,16 @@ class PoseIntegrator:
     Between two stamps the platform moves on an arc with the twist of the newer stamp, since this
     twist is the mean over the batch that ends there. An unmeasured twist is integrated as zero. In
     a time t without a measurement, the vehicle may have moved by ``v_max t``, where ``v_max`` is
-    its largest speed. The variance of the position is therefore increased to ``v_max^2 t^2`` over
-    the gap, at each stamp by the difference to the stamp before.
+    its maximum speed. The variance of the position is therefore increased to ``v_max^2 t^2`` over
+    the gap, at each stamp by the increase since the previous stamp.
     """
 
     def __init__(self, maximum_speed: float = 20.0, maximum_yaw_rate: float = 10.0) -> None:
         """Start at the origin with zero covariance.
 
         Args:
-            maximum_speed: largest speed of the vehicle [m/s].
-            maximum_yaw_rate: largest yaw rate of the vehicle [rad/s].
+            maximum_speed: maximum speed of the vehicle [m/s].
+            maximum_yaw_rate: maximum yaw rate of the vehicle [rad/s].
         """
         self._pose = Pose(0, np.zeros(3), np.zeros((3, 3)))
         self._started = False

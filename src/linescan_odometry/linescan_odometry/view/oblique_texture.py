@@ -28,13 +28,13 @@ _REMEMBERED = 128  # number of twists that are stored
 _GAP_NS = 50_000_000  # longest time without a twist over which the motion is extrapolated
 _LONGEST = 1.0  # s; longest time for which a line is stored
 _LEAST_SHIFT = 8.0  # px; at smaller shifts, a fixed pattern looks like an oblique texture
-_SEARCHED = 3  # px searched on each side of the expected shift, besides a share of it
+_SEARCHED = 3  # px searched on each side of the expected shift, in addition to a share of it
 _SEARCHED_SHARE = 0.01
 _FEWEST = 16  # smallest number of pixels for a comparison
 _PIECE = 0.008  # m; ordinary ground leaves a view after the view's width plus this length
 _FAR_ENOUGH = 0.5  # share of the view's width plus _PIECE after which the test is possible
-_EXCESS = 0.35  # excess correlation that chance does not cause in two comparisons
-_CLEAR_EXCESS = 0.65  # excess correlation that chance does not cause in one comparison
+_EXCESS = 0.35  # excess correlation that two successive comparisons do not reach by chance
+_CLEAR_EXCESS = 0.65  # excess correlation that a single comparison does not reach by chance
 _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes no significant error
 
 
@@ -189,7 +189,8 @@ class ObliqueTextures:
             sensors: the cameras by name.
         """
         self._sensors = sensors
-        # Rows of the motion across each camera's axis, positive to the left.
+        # Rows that convert the twist to the velocity across each camera's axis, positive to the
+        # left.
         self._rows = {
             name: np.array(velocity_row(s.x, s.y, s.heading + 0.5 * math.pi))
             for name, s in sensors.items()
@@ -246,7 +247,7 @@ class ObliqueTextures:
         self._stamps.append(stamp_ns)
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return the distance of a camera across its axis over the last `age` seconds [m].
+        """Return how far a camera has moved across its axis in the last `age` seconds [m].
 
         Before the first stored twist, the motion is assumed to be zero.
         """

@@ -25,7 +25,8 @@ class Covers:
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Start at rest without occluded cameras."""
         self._sensors = sensors
-        # Rows of the motion along and across each camera's axis, across positive to the left.
+        # Rows that convert the twist to the velocity along and across each camera's axis; the
+        # velocity across it is positive to the left.
         self._rows = {
             name: np.array(
                 [velocity_row(s.x, s.y, s.heading + turn) for turn in (0.0, math.pi / 2)]
