@@ -1,7 +1,7 @@
-"""Measure the real-time latency of the brake assistant's node from a twist to its enables.
+"""Measure the real-time latency of the brake assistant's node from a twist to the enables.
 
-The benchmark publishes stops from 10 m/s to a separate node, 100 times a second, with pedal, wheel
-speeds and IMU. It measures the wall-clock time from the publication of a twist until the enables
+The benchmark publishes pedal, twist, wheel speeds and IMU of stops from 10 m/s at 100 Hz to a
+separate node. It measures the wall-clock time from the publication of a twist until the enables
 with its stamp are received, over two hops of DDS and under the load of this machine. If the
 benchmark is started by ``chrt -f 50``, the node has real-time priority too.
 """
@@ -30,11 +30,11 @@ from omni_ros.environment import node_environment
 from omni_ros.qos import RECENT
 
 PERIOD = 0.01  # [s]
-SPEED_UP = 3.0  # [s] acceleration from one stop to the next
+SPEED_UP = 3.0  # [s] duration of the acceleration between two stops
 
 
 class Vehicle(Node):
-    """Publishes stops to the assistant and records when it answers.
+    """Publishes the signals of stops to the assistant and records when it answers.
 
     Args:
         wheels: names of the wheels.
@@ -55,7 +55,7 @@ class Vehicle(Node):
         self._stamp_ns = 0
 
     def steps(self) -> Iterator[None]:
-        """Publish one step per iteration, one stop after the other."""
+        """Publish the signals of one step per iteration, one stop after the other."""
         covariance = 1e-6 * np.eye(3)
         for frame in itertools.cycle(self._frames):
             self._stamp_ns += round(PERIOD * 1e9)
@@ -111,7 +111,7 @@ def main() -> None:
 
 
 def stop_and_go(run: FastRun) -> FloatArray:
-    """Return a stop and the acceleration back to its first speed, which may be repeated."""
+    """Return the frames of a stop and of the acceleration back to its initial speed."""
     moving = np.column_stack([run.twist, run.wheel_speed])
     share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
     moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])
@@ -121,13 +121,13 @@ def stop_and_go(run: FastRun) -> FloatArray:
 
 
 def drive(vehicle: Vehicle, duration: float) -> None:
-    """Publish a step every period for a duration [s]."""
+    """Publish the signals of one step in every period, for a duration [s]."""
     executor = EventsExecutor()
     executor.add_node(vehicle)
     while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:
         executor.spin_once(timeout_sec=0.05)
     end = time.monotonic() + duration
-    due = time.monotonic() + 1.0  # time for matching all topics
+    due = time.monotonic() + 1.0  # time for the discovery of all topics
     steps = vehicle.steps()
     while time.monotonic() < end:
         wait = due - time.monotonic()

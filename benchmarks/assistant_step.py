@@ -1,8 +1,8 @@
 """Measure the duration of a step of the brake assistant: median, p99, p99.9 and maximum.
 
 The demands are those of stops from 10 m/s, one after the other, with twist, wheel speeds and IMU.
-CPU time is the cost of a step; wall-clock time is the wait of a vehicle on a machine with the same
-load.
+The CPU time is the cost of a step. The wall-clock time is the delay of a step on a machine with the
+same load.
 """
 
 import gc

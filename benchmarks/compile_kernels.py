@@ -1,8 +1,8 @@
-"""CPU time of compiling every kernel from a cold cache, by module.
+"""CPU time of compiling every kernel, starting with an empty cache, by module.
 
 The time of a kernel excludes the kernels that it calls, which are compiled before it, but includes
-the code of them that LLVM inlines. Run with ``./omni exec python benchmarks/compile_kernels.py
---json``.
+the optimization of their code where LLVM inlines it. Run with ``./omni exec python
+benchmarks/compile_kernels.py --json``.
 """
 
 import os
@@ -50,7 +50,7 @@ def compile_all() -> Counter[tuple[str, str]]:
 
 def main() -> None:
     """Compile all kernels in a process with an empty cache and print the times."""
-    options = output.options(__doc__, kernels=False)  # with --kernels lists kernels, not modules
+    options = output.options(__doc__, kernels=False)  # --kernels lists kernels, not modules
     if _COLD not in os.environ:
         with tempfile.TemporaryDirectory() as cache:
             environment = {**os.environ, "NUMBA_CACHE_DIR": cache, _COLD: "1"}

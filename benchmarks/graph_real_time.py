@@ -1,9 +1,9 @@
 """Measure the speed of the whole graph compared with the same loop in one process.
 
 The graph has four processes and three cameras of 1024 px at 2500 lines/s, and everything is
-recorded. For each variant of the standard experiment, graph and process run in turn. The benchmark
-prints the simulated over the elapsed time of each (without start and stop) and the ratio of the
-times.
+recorded. For each variant of the standard experiment, the graph and the single process run in turn.
+The benchmark prints the simulated time divided by the elapsed time of both, without start-up and
+shutdown, and the ratio of the two.
 """
 
 import statistics

@@ -1,8 +1,9 @@
-"""Disturb runs by nodes that are killed, halted, or halted and resumed.
+"""Disturb runs by killing a node, halting it, or halting and resuming it.
 
-``./omni exec python benchmarks/killed_nodes.py`` disturbs every node at 20 random moments in both
-modes. No such run may end with exit code 0, and no vehicle may stop worse than both the undisturbed
-run and the run without the assistant. The program prints the runs that do; its exit code is then 1.
+``./omni exec python benchmarks/killed_nodes.py`` disturbs every node at 20 random moments, in
+lockstep and in real time. No such run may end with exit code 0, and no vehicle may stop worse than
+both the undisturbed run and the run without the assistant. The program prints the runs that do; its
+exit code is then 1.
 """
 
 import argparse
@@ -117,7 +118,7 @@ def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
 
 
 def disturb(pid: int, action: str) -> None:
-    """Do one of `ACTIONS` to a process."""
+    """Apply one of `ACTIONS` to a process."""
     if action in ("kill", "terminate"):
         os.kill(pid, signal.SIGKILL if action == "kill" else signal.SIGTERM)
         return
@@ -128,7 +129,7 @@ def disturb(pid: int, action: str) -> None:
 
 
 def stop_of(bag: Path) -> tuple[float, float]:
-    """Return distance [m] and rotation [deg] of a recorded stop, NaN if there is none."""
+    """Return distance [m] and rotation [deg] of a recorded stop; NaN without a complete stop."""
     try:
         history = read_run(bag)
     except BagError:
@@ -140,7 +141,7 @@ def stop_of(bag: Path) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Try every node, action and mode at random moments."""
+    """Disturb every node by every action at random moments, in both modes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--moments", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
@@ -186,7 +187,7 @@ def main() -> None:
     ]
     for case, found in bad:
         print(f"{case}: {found}")
-    print(f"{len(bad)} of {len(trials)} runs ended well or worse than without the assistant")
+    print(f"{len(bad)} of {len(trials)} runs ended with exit code 0 or exceeded these limits")
     sys.exit(bool(bad))
 
 

@@ -1,7 +1,7 @@
 """Compare the real-time factors of the forklift's wheel models and MuJoCo, by CPU time.
 
-Each model brakes from 10 m/s straight ahead for a second, in which the vehicle does not stop, with
-a physics step of 0.5 ms. The models run in turns, and the fastest of several runs counts. MuJoCo is
+Each model brakes from 10 m/s straight ahead for one second, which is too short to stop, with a
+physics step of 0.5 ms. The models run in turns, and the fastest of several runs counts. MuJoCo is
 optional, see CONTRIBUTING.md.
 """
 
@@ -15,7 +15,7 @@ import output
 
 from omni_sim.vehicle.mujoco_vehicle import build_vehicle, load_mujoco
 
-LIMITS = {"single": 300.0, "rollers": 10.0}  # least ratio to MuJoCo's real-time factor
+LIMITS = {"single": 300.0, "rollers": 10.0}  # minimum ratio to MuJoCo's real-time factor
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ Metrics = dict[str, tuple[Any, ...]]
 
 
 def options(words: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the parsed command line: ``--json`` and an option for each default; False: a flag."""
+    """Return the parsed command line: ``--json`` and an option per default (False: a flag)."""
     parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for name, default in defaults.items():

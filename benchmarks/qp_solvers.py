@@ -1,4 +1,4 @@
-"""Compare the active-set method of the law `allocation` with two QP libraries on a stop's problems.
+"""Compare the active-set method of the law `allocation` with two QP libraries on QPs of a stop.
 
 The libraries are not part of the project: ``./omni exec python -m pip install quadprog daqp``.
 """
@@ -22,14 +22,14 @@ problems: list[Box] = []  # copies of the solved QPs of the stop
 
 
 class Recorded:
-    """The law `allocation`, which stores its QPs with their solutions."""
+    """The law `allocation`, extended by storing its QPs with their solutions."""
 
     def __init__(self, *made_of: Any) -> None:
         self._constants = allocation.make_constants(*made_of)
         self._memory = allocation.new_memory(len(self._constants.rim))
 
     def step(self, *arguments: Any) -> int:
-        """Brake as `allocation` does, and store the QP."""
+        """Compute the enables as `allocation` does, and store the QP."""
         answer = int(allocation.step(self._constants, self._memory, *arguments))
         if answer == law.ASSIST:
             problems.append(copy.deepcopy(self._memory.qp))
@@ -48,7 +48,7 @@ def dense(box: Box) -> tuple[Any, ...]:
     """Return Hessian, gradient at zero and upper bounds of a QP."""
     weighted = box.rows.T * box.weights
     h, f = weighted @ box.rows + np.diag(box.damping), box.linear - weighted @ box.goals
-    return h, f, np.nan_to_num(box.upper, posinf=1e3)  # quadprog takes no infinite bound
+    return h, f, np.nan_to_num(box.upper, posinf=1e3)  # quadprog accepts no infinite bound
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ Run it on an otherwise idle machine, with the workspace's packages on the path:
 
 Errors are relative to the exact integral over the ground at its full resolution. The peak memory is
 that of a separate process, which loads a ground of 2400 dpi from the cache, sets up cameras and
-turns them once around. The first run generates the ground in the cache.
+rotates them by 360 deg. The first run generates the ground in the cache.
 """
 
 import math
@@ -33,7 +33,7 @@ SENSORS = {
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
 }
 LIMITS = {"generic": ((15e3,), (0.15,)), "s3901": ((100e3,), (0.15,))}
-"""Least rate [lines/s] and largest error [gray levels] of cameras."""
+"""Lower limit on the rate [lines/s] and upper limit on the error [gray levels], by camera."""
 SPEED = 10.0  # [m/s]
 
 

@@ -2,9 +2,9 @@
 
     python benchmarks/search_displacement.py [--json]
 
-The benchmark prints medians over repeated batches of 25 lines, on one core. The first row of each
-size is the full search over +/- n/2 by Pearson's correlation, and the second row the search with
-sub-pixel refinement. The last rows are the speed of the full search relative to
+The benchmark prints medians over repeated batches of 25 lines, on one core. For each size, the
+first row is the full search over +/- n/2 by Pearson's correlation, and the second row is the same
+search with sub-pixel refinement. The last rows are the speed of the full search relative to
 `scipy.spatial.distance.pdist` at every shift, and relative to OpenCV's `matchTemplate` over the
 same shifts without any normalization, on one thread. The search and `matchTemplate` take turns with
 the lines of a control period of 10 ms: 1024 px at 2500 lines/s, 335 px at 2985 (LIS-770i) and 128
@@ -39,7 +39,7 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def record(pixels: int, lines: int, dtype: type) -> Lines:
-    """Return noisy lines of a fine random ground, which moves 4 mm per line below a 50 mm view."""
+    """Return noisy lines of a fine random ground, which moves 4 mm per line; n px are 50 mm."""
     generator = np.random.default_rng(1)
     step = 4e-3 / (0.05 / pixels)
     grains = 4 * int(step * lines + pixels + 4)
@@ -114,7 +114,7 @@ def compared_with_opencv(repetitions: int) -> output.Metrics:
         lines = record(pixels, count + 1, np.uint8)
         own = METRICS["pearson"](pixels // 2)
         # The older line gets n/2 black pixels at each end, so that all shifts are covered.
-        exact = lines.astype(np.float32)  # with which OpenCV is faster than with integers
+        exact = lines.astype(np.float32)  # OpenCV is faster with floats than with integers
         padded = np.pad(exact, ((0, 0), (pixels // 2, pixels // 2)))
         shift, similarity = np.empty(count, int), np.empty(count)
 

@@ -1,4 +1,4 @@
-"""Measure the time of each node from SIGINT to its end, with and without subscribers.
+"""Measure the time from SIGINT to the end of each node, with and without subscribers.
 
 ``./omni exec python benchmarks/stop_times.py`` prints median and maximum of 20 trials in seconds.
 """
@@ -22,7 +22,7 @@ from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, find_executable
 from omni_ros.environment import node_environment
 
-SETTLING = 6.0  # [s] from the appearance of a node until it works
+SETTLING = 6.0  # [s] from the appearance of a node until it is ready
 
 
 def main() -> None:

@@ -21,9 +21,10 @@ _NAME_PART = re.compile(r".[^/_ -]*[/_ -]?")  # a heading may wrap after each pa
 
 @dataclasses.dataclass(frozen=True)
 class ComparisonTable:
-    """Table with a row per quantity and a column per variant, as many variants as fit.
+    """Table with a row for each quantity and a column for each variant.
 
-    Further variants follow in tables below, so that numbers never wrap; names may wrap. A value
+    Variants that do not fit the width follow in further tables below, so that numbers never wrap;
+    names may wrap. A value
     that misses its limit is marked with ``!``. The value in the dissertation follows in
     parentheses. A dash stands for an undefined quantity, with the reason below the table.
 
@@ -101,7 +102,7 @@ def _table(
 
 
 def _wrapped(name: str, width: int) -> Text:
-    """Return a heading whose lines are at most as wide as `width`, and end between its parts."""
+    """Return a heading, broken between its parts into lines of at most `width` characters."""
     lines = [""]
     for part in _NAME_PART.findall(name):
         if len(lines[-1]) + len(part) > width:
@@ -111,7 +112,7 @@ def _wrapped(name: str, width: int) -> Text:
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit of a row, and its entries in this unit: short lengths in millimeters.
+    """Return the unit of a row and its entries in this unit, which is mm if all lengths are short.
 
     Args:
         entries: entries of one quantity by column, None if a column lacks it.

@@ -3,7 +3,8 @@
 The first snapshot is the start of braking, and the last one is the final position. Between them, as
 many snapshots as fit are taken at round times, about equally spaced along the longest path of all
 variants. All variants are shown at the same moments, so that they can be compared. If the vehicle
-or its arrow would overlap an earlier snapshot, a moment shortly before or after is used, or none.
+or its arrow would overlap an earlier snapshot, a moment shortly before or after is used, or the
+snapshot is omitted.
 """
 
 import dataclasses
@@ -59,7 +60,7 @@ def choose_snapshots(
         scene: the vehicle.
         histories: runs by variant, at least one.
         arrow_scale: length of a velocity arrow per speed [m / (m/s)].
-        most: largest number of snapshots.
+        most: limit on the number of snapshots.
     """
     spans = {name: _span(history) for name, history in histories.items()}
     longest = max(spans.values(), key=lambda span: float(span.traveled[-1]))
@@ -107,7 +108,7 @@ def snapshot_outlines(
         history: run of the vehicle.
         index: index of the stamp.
         arrow_scale: length of a velocity arrow per speed [m / (m/s)].
-        clearance: smallest distance between an arrow's tip or a load and other elements, as a
+        clearance: minimum distance between an arrow's tip or a load and other elements, as a
             multiple of the chassis length.
 
     Returns:

@@ -238,7 +238,7 @@ def _choose_view(
         snapshots: snapshots by variant.
         arrow_scale: length of an arrow per speed [m / (m/s)].
         height: height of all panels together [in].
-        lowest: smallest height of a panel [in].
+        lowest: minimum height of a panel [in].
     """
     points = []
     for name, history in histories.items():

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 _NO_NOTES: Mapping[str, str] = {}
-_LONGEST = 110  # largest number of characters of a mapping or list on one line
+_LONGEST = 110  # limit on the number of characters of a mapping or list on one line
 
 
 def commented_yaml(

@@ -1,4 +1,4 @@
-"""Closed loop on the velocity sensor as one compiled kernel, for campaigns of many runs.
+"""Closed loop with the velocity sensor as one compiled kernel, for campaigns of many runs.
 
 The kernel calls the compiled functions of the simulator and of the brake assistant, without line
 cameras, odometry or messages. The results are bit-identical to those of `loop.run_closed_loop` with
@@ -59,13 +59,13 @@ def _new_record(stamps: int, wheels: int) -> _Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FastRun(RunHistory):
-    """Time histories of a run of the fast loop, without odometry and states of the assistant.
+    """Time histories of a run of the fast loop, without odometry estimates and assistant states.
 
     Attributes:
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
         valid: whether all inputs were valid, so that brakes could be released, shape (T,).
         energy: kinetic energy of body and wheels plus elastic energy of the tires [J], shape (T,).
-        stopped: whether the vehicle came to rest within the longest duration of the run.
+        stopped: whether the vehicle came to rest within the limit on the duration of the run.
         tipping_steps: number of physics steps in which a real vehicle would have begun to tip over.
     """
 
@@ -77,13 +77,13 @@ class FastRun(RunHistory):
 
 
 class _Loop(NamedTuple):
-    """Inputs of the loop kernel except vehicle and law; T is the largest number of stamps."""
+    """Inputs of the loop kernel except vehicle and law; T is the limit on the number of stamps."""
 
     period_ns: int
     steps: int
     pedal: FloatArray  # brake demand, 0 to 1, (T,)
-    # Commanded twist [m/s, m/s, rad/s] in the body axes of the start, rotated in place to the
-    # present body axes when its stamp is reached, (T, 3).
+    # Commanded twist [m/s, m/s, rad/s] in the body axes at the start; a row is rotated in place to
+    # the present body axes when its stamp is reached, (T, 3).
     command: FloatArray
     hold_world: bool  # whether the commanded velocity keeps its direction in the world
     start_yaw: float  # [rad]
@@ -107,7 +107,7 @@ class _Sensors(NamedTuple):
     drawn: IntArray  # number of samples taken so far, (1,)
     instruments: Instruments
     noise: FloatArray  # standard normal values for IMU and encoders, (K, D)
-    rest: NDArray[np.void]  # time since when the vehicle is at rest
+    rest: NDArray[np.void]  # time since which the vehicle has been at rest
 
 
 def run_fast_loop(configuration: ExperimentConfiguration) -> FastRun:
@@ -239,7 +239,7 @@ class _Scratch(NamedTuple):
     error: FloatArray  # (N,)
     enable: FloatArray  # (N,)
     steps: int  # number of physics steps in a control period
-    trajectory: FloatArray  # not recorded, (0, 6)
+    trajectory: FloatArray  # empty, because it is not recorded, (0, 6)
 
 
 def _new_scratch(wheels: int, steps: int) -> _Scratch:
@@ -300,7 +300,7 @@ def _listen(run: _Run, stamp: int) -> assist_state.Inputs:
 
 @lean
 def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run the loop from stamp `first` up to, not including, stamp `last`, and fill the records.
+    """Run the loop from stamp `first` to the stamp before `last`, and record each stamp.
 
     Returns:
         Next stamp; outcome of the run, see `run_progress.run_outcome`.

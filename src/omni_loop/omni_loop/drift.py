@@ -66,7 +66,7 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
         return math.nan, 0
     error = [_between(path, *pair)[:2] for pair in pairs]
     true = [_between(truth, *pair)[:2] for pair in pairs]
-    # The translation of true^-1 * error is as long as their difference.
+    # The translation of true^-1 * error has the length of the difference of both translations.
     return float(np.sqrt(np.mean(np.sum(np.subtract(error, true) ** 2, axis=1)))), len(pairs)
 
 

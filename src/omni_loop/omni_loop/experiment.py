@@ -33,7 +33,7 @@ from omni_sim.vehicle.mujoco_vehicle import load_mujoco
 _PARTS = {"vehicle": "vehicles", "vehicle.tire": "tires", "ground": "grounds", "sensors": "sensors"}
 _DEMANDS = "maneuver.demands"  # key whose value may be a table or a recording
 _VARIANT = r"[A-Za-z][A-Za-z0-9_-]{0,63}"
-# Files of a vehicle's own folder, by kind.
+# Files of a vehicle's own folder, by the configuration folder that otherwise contains such files.
 _IN_FOLDER = {"vehicles": "vehicle.yaml", "experiments": "experiment.yaml"}
 _EXPERIMENTS = "experiments"
 # Values that every vehicle must define, in its own file or in the experiment.
@@ -167,7 +167,7 @@ class ExperimentLibrary:
         return kept or list(variants)
 
     def parts(self, kind: str) -> list[str]:
-        """Return the names of the files of a kind, such as ``vehicles``, sorted."""
+        """Return the names of the files in a configuration folder such as ``vehicles``, sorted."""
         return sorted(path.stem for path in (self.folder / kind).glob("*.yaml"))
 
     def named(self, experiment: str, part: str) -> str:
@@ -208,8 +208,8 @@ class ExperimentLibrary:
                 declared.join_key("variants", variant),
                 f"{changes!r} is not a mapping of names to values",
             )
-        # Values of a part are merged into the part that is named last, even if they come before the
-        # name.
+        # Values of a part are merged into the part that is named last, even if the values precede
+        # its name.
         named: dict[str, str] = {}
         layers = [_take_names(one, named) for one in (changes, *map(parse_override, overrides))]
         names = [nest(path, named[path]) for path in _PARTS if path in named]
@@ -236,7 +236,7 @@ class ExperimentLibrary:
                 contains ``vehicle.yaml``.
 
         Raises:
-            ConfigurationError: the name, a key or a value does not fit.
+            ConfigurationError: the name, a key or a value is invalid.
         """
         return declared.from_mapping(VehicleConfiguration, self.vehicle_values(name), "vehicle")
 
@@ -255,7 +255,7 @@ class ExperimentLibrary:
             name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
 
         Raises:
-            ConfigurationError: the name, a key or a value does not fit.
+            ConfigurationError: the name, a key or a value is invalid.
         """
         return declared.from_mapping(_SensorsAlone, self._resolve({"sensors": name})).sensors
 
@@ -291,10 +291,10 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the file of a kind in a vehicle's own folder; other names are not changed.
+        """Return the path of a file in a vehicle's own folder; return other names unchanged.
 
         Args:
-            kind: kind of the file, such as ``vehicles``.
+            kind: configuration folder that otherwise contains such files, such as ``vehicles``.
             name: folder made by ``./omni new-vehicle``, or another name or path.
         """
         file = Path(name) / _IN_FOLDER.get(kind, "")
@@ -337,7 +337,7 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
 
 
 def short_name(path: str | Path) -> str:
-    """Return the name of an experiment or vehicle in results: that of its file or own folder.
+    """Return the name of an experiment or vehicle for results: the name of its file or own folder.
 
     Args:
         path: a name, a path that ends in ``.yaml``, or a folder of ``./omni new-vehicle``.
@@ -432,7 +432,7 @@ def _twist_delay(tree: Mapping[str, Any]) -> float | None:
     simulation = tree.get("simulation", {})
     configured = simulation.get("control_period") if isinstance(simulation, Mapping) else None
     period = SimulationConfiguration().control_period if configured is None else configured
-    longest = 0.4  # s; twice the largest `feedback_delay`
+    longest = 0.4  # s; twice the limit on `feedback_delay`
     usable = isinstance(period, int | float) and 0.0 < period <= longest
     return 0.5 * period if usable else None
 

@@ -73,7 +73,7 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
 
 
 def is_picture(ground: str) -> bool:
-    """Return whether a ground is a picture: an image suffix, or an existing file that is not YAML.
+    """Return whether a ground has an image suffix, or is an existing file that is not YAML.
 
     Args:
         ground: name of a ground or path of a file.

@@ -129,7 +129,8 @@ class RunHistory:
             wheel_names: names of the N wheels.
             assist_state: state of the brake assistant at each stamp, if known.
             real_time_factor: ratio of simulated to elapsed time [1].
-            **samples: the other attributes by name; no `estimate` if there is no odometry.
+            **samples: the other attributes by name; without odometry, `estimate` and its variance
+                are omitted.
 
         Raises:
             ValueError: shapes do not fit together, or stamps do not increase.
@@ -165,13 +166,13 @@ class RunHistory:
 
     @property
     def brake_start(self) -> int | None:
-        """Index of the first stamp with the pedal down, None if there is none."""
+        """Index of the first stamp with the pedal down; None if the pedal is never down."""
         pressed = np.flatnonzero(self.pedal > 0.0)
         return int(pressed[0]) if pressed.size else None
 
     @property
     def braking_time(self) -> FloatArray:
-        """Time since the start of braking [s], or since the first stamp without braking, (T,)."""
+        """Time since the start of braking, without braking since the first stamp [s], (T,)."""
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
 

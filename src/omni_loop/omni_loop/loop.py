@@ -21,7 +21,7 @@ from omni_sim.simulator import Observation, Simulator
 
 
 class Estimator(Protocol):
-    """Source of the body twist: an odometry or a velocity sensor."""
+    """Source of the body twist: line-scan odometry, a user's odometry or a velocity sensor."""
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the twist estimated from the measurements; called once per stamp."""
@@ -78,14 +78,14 @@ class SensorEstimator:
 
 
 class LineEstimator:
-    """Estimates the twist from the lines of the cameras with an odometry."""
+    """Odometry that estimates the twist from the lines of the cameras."""
 
     def __init__(self, odometry: OdometryPort) -> None:
         self._odometry = odometry
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the twist over the lines since the last stamp."""
-        # Each camera is matched while the next one is rendered.
+        """Return the twist estimated from the lines since the last stamp."""
+        # The lines of each camera are matched while those of the next camera are rendered.
         inputs = chain(observation.line_batches.items(), observation.flows.items())
         *_, (newest, _) = chain.from_iterable(starmap(self._odometry.take, inputs))
         return signals.TwistSample(newest.stamp_ns, newest.twist, newest.covariance)
@@ -106,7 +106,7 @@ def run_closed_loop(
     """Run an experiment to its end.
 
     Args:
-        configuration: the whole loop.
+        configuration: configuration of the whole loop.
         simulator: simulator of this configuration, for inspection after the run; created if None.
         estimator: estimator that replaces that of the configuration; None to use the configured
             one.

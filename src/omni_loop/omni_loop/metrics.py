@@ -1,4 +1,4 @@
-"""Metrics of a braking run, such as distance, rotation, valve switchings and odometry error.
+"""Metrics of a braking run, such as distance, rotation, brake switching and odometry error.
 
 Braking lasts from the first stamp with the pedal down to the end of the history, by which the
 vehicle must have come to rest (`rest_stamp`). If the vehicle has not come to rest, or if the
@@ -10,12 +10,12 @@ All positions are those of `base_link`. The quantities, in the order of the resu
 ==================== ===== ===================================================================
 stopping_distance    m     straight line from the start of braking to the final position
 path_length          m     length of the path from the start of braking to the final position
-orientation_change   deg   magnitude of the total change of yaw, full turns counted
+orientation_change   deg   magnitude of the total change of yaw, including full turns
 lateral_deviation    m     largest distance from the line along the initial direction of motion
 stopping_time        s     time from the start of braking until the vehicle comes to rest
 peak_yaw_rate        rad/s largest magnitude of the yaw rate from the start of braking on
-brake_switchings     1     changes of the enables while stopping, all wheels together
-brake_switchings.<w> 1     changes of the enables of wheel <w> while stopping
+brake_switchings     1     number of changes of the enables while stopping, over all wheels
+brake_switchings.<w> 1     number of changes of the enable of wheel <w> while stopping
 fail_safe_share      1     share of the stamps from braking to rest at which all brakes were on
                            because of a fault; the note names the most frequent fault
 twist_rmse           m/s   root mean square of the error vector of the odometry's velocity
@@ -23,8 +23,8 @@ yaw_rate_rmse        rad/s root mean square error of the odometry's yaw rate
 real_time_factor     1     simulated time divided by elapsed time
 ==================== ===== ===================================================================
 
-The odometry is compared with the true twist at every stamp of the run with a measurement: at the
-control stamp at which the brake assistant uses the measurement.
+Each measurement of the odometry is compared with the true twist at the control stamp at which the
+brake assistant uses the measurement.
 """
 
 import dataclasses
@@ -40,9 +40,9 @@ from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
 REST_SPEED, REST_YAW_RATE = 0.1, 0.1
-"""Largest speed of `base_link` [m/s] and largest yaw rate [rad/s] of a vehicle at rest."""
+"""Limits on the speed of `base_link` [m/s] and on the yaw rate [rad/s] of a vehicle at rest."""
 
-_ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; largest values of a rocking vehicle
+_ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; limits for a rocking vehicle
 _NEVER_PRESSED = "the brake pedal is never pressed"
 _NO_REST = "the vehicle does not come to rest in this history"
 _NO_DIRECTION = "braking starts at standstill, so there is no direction of motion"
@@ -92,8 +92,8 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
-    if it never exceeds the larger limits of rocking afterwards. With the deceleration a, this stamp
-    is earlier than the zero of the speed by the time `REST_SPEED` / a. A run ends by another rule,
+    if it never exceeds the larger limits of rocking afterwards. At a deceleration a, this stamp
+    precedes the time of zero speed by `REST_SPEED` / a. A run ends by another rule,
     `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time, because
     later rocking cannot be known in advance.
 
@@ -119,7 +119,7 @@ def run_metrics(history: RunHistory) -> dict[str, Metric]:
 
 
 def still_rolls(history: RunHistory) -> bool:
-    """Return whether the vehicle still moves at the end of its history with the pedal down."""
+    """Return whether the vehicle still moves, with the pedal down, at the end of its history."""
     start = history.brake_start
     if start is None or not history.pedal[-1] > 0.0:
         return False
@@ -131,9 +131,9 @@ def results_document(
 ) -> dict[str, Any]:
     """Return the JSON document of a command that computes metrics.
 
-    A metric is named ``<quantity>.<variant>``, and that of a wheel
-    ``<quantity>.<variant>_<wheel>``, with `variant` and `wheel` as separate entries. Values that
-    are not finite become None, with the reason in `note`.
+    A metric is named ``<quantity>.<variant>``. That of a wheel is named
+    ``<quantity>.<variant>_<wheel>``, and also contains `variant` and `wheel` separately. Values
+    that are not finite become None, with the reason in `note`.
 
     Args:
         name: name of the experiment.
@@ -185,7 +185,8 @@ def _braking_metrics(history: RunHistory) -> dict[str, Metric]:
         "peak_yaw_rate": float(np.max(np.abs(history.twist[start:, 2]))),
     }
     notes = {"lateral_deviation": _NO_DIRECTION}
-    # The stamp before braking is included, so a release that coincides with the pedal is counted.
+    # The stamp before braking is included, so that a release at the first stamp of braking is
+    # counted.
     switchings = _switchings(history.enable[max(start - 1, 0) : stop + 1])
     values["brake_switchings"] = float(np.sum(switchings))
     notes["brake_switchings"] = _NO_ENABLES
@@ -222,7 +223,7 @@ def _fail_safe_share(states: tuple[str, ...]) -> Metric:
         return Metric(0.0, "1")
     share = faults.total() / len(states)
     worst, _ = faults.most_common(1)[0]
-    note = f"all brakes on for {share:.0%} of the braking, mostly for {worst.replace('_', ' ')}"
+    note = f"all brakes on for {share:.0%} of braking, mostly due to {worst.replace('_', ' ')}"
     return Metric(share, "1", note=note)
 
 

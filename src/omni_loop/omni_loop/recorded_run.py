@@ -1,10 +1,10 @@
 """Reading of a run from its rosbag2 folder, without ROS.
 
-Only the small topics are decoded, not the line batches, which make up nearly all of a recording.
-`ground_truth/odom` gives the control stamps. Every other message belongs to the first control stamp
-that is not before the stamp of the message. The stamp of the odometry is that of its newest line,
-which is up to one line period before the control stamp. `stops_of` divides a recorded drive into
-its stops, each of which is a run of its own.
+Only the topics of a `RunHistory` are decoded. The line batches, which make up nearly all of a
+recording, are skipped. `ground_truth/odom` gives the control stamps. Every other message belongs to
+the first control stamp that is not before the stamp of the message. A twist of the odometry has the
+stamp of its newest line, which is up to one line period before the control stamp. `stops_of`
+divides the history of a recording with several stops into one history per stop.
 """
 
 from __future__ import annotations
@@ -61,15 +61,16 @@ class Stream:
 def read_run(bag_folder: Path | str) -> RunHistory:
     """Read the history of a run from a rosbag2 folder, for any namespace of the vehicle.
 
-    Values without a message are NaN, for example without an enable in the last period. A recording
-    of a real vehicle has no ground truth; its motion is the integral of the measured twist.
+    A value for which no message was recorded is NaN, for example if the last period has no enable.
+    A recording of a real vehicle has no ground truth; its motion is the integral of the measured
+    twist.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
 
     Raises:
-        BagError: the recording is missing, empty, truncated, damaged or of another kind, or lacks a
-            topic.
+        BagError: the recording is missing, empty, truncated or damaged, lacks a topic, or is not
+            that of a single run.
     """
     from omni_recording.folder import open_vehicle
 
@@ -85,7 +86,7 @@ def read_run(bag_folder: Path | str) -> RunHistory:
 def read_streams(
     bag: Bag, chosen: Iterable[topics.Topic], required: Collection[topics.Topic] = ()
 ) -> dict[str, Stream]:
-    """Return the messages of some small topics, by topic name without the vehicle's namespace.
+    """Return the messages of the chosen topics, by topic name without the vehicle's namespace.
 
     Args:
         bag: the recording of a vehicle.
@@ -102,7 +103,7 @@ def read_streams(
     missing = {topic.path for topic in required} - {channel.topic for channel in channels}
     if missing:
         lacking = ", ".join(sorted(missing))
-        raise BagError(bag.path, f"not a recording of a run, it lacks {lacking}")
+        raise BagError(bag.path, f"is not a recording of a run: it lacks {lacking}")
     for channel in channels:
         _require_type(bag, channel, known)
     messages: dict[str, list[tuple[int, Any]]] = {}
@@ -135,7 +136,7 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     wheels = len(wheel_names)
 
     def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
-        """Return one row of values per control stamp, NaN without a message."""
+        """Return one row of values per control stamp, NaN where there is no message."""
         rows = np.full((len(stamps), width), np.nan)
         if topic in streams:
             # t_{k-1} < stamp <= t_k; of several messages in one period, the last one is used.
@@ -146,7 +147,7 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
         return rows
 
     def by_wheel(topic: str, field: str) -> FloatArray:
-        # A vehicle without encoders of the angle, or without torques, leaves the field empty.
+        # A vehicle that does not measure wheel angles or brake torques leaves the field empty.
         return sampled(
             topic,
             wheels,
@@ -232,7 +233,7 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
 
 
 def demand(pedal: Any) -> float:
-    """Return the demand of a message on `brake/pedal` [1]; NaN if it has no value."""
+    """Return the demand of a message on `brake/pedal` [1]; NaN if the message is empty."""
     return float(pedal.position[0]) if len(pedal.position) else np.nan
 
 
@@ -251,19 +252,20 @@ def measured_twist(twist: Any) -> FloatArray:
 
 
 def cut(history: RunHistory, first: int, last: int) -> RunHistory:
-    """Return the part of a history from one index to another, both included."""
+    """Return the part of a history from index `first` to index `last`, both included."""
     part = slice(first, last + 1)
     signals = {name: getattr(history, name)[part].copy() for name in SIGNALS}
     return dataclasses.replace(history, assist_state=history.assist_state[part], **signals)
 
 
 def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
-    """Return the stops of a history, in order.
+    """Return the history of each stop, in order.
 
-    A stop begins when the pedal is pressed in motion, and ends at rest with the pedal still down.
-    The part of the history also contains one second before and half a second after the stop.
-    Braking that does not end at rest is not a stop. A history without a stop, or with a single stop
-    that begins in motion, is returned unchanged.
+    A stop begins when the pedal is pressed while the vehicle moves. It ends when the vehicle is at
+    rest with the pedal still down; braking that does not end at rest is not a stop. The history of
+    a stop also contains up to one second before and half a second after the stop. The whole history
+    is returned if it contains no stop, or if it contains a single stop and the vehicle already
+    moves at the first stamp.
     """
     spans = _spans(history)
     if not spans or (len(spans) == 1 and _moves(history, 0)):

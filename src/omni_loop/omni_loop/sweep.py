@@ -14,7 +14,7 @@ from omni_loop.yaml_files import load_yaml
 from omni_platform.configuration import ConfigurationError
 
 MOST = 1000
-"""Largest number of runs of a sweep."""
+"""Limit on the number of runs of a sweep."""
 
 SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stopping_time")
 """Quantities that the table and the figure of a sweep show."""
@@ -58,7 +58,7 @@ def combinations(overrides: Iterable[str]) -> Iterator[tuple[dict[str, str], tup
         count *= len(values)
         choices.append([(key.strip(), one, swept) for one in values])
     if count > MOST:
-        raise ConfigurationError("--set", f"{count} combinations, at most {MOST} are swept")
+        raise ConfigurationError("--set", f"gives {count} combinations, more than {MOST}")
     for chosen in itertools.product(*choices):
         values_of = {key: value for key, value, swept in chosen if swept}
         yield values_of, tuple(f"{key}={value}" for key, value, _ in chosen)

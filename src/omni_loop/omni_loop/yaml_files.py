@@ -1,6 +1,6 @@
 """Reading of configuration files and values in YAML, and the layers of an experiment.
 
-An experiment is composed of nested mappings: files and overrides.
+The layers are nested mappings, which come from files and overrides.
 """
 
 import re
@@ -80,7 +80,7 @@ def parse_override(text: str) -> dict[str, Any]:
     """Convert a text such as ``vehicle.load.mass=400`` to nested mappings.
 
     Raises:
-        ConfigurationError: there is no ``=``, no key, or the value is not YAML.
+        ConfigurationError: ``=`` or the key is missing, or the value is not YAML.
     """
     key, equals, value_text = text.partition("=")
     parts = key.strip().split(".")
@@ -96,14 +96,14 @@ def parse_override(text: str) -> dict[str, Any]:
 
 
 def nest(path: str, value: Any) -> dict[str, Any]:
-    """Return ``a.b`` and a value as nested mappings."""
+    """Return a dotted key such as ``a.b`` and its value as nested mappings."""
     for part in reversed(path.split(".")):
         value = {part: value}
     return dict(value)
 
 
 def plain(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings without the marks of parts."""
+    """Return nested mappings as plain dictionaries, none of which is a `Part`."""
     return {key: plain(one) if isinstance(one, Mapping) else one for key, one in tree.items()}
 
 

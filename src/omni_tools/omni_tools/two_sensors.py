@@ -2,24 +2,24 @@
 
 The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to the left
 (+y) and sensor 2 at the distance d_2 to the right. By ``v_i = v_c + Omega k x r_i``, the sensors
-measure ``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``. Because Eq. (75) computes the
-angle from a difference of x, the sensors are on a line along y. With the order in (75), the angle
-is positive counter-clockwise if sensor 1 is on the left.
+measure ``dx_1 = X - d_1 Omega dt`` and ``dx_2 = X + d_2 Omega dt``. Eq. (75) computes the angle
+from a difference of x displacements, so the sensors must be on a line along y. With the signs in
+(75), a counter-clockwise angle is positive if sensor 1 is on the left.
 
 The two x displacements determine X and the angle, and both y displacements measure Y. Equation (74)
-weights the y displacements as if Y varied along the line. Weighted least squares would use their
-variances instead and give a more accurate mean; for d_1 = d_2 both are equal. X and the angle do
-not depend on the variances.
+weights the y displacements as if Y varied along the line. Weighted least squares would use the
+variances of the y displacements instead and give a more accurate mean; for equal variances and d_1
+= d_2, both results are equal. X and the angle do not depend on the variances.
 
 **The straight line between two instants.** If the platform moves on an arc and rotates by phi,
 
 - displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y
   displacements differ by ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this
   difference;
-- a line camera measures along its own axis, which turns. Its displacements are the path in rotating
-  axes, for which (73)-(75) have an error of first order in the angle. The path is rotated by phi /
-  2, which moves its end sideways by ``|(X, Y)| phi / 2``; it is longer than its chord by phi^2 / 24
-  of its length; and the arcsine adds phi^3 / 6 to the angle.
+- a line camera measures along its own axis, which rotates. Its displacements describe the path in
+  rotating axes, for which (73)-(75) have an error of first order in the angle. The path is rotated
+  by phi / 2, which moves its end sideways by ``|(X, Y)| phi / 2``; it is longer than its chord by
+  phi^2 / 24 of its length; and the arcsine adds phi^3 / 6 to the angle.
 
 The dissertation models this error as noise, but in a steady turn it always has the same sign.
 Between two lines at 2500 lines/s and 2 rad/s (phi = 0.8 mrad) it is 0.04 % of the path; over a
@@ -123,7 +123,8 @@ def first_sensor_displacement(
 ) -> PlanarDisplacement:
     """Return the displacement of the first sensor, Eqs. (76)-(78): d_1 = 0.
 
-    The y displacement of the second sensor is not needed, so it may be a single line camera.
+    The y displacement of the second sensor is not needed, so this sensor may be a single line
+    camera.
 
     Args:
         first: reading of the left sensor, whose position is the reference point.

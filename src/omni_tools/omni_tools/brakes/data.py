@@ -26,7 +26,7 @@ class BrakeData(NamedTuple):
         twist: twist of `base_link` in the body frame [m/s, m/s, rad/s], shape (K, 3).
         wheel_speed: rotational speed of each wheel [rad/s], shape (K, N).
         command_time: start of each command [s], increasing, shape (C,).
-        command: commanded share of the largest torque of each brake [1], shape (C, N).
+        command: commanded share of the maximum torque of each brake [1], shape (C, N).
     """
 
     time: quantities.FloatArray
@@ -51,7 +51,7 @@ def read_brake_data(
     Raises:
         BagError: the recording cannot be read or lacks a topic.
         BrakeDataError: the wheels of the recording differ from those of the vehicle, the twist was
-            never measured, or a demand has no value.
+            never measured, or a demand is not finite.
     """
     required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)

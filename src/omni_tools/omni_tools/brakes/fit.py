@@ -13,12 +13,12 @@ with the mass ``m``, the yaw inertia ``J``, the velocity ``v`` and the yaw rate 
 ``p_i``, as a share of the full pressure, follows the command with dead time and first-order lag, in
 closed form. The tire force of a locked or reversing wheel is unknown, so the equations are
 projected onto the directions that such wheels cannot affect. The fit needs masses and the inertia
-of the wheels, but neither wheel loads nor tires. The rolling radius is estimated before the pedal
-is pressed. It depends on the load of a wheel, which braking changes. The standard errors of the
-torques therefore include the scatter of the wheels' radii.
+of the wheels, but neither wheel loads nor tires. The rolling radius of each wheel is estimated
+before the pedal is pressed. It depends on the wheel load, which changes during braking. The
+standard errors of the torques therefore include the scatter of the wheels' radii.
 
-While the same wheels turn, the equations are summed over the intervals. The error of a measured
-speed then occurs in one row, instead of in two rows with opposite signs.
+The equations of consecutive intervals in which the same wheels turn are summed. The error of a
+measured speed then occurs in one row instead of in two rows with opposite signs.
 """
 
 from __future__ import annotations
@@ -42,14 +42,15 @@ from omni_tools.brakes.data import BrakeData, BrakeDataError
 _SLOWEST = 0.5  # wheel speed below which a wheel counts as locked [rad/s]
 _DEAD_TIMES = (0.0, 0.01, 0.03, 0.06, 0.1, 0.2)  # initial values of the search [s]
 _TIME_CONSTANTS = (0.002, 0.01, 0.03, 0.08, 0.2)  # initial values of the search [s]
-_SHORTEST = 1e-4  # smallest time constant [s]
+_SHORTEST = 1e-4  # lower limit on the time constant [s]
 
 
 class BrakeFit(NamedTuple):
     """Brakes fitted to recorded stops.
 
     Attributes:
-        values: torque with the pedal down [N m], dead time [s], time constant [s]; shape (3,).
+        values: torque with the pedal fully down [N m], dead time [s], time constant [s]; shape
+            (3,).
         standard_errors: standard errors of `values` [N m, s, s], NaN for a time at a bound of the
             search, shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
@@ -76,7 +77,8 @@ class StopEquations(NamedTuple):
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
         lever_error: relative error of the mean lever arm of the brake forces [1].
-        segment: number of the time span in which the same wheels turn, shape (K,).
+        segment: number of the time span to which the interval belongs; in a span, the same wheels
+            turn, shape (K,).
         change: projected impulse of the brakes [m/s], shape (K, 3).
         per_torque: impulse per torque of each brake [m/s per N m], shape (K, 3, N).
     """
@@ -102,9 +104,9 @@ def fit_brakes(
     Args:
         stops: recorded stops.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
-        fewest: smallest number of intervals in which a wheel turns under its brake.
-        largest_residual: largest ratio of the residual to the effect of the brakes [1].
-        largest_error: largest ratio of the torque's standard error to the torque [1].
+        fewest: minimum number of intervals in which a wheel turns under its brake.
+        largest_residual: limit on the ratio of the residual to the effect of the brakes [1].
+        largest_error: limit on the ratio of the torque's standard error to the torque [1].
 
     Raises:
         BrakeDataError: too few intervals contain information on the brakes.
@@ -178,7 +180,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
 
 
 def _commanded(stop: StopEquations) -> NDArray[np.bool_]:
-    """Return in which intervals any brake was commanded a torque, shape (K,)."""
+    """Return whether any brake was commanded a torque in each interval, shape (K,)."""
     row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
@@ -283,7 +285,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the sum of squares with the best torque for given times, then torque and times."""
+        """Return the smallest sum of squares for given times, with its torque and the times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)
@@ -350,7 +352,7 @@ def _wheel_torques(
 
 
 def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
-    """Draw the measured and fitted change of speed, and the response of one brake.
+    """Draw the measured and fitted changes of speed, and the response of one brake.
 
     Args:
         fit: fit of the stops.

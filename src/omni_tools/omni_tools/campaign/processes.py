@@ -1,8 +1,8 @@
 """Worker processes of a campaign on one machine.
 
 The workers are forks of the process that made the first run, so they share its imports and data. A
-worker ends when its parent ends. If a worker dies, all workers are replaced, and the new ones take
-over the unfinished work.
+worker ends when its parent ends. If a worker dies, all workers are replaced by new ones, which
+continue the unfinished work.
 """
 
 import ctypes
@@ -38,7 +38,7 @@ def share(
         next_seeds: function that returns the next seeds; an empty list at the end.
         workers: number of processes.
         take: function called with each result of `run`, in any order.
-        most_deaths: number of workers that may die in a row, without a result in between.
+        most_deaths: limit on the number of workers that die in a row, without a result in between.
 
     Raises:
         WorkerDiedError: several workers in a row died with the same seeds.

@@ -14,11 +14,12 @@ int, float or str. `run_campaign` does the rest::
 
     rows = run_campaign(work, range(1000), Row, options, folder / "runs.csv", fingerprint, report)
 
-Workers process chunks of seeds that take about a second each. If a worker dies, its chunk is given
-to another worker. Finished rows are appended to a table; a resumed campaign (``--resume``) reads
-this table and runs the missing seeds. The finished table is in the order of the seeds, so it does
-not depend on the distribution of the work. The jobs of a job array run parts (``--seeds 0:500`` and
-``--seeds 500:1000``, each with its own folder); ``--merge`` combines the parts into one table.
+Each worker processes chunks of seeds, and a chunk takes about a second. If a worker dies, its chunk
+is given to another worker. Finished rows are appended to a table; a resumed campaign (``--resume``)
+reads this table and runs the missing seeds. The finished table is in the order of the seeds, so it
+does not depend on the distribution of the work. The jobs of a job array run parts (``--seeds
+0:500`` and ``--seeds 500:1000``, each with its own folder); ``--merge`` combines the parts into one
+table.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ from omni_tools.campaign.processes import WorkerDiedError, share
 CHUNK_TIME = 1.0
 """Target duration of a chunk of runs [s]."""
 
-_ALONE = 2.0  # duration of the first runs in this process, which estimate the rest [s]
-_FIRST_RUNS = 3  # smallest number of these first runs
+_ALONE = 2.0  # duration of the first runs, which determine an estimate for the others [s]
+_FIRST_RUNS = 3  # minimum number of these first runs
 _WORTH = 1.0  # estimated remaining work below which no worker is started [s]
 _IN_FLIGHT = 3  # number of queued chunks per cluster worker, so that no worker is idle
 
@@ -127,7 +128,7 @@ def run_campaign(
         work: function that makes one run; sent to the workers.
         seeds: seeds of the whole campaign.
         row: type of the result of a run, a NamedTuple whose first field is ``seed``.
-        options: the part of the campaign, the workers, and earlier results.
+        options: options that select the part of the campaign, the workers and earlier results.
         path: path of the table of all runs, a CSV file.
         fingerprint: digest of all settings that determine the runs, except the seeds.
         report: called with the completed share (0 to 1) and a text.
@@ -137,7 +138,7 @@ def run_campaign(
 
     Raises:
         ConfigurationError: the options are invalid, or a table belongs to another campaign.
-        CampaignError: several cluster workers in a row ended with the same run.
+        CampaignError: several cluster workers in a row died with the same run.
         KeyboardInterrupt: Ctrl-C was pressed; the message names the table that is kept.
     """
     piece = options.piece(seeds)
@@ -199,12 +200,12 @@ def _run(
 
 
 class _Chunks:
-    """Divides seeds into chunks of about equal duration; the last ones end at the same time."""
+    """Divides seeds into chunks of about equal duration, so that all workers finish together."""
 
     def __init__(self, seeds: Sequence[int], lanes: int) -> None:
         self._left = list(reversed(seeds))
         self._lanes = lanes
-        self._size = 2  # until the duration of a run is known
+        self._size = 2  # used until the duration of a run is known
 
     def next(self) -> list[int]:
         """Return the seeds of the next chunk; empty at the end."""
@@ -230,7 +231,7 @@ def connected(scheduler: str, timeout: float = 10.0) -> Any:
 
     Args:
         scheduler: address of the scheduler.
-        timeout: longest time to wait for an answer [s].
+        timeout: limit on the time to wait for an answer [s].
 
     Raises:
         ConfigurationError: no scheduler answers at the address.
@@ -255,7 +256,7 @@ def distribute(
         take: function called with the rows of each chunk when it is finished, in any order.
 
     Raises:
-        CampaignError: several cluster workers in a row ended with the same chunk.
+        CampaignError: several cluster workers in a row died with the same chunk.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker

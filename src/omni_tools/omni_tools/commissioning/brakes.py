@@ -1,7 +1,7 @@
-"""Tests of the brakes in a commissioning drive: exchanged brakes, idle brakes, and dead time.
+"""Tests of the brakes in a commissioning run: exchanged brakes, brakes without effect, dead time.
 
-The torque of each brake is estimated from slip and deceleration of its wheel, and compared with the
-demand that it should follow.
+The torque of each brake is estimated from slip and deceleration of its wheel. The estimate is
+compared with the demand that the brake should follow.
 """
 
 import itertools
@@ -22,16 +22,16 @@ from omni_tools.vehicles.plausibility import wheel_facts
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tests, up to which the brakes count as correct, and test conditions.
+    """Test conditions, and tolerances within which the brakes count as correct.
 
     Attributes:
-        latest: longest delay of a brake's response after its described dead time [s].
-        response: smallest ratio of the mean slip force of a braked wheel to the largest one [1].
-        braked: smallest integral of the demand while a wheel moves, for a test of its brake [s].
-        share: smallest mean demand that is also sufficient for this test [1].
-        gain: smallest increase in the summed correlations at which brakes count as exchanged [1].
-        delay: largest difference between measured and described dead time [s].
-        slowest: smallest speed of a wheel with a defined slip, as a share of the top speed [1].
+        latest: limit on the delay of a brake's response after its described dead time [s].
+        response: minimum ratio of the mean slip force of a braked wheel to the largest one [1].
+        braked: minimum integral of the demand while a wheel moves, for a test of its brake [s].
+        share: minimum mean demand that is also sufficient for this test [1].
+        gain: minimum increase in the summed correlations at which brakes count as exchanged [1].
+        delay: limit on the difference between measured and described dead time [s].
+        slowest: minimum speed of a wheel for a defined slip, as a share of the top speed [1].
     """
 
     latest: float = 0.3
@@ -51,15 +51,17 @@ class Response(NamedTuple):
 
     Attributes:
         slip: torque of the ground on each wheel in the direction of rolling [N m], shape (T, N).
-        torque: torque of each brake [N m], from slip and deceleration of its wheel, shape (T, N).
+        torque: estimated torque of each brake, from slip and deceleration of its wheel [N m], shape
+            (T, N).
         demand: demand of each brake after the delays in the vehicle's file [1], shape (T, N).
         rolling: speed of each wheel if it rolled without slip [rad/s], shape (T, N).
-        moving: whether each wheel would roll fast enough for its slip to be defined, shape (T, N).
+        moving: whether the rolling speed of each wheel is high enough for a defined slip, shape (T,
+            N).
         braking: whether the driver brakes, shape (T, 1).
-        near: whether a row is close to the beginning of a stop, shape (T,).
+        near: whether a row is close to the start of a stop, shape (T,).
         period: time between two rows [s].
         radius: radius of each wheel [m], shape (N,).
-        limit: largest torque that the ground can transmit to each wheel [N m], shape (N,).
+        limit: maximum torque that the ground can transmit to each wheel [N m], shape (N,).
         brake: brake of each wheel as described in the vehicle's file.
     """
 
@@ -76,7 +78,7 @@ class Response(NamedTuple):
     brake: BrakeConfiguration
 
     def exchanged(self, i: int, j: int) -> "Response":
-        """Return this response for exchanged demands of the brakes with these indices."""
+        """Return this response with the demands of brakes i and j exchanged."""
         demand = self.demand.copy()
         demand[:, [i, j]] = demand[:, [j, i]]
         return self._replace(demand=demand)
@@ -102,7 +104,8 @@ class Response(NamedTuple):
     def _slip_of_command(self) -> FloatArray:
         """Return the torque of the ground on wheels that follow their speed commands [N m].
 
-        The command of a braked wheel decreases along the ramp, that of a released one is its speed.
+        The speed command of a braked wheel decreases along the ramp. That of a released wheel is
+        its measured speed.
         """
         rolling, command = np.abs(self.rolling), np.abs(self.rolling)
         fall = self.demand * self.brake.ramp / self.radius * self.period
@@ -129,7 +132,7 @@ def response_of(
     # cancels in the slip.
     scale = np.sum(motions.angle * predicted, axis=0) / np.sum(predicted**2, axis=0)
     rolling = scale * wheel_speeds(signals.twist[motions.stop])
-    pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # no value: full demand
+    pedal = np.nan_to_num(signals.pedal[motions.stop], nan=1.0)  # NaN: full demand
     moving = np.abs(rolling) > _ALLOWED.slowest * np.nanmax(np.abs(rolling))
     speed = signals.wheel_speed[motions.stop]
     slower = -np.sign(rolling) * np.diff(speed, axis=0, prepend=speed[:1]) / signals.period
@@ -153,7 +156,7 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
     applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
     if brake.kind == ON_OFF:
         demand = np.round(demand)
-    # A brake that releases late follows the largest of the demands in between.
+    # A brake with a release delay follows the largest demand within this delay.
     later = [
         np.concatenate((np.zeros((row, demand.shape[1])), demand[: len(demand) - row]))
         for row in range(applied, max(applied, released) + 1)
@@ -163,9 +166,9 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 
 
 def _late(response: Response) -> int:
-    """Return the delay of the wheels after the predicted torque when stops begin, in rows.
+    """Return the delay of the wheels' response to the predicted torque when stops begin, in rows.
 
-    The mean of all wheels neither depends on the order of the brakes nor on a single brake. If no
+    The mean of all wheels depends neither on the order of the brakes nor on a single brake. If no
     stop begins while a wheel moves, this is the delay in the vehicle's file.
     """
     torque, action = (
@@ -184,9 +187,9 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     """Return the indices of two exchanged brakes; None if the described order fits best.
 
     These are the two brakes whose exchange increases the sum of correlations most; after the
-    exchange, every brake must act. Measured and
-    predicted torque are correlated relative to the mean of all wheels: the pedal acts on all brakes
-    at once, so wheels differ only in their deviation from the mean.
+    exchange, every brake must act. Measured and predicted torques are correlated after the mean of
+    all wheels is subtracted. The pedal acts on all brakes at once, so only the deviation from the
+    mean distinguishes the wheels.
     """
     torque, late = _without_mean(response.measured(), response.moving), _late(response)
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
@@ -212,7 +215,7 @@ def undistinguished(response: Response) -> list[tuple[int, int]]:
 
 
 def idle(response: Response) -> int | None:
-    """Return the index of a brake that does not act; None if all act, or demands were small."""
+    """Return the index of a brake that does not act; None if all act or the demands are small."""
     demand = np.where(response.moving, response.demand, 0.0)
     braked, longest = (
         response.period * np.sum(values, axis=0)
@@ -226,7 +229,7 @@ def idle(response: Response) -> int | None:
 
 
 def dead_time(response: Response) -> float | None:
-    """Return the dead time of the brakes [s]; None if it is the described one."""
+    """Return the dead time of the brakes [s]; None if it agrees with the vehicle's file."""
     # The wheels respond to a demand in the next row at the earliest.
     difference = (_late(response) - 1) * response.period
     return response.brake.dead_time + difference if abs(difference) > _ALLOWED.delay else None

@@ -1,7 +1,7 @@
-"""Errors in the description of a vehicle, found by hypothesis tests on a commissioning drive.
+"""Errors in the description of a vehicle, found by hypothesis tests on a commissioning run.
 
-In the drive, the vehicle moves forward, to the left and counter-clockwise, each by a known distance
-or angle. Each wheel turns by an angle in each motion, which Eq. (32) predicts. Each hypothesis
+In this run, the vehicle moves forward, to the left and counter-clockwise, each by a known distance
+or angle. Eq. (32) predicts the angle by which each wheel turns in each motion. Each hypothesis
 changes one item of the description. The hypothesis whose prediction fits the measured wheel angles
 best identifies the error. Twist sensor, gyro and accelerometer are compared with the known motions
 directly, and the brakes with the enables that they should follow.
@@ -24,14 +24,14 @@ from omni_tools.commissioning.signals import Motions, Signals, unchecked
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tests, up to which a description counts as correct.
+    """Tolerances of the tests, within which a description counts as correct.
 
     Attributes:
-        misfit: largest error of a wheel's angles, relative to the predicted angles [1].
-        heading: largest error of a twist sensor's mounting angle [rad].
-        scale: largest relative error of the scale of twist sensor and gyro [1].
-        offset: largest error of a twist sensor's position [m].
-        force: smallest specific force with which the axes of an IMU are tested [m/s^2].
+        misfit: limit on the error of a wheel's angles, relative to the predicted angles [1].
+        heading: limit on the error of a twist sensor's mounting angle [rad].
+        scale: limit on the relative error of the scale of twist sensor and gyro [1].
+        offset: limit on the error of a twist sensor's position [m].
+        force: minimum specific force for a test of an IMU's axes [m/s^2].
     """
 
     misfit: float = 0.06
@@ -69,12 +69,12 @@ def find_mistakes(
     angle: float,
     vehicle: VehicleConfiguration,
 ) -> list[Mistake]:
-    """Return the errors found in a drive.
+    """Return the errors in the description that are found in a commissioning run.
 
     Args:
         wheels: wheels as described in the vehicle's file.
-        signals: signals of the drive.
-        motions: motions of the drive.
+        signals: signals of the run.
+        motions: motions of the run.
         distance: distance of the motions forward and to the left [m].
         angle: angle of the motion counter-clockwise [rad].
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
@@ -83,7 +83,7 @@ def find_mistakes(
     wheel = _wheel_mistake(wheels, motions.angle, known)
     found = [] if wheel is None else [wheel]
     found += _twist_mistakes(motions.twist, known)
-    # The slip of a wheel requires correct wheel speeds and twists, so brakes are checked last.
+    # The slip is computed from wheel speeds and twists, so brakes are checked last.
     slips = not found and topics.TWIST.name not in unchecked(signals, motions)
     found += _imu_mistakes(motions, angle)
     if slips:
@@ -96,7 +96,7 @@ def corrected(vehicle: Mapping[str, Any], mistakes: Iterable[Mistake]) -> dict[s
 
     Args:
         vehicle: values of the file.
-        mistakes: errors found; those outside the file change nothing.
+        mistakes: errors found; errors outside the file have no effect.
     """
     changed = dict(vehicle)
     for mistake in mistakes:
@@ -114,7 +114,7 @@ def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArra
 
 
 def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
-    """Return the largest relative error of the wheels' angles against the prediction [1]."""
+    """Return the largest error of the wheels' angles, relative to the predicted angles [1]."""
     error = np.linalg.norm(angle - predicted, axis=0)
     return float(np.max(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)))
 
@@ -136,7 +136,7 @@ def _wheel_mistake(
         return best
     return Mistake(
         "wheels: no single mistake explains the wheel angles",
-        "check distances and directions of the drive; then check each wheel on blocks",
+        "check distances and directions of the motions; then check each wheel on blocks",
     )
 
 
@@ -168,7 +168,7 @@ def _changes(mount: WheelMount, scale: float) -> Iterator[tuple[str, str, WheelM
         scale: ratio of the measured to the predicted angle of the wheel [1].
     """
     turned = (mount.heading_deg + 360.0) % 360.0 - 180.0
-    radius = min(mount.radius / max(scale, 0.1), 10.0)  # largest valid radius
+    radius = min(mount.radius / max(scale, 0.1), 10.0)  # limit on a valid radius
     other_radius = f"set radius to {radius:.4f}, or check counts and unit of the encoder"
     for part, remedy, changed in (
         ("direction", "negate the speed, or turn heading_deg by 180", {"heading_deg": turned}),
@@ -212,7 +212,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
 
 
 def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) -> Iterator[Mistake]:
-    """Yield the error of a quantity from its ratio of measured to true [1], of sign or of scale."""
+    """Yield the sign or scale error of a quantity; `scale` is measured divided by true [1]."""
     if scale < 0.0:
         yield Mistake(f"{quantity} has the wrong sign", of_sign)
     elif abs(scale - 1.0) > _ALLOWED.scale:
@@ -265,12 +265,12 @@ def undistinguished_brakes(
     *,
     vehicle: VehicleConfiguration,
 ) -> list[tuple[str, str]]:
-    """Return the pairs of brakes whose exchange could not be detected from the stops of a drive.
+    """Return the pairs of brakes whose exchange could not be detected from the stops of a run.
 
     Args:
         wheels: wheels as described in the vehicle's file.
-        signals: signals of the drive.
-        motions: motions of the drive.
+        signals: signals of the run.
+        motions: motions of the run.
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     names, response = list(wheels), brakes.response_of(wheels, signals, motions, vehicle)

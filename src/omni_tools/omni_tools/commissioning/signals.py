@@ -1,4 +1,4 @@
-"""Signals of a recorded commissioning drive: three slow motions and some stops.
+"""Signals of a recorded commissioning run: three slow motions and some stops.
 
 The vehicle is driven forward, to the left and counter-clockwise, each time from rest to rest over a
 measured distance or angle. It is then driven and braked in several directions.
@@ -23,14 +23,14 @@ TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
 _SHORTEST = 0.3
-"""Shortest duration of a motion, and of a rest between two motions [s]."""
+"""Minimum duration of a motion, and of a rest between two motions [s]."""
 
 _LARGEST = 1e6
-"""Magnitude from which on a reading counts as missing, in the unit of its topic."""
+"""A reading of at least this magnitude counts as missing, in the unit of its topic."""
 
 
 class Signals(NamedTuple):
-    """Signals of a drive at T equally spaced times with N wheels; missing values are NaN.
+    """Signals of a commissioning run at T equally spaced times, N wheels; missing values are NaN.
 
     Attributes:
         time: times of the rows [s], shape (T,).
@@ -73,15 +73,15 @@ class Motions(NamedTuple):
 
 
 def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
-    """Read a recording.
+    """Read the signals of a recording.
 
     Args:
         recording: rosbag2 folder.
-        wheels: names in the order of the columns.
+        wheels: names of the vehicle's wheels, in the order of the columns.
 
     Raises:
         BagError: the recording cannot be read.
-        ConfigurationError: the wheel speeds are those of other wheels, or incomplete.
+        ConfigurationError: see `signals_of`.
     """
     return signals_of(read_streams(open_vehicle(recording), TOPICS, TOPICS[:2]), wheels)
 
@@ -89,19 +89,19 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 def signals_of(
     streams: Mapping[str, Stream], wheels: Sequence[str], period: float = 0.01
 ) -> Signals:
-    """Return the signals of a drive.
+    """Return the signals of a commissioning run.
 
-    Wheel speeds are interpolated, all other signals hold their newest value.
+    Wheel speeds are interpolated; all other signals hold their newest value.
 
     Args:
         streams: messages by name of the topic, at least those of wheels and pedal.
-        wheels: names in the order of the columns.
+        wheels: names of the vehicle's wheels, in the order of the columns.
         period: period of the rows [s].
 
     Raises:
-        ConfigurationError: the wheels of the messages have other names; a gap between messages is
-            so long that a motion or a rest may be lost; the recording is shorter than a motion; a
-            wheel has no speeds; or a braking demand is outside [0, 1].
+        ConfigurationError: the wheels of the messages have other names; a gap between wheel speeds
+            is so long that a motion or a rest may be missed; the recording is shorter than a
+            motion; a wheel has no speeds; or a braking demand is outside [0, 1].
     """
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
@@ -169,7 +169,7 @@ def signals_of(
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return topics without values in a motion or in all stops, each with the parts not checked."""
+    """Return topics without values in a motion or in all stops, with the unchecked parts."""
     nothing = np.zeros(0)
     needs = {
         _TWIST: (motions.twist, drive.twist, "twist sensor and brakes"),
@@ -187,14 +187,15 @@ def motions_of(drive: Signals) -> Motions:
     """Find the three motions and the stops.
 
     Raises:
-        ConfigurationError: the drive does not contain three motions without the pedal, and a stop.
+        ConfigurationError: the run does not contain three motions without the pedal and then a
+            stop.
     """
     free = np.nan_to_num(drive.pedal) <= 0.0
     if np.all(free):
         raise configuration.ConfigurationError(
             _PEDAL, "is 0 or unknown during the whole recording; brake after the three motions"
         )
-    # The mean over 0.1 s removes the steps of an encoder of a wheel that hardly moves.
+    # The mean over 0.1 s removes the encoder steps of a wheel that moves slowly.
     smooth = uniform_filter1d(np.nan_to_num(drive.wheel_speed), round(0.1 / drive.period), axis=0)
     speed = np.max(np.abs(smooth), axis=1)
     found = _runs(speed[: int(np.argmax(~free))], drive.period)
@@ -228,12 +229,12 @@ def _integral(values: quantities.FloatArray, dt: float) -> quantities.FloatArray
 def _runs(
     speed: quantities.FloatArray, period: float, moves: tuple[float, float] = (0.01, 0.03)
 ) -> list[slice]:
-    """Return the spans of motion; short rests are included, short or slow spans are omitted.
+    """Return the spans of motion; short rests are included, and short or slow spans are omitted.
 
     Args:
         speed: largest wheel speed [rad/s], shape (T,).
         period: period of the rows [s].
-        moves: speed above which a wheel counts as moving, and smallest peak speed of a motion, both
+        moves: speed above which a wheel counts as moving, and minimum peak speed of a motion, both
             as a share of the largest speed [1].
     """
     fastest = float(np.max(speed, initial=1e-9))

@@ -1,11 +1,11 @@
 """Shortest known stop, by optimal control with full knowledge of the vehicle.
 
-The problem is transcribed into one nonlinear program, which IPOPT solves. The unknowns are pose,
-twist and wheel speeds at the points of a two-stage Radau rule, and brake torques that are constant
-over an interval. Wheel spin, slip and load transfer are modeled as in the simulator, but with
-smooth functions. The tire's curve is a sine of an arctangent with the same slope, peak and sliding
-force; the slip is the sliding velocity divided by ``sqrt(u^2 + smooth_speed^2)``, with the rim
-speed ``u`` and `Transcription.smooth_speed`; loads and tires have no lag. The stop ends at
+The problem is transcribed into one nonlinear program, which IPOPT solves. The unknowns are the
+brake torques, which are constant over an interval, and pose, twist and wheel speeds at the points
+of a two-stage Radau rule. Wheel spin, slip and load transfer are modeled as in the simulator, but
+with smooth functions. The tire's curve is a sine of an arctangent with the same slope, peak and
+sliding force; the slip is the sliding velocity divided by ``sqrt(u^2 + smooth_speed^2)``, with the
+rim speed ``u`` and `Transcription.smooth_speed`; loads and tires have no lag. The stop ends at
 `Transcription.end_speed`, and the remaining distance is computed with the mean deceleration of the
 stop.
 
@@ -94,11 +94,10 @@ class Transcription(NamedTuple):
     Attributes:
         intervals: number of intervals.
         end_speed: speed at which a stop ends [m/s].
-        smooth_speed: smallest denominator of the slip, which makes the slip a smooth function
-            [m/s].
+        smooth_speed: minimum denominator of the slip, which makes the slip a smooth function [m/s].
         rise_time: time in which a brake rises from zero to full torque [s].
         released: rim speed below which the brake torque may have either sign [m/s].
-        least_load: smallest load of a wheel [N].
+        least_load: lower limit on the load of a wheel [N].
         smoothing: weight of torque changes in the objective, which makes the solution unique.
     """
 
@@ -145,17 +144,17 @@ class OptimalStop:
         self._transcribe()
 
     def plan(self, rotation: float, guess: RunHistory) -> Plan:
-        """Return the shortest stop that is found within an allowed rotation.
+        """Return the shortest stop that is found within a limit on the rotation.
 
         Args:
-            rotation: largest change of heading [deg].
+            rotation: limit on the change of heading [deg].
             guess: stop of any law from the same motion, the initial value of the first plan; later
                 plans start from the previous plan.
         """
         opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))
-        # The adaptive barrier strategy converges more often from a run, the monotone one from an
-        # optimum.
+        # The adaptive barrier strategy converges more often if the initial value is a run, the
+        # monotone strategy if it is an optimum.
         for strategy in (
             ("adaptive", "monotone") if self._known is None else ("monotone", "adaptive")
         ):
@@ -235,7 +234,7 @@ class OptimalStop:
         return np.concatenate((body, np.abs(spin)))
 
     def _motion(self) -> Any:
-        """Return the function from state, torques and loads to rates and residuals of the loads."""
+        """Return the function from state, torques and loads to state rates and load residuals."""
         ca, masses = self._casadi, self._masses
         active, arm = self._geometry.active, self._geometry.position - self._masses.center
         swing, wheels = cross(arm, active), len(active)
@@ -261,7 +260,7 @@ class OptimalStop:
         )
 
     def _transcribe(self) -> None:
-        """Build the nonlinear program, with the allowed rotation as its parameter."""
+        """Build the nonlinear program, with the limit on the rotation as its parameter."""
         ca, count, start = self._casadi, self._intervals, self._start
         wheels, size = len(self._lever), len(start)
         speed = max(math.hypot(start[3], start[4]), 1.0)
@@ -307,7 +306,7 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
     def _straight_distance(self, last: Any) -> Any:
-        """Return the straight-line distance [m] of base_link from its start to a state."""
+        """Return the straight-line distance of base_link in a state from its start [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

@@ -1,11 +1,12 @@
 """Lower bound of the stopping distance, integrated along the path, with patches and brake lag.
 
-During a stop, the torque that pedal ramp, dead time and lag permit increases with time. Friction
-depends on the positions of the wheels. The shortest distance therefore results from the largest
-deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``, with the speed ``v``, the deceleration
-``a``, the position ``s`` and the time ``t``. A slower vehicle arrives at a position later, when at
-least the same torque is available. Wheel spin cannot shorten the stop: a braked wheel turns no
-faster than in rolling, so the impulse of its tire force is at most that of its brake.
+The brake torque is limited by pedal ramp, dead time and lag, and this limit increases with time.
+Friction depends on the positions of the wheels. The shortest distance therefore results from the
+largest deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``, with the speed ``v``, the
+deceleration ``a``, the position ``s`` and the time ``t``. A slower vehicle arrives at a position
+later, when at least the same torque is available. Wheel spin cannot shorten the stop: a braked
+wheel turns no faster than a rolling one, so the impulse of its tire force is at most that of its
+brake.
 
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
 of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel
@@ -65,7 +66,8 @@ class Bound(NamedTuple):
 
     Attributes:
         distance: the bound [m], NaN if there is none.
-        gap: largest relative difference between the bound and a stop with feasible forces [1].
+        gap: upper limit on the relative difference between the bound and a stop with feasible
+            forces [1].
         tolerance: length by which a run may be shorter than the bound because of neglected effects
             [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
             heading and direction up to `KEPT`.
@@ -115,7 +117,7 @@ def straight_bound(
         )
     cases = _Straight(vehicle, ground, maneuver)
     best = cases.first()
-    # Excludes the force of locked wheels that the motion does not drive.
+    # This excludes the force of locked wheels that the motion does not drive.
     strict = cases.first(torque=math.inf, standing=False)
     if best is None or best.bound <= _LEAST or strict is None or strict.bound <= _LEAST:
         return Bound(
@@ -167,7 +169,7 @@ def straight_sketch(
 ) -> float:
     """Return an upper estimate of `straight_bound` [m] from a few linear programs.
 
-    If a run is longer than the sketch, it is also longer than the bound, which is then not needed.
+    A run that is longer than the sketch is also longer than the bound, so the bound is not needed.
     The torque during build-up is rounded down.
     """
     cases = _Straight(vehicle, ground, maneuver, sketch=True)
@@ -236,7 +238,7 @@ class _Cases:
         return distance
 
     def _torque(self, time: float) -> float:
-        """Return the largest torque of a brake a time [s] after the pedal began to move [N m]."""
+        """Return the maximum torque of a brake [N m] at a time after the pedal moves [s]."""
         brake, ramp = self._brake, self._maneuver.ramp_time
         on = time - brake.dead_time
         if on <= 0.0:
@@ -330,7 +332,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """A stop at one heading: of `_SKETCHED` headings, the one with the largest deceleration."""
+    """A stop with the heading, among `_SKETCHED` headings, that gives the largest deceleration."""
 
     _heading: FloatArray | None = None
 
@@ -345,12 +347,12 @@ class _OneHeading(_AnyHeading):
 
 
 def _strongest(found: Iterable[Deceleration | None]) -> float:
-    """Return the largest of the decelerations [m/s^2]; 0 where the forces allow none."""
+    """Return the largest deceleration [m/s^2]; None counts as 0."""
     return max(0.0 if one is None else one.bound for one in found)
 
 
 def _largest_friction(friction: FrictionMap, center: FloatArray, radius: float) -> float:
-    """Return the largest friction factor [1] within a distance of a point [m]."""
+    """Return the largest friction factor [1] within the distance `radius` of a point [m]."""
     largest = -math.inf
     for x, y, cos, sin, length, width, factor, ellipse in friction.table[::-1]:
         d_x, d_y = center[0] - x, center[1] - y

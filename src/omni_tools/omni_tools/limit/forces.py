@@ -7,12 +7,12 @@ of ``P`` enclose this set in a polyhedron, over which a linear program finds the
 deceleration. The dual solution is an upper bound for all forces. The primal forces, scaled down
 until they obey the true ``P``, are feasible.
 
-Wheel spin and slip are neglected, and the result is still a bound. Only the ground's forces act on
-the body, however the wheels turn, and the peak force is assumed to act at once. Loads follow the
-acceleration without lag; `bounds` accounts for the lag. If a wheel lifts off, the loads no longer
-form a plane, and only weight and moments must balance. Therefore stops in which the plane would
-give wheel ``j`` a negative load are computed in addition to stops with all wheels on the ground. If
-the vehicle could tip over, the loads must only carry the weight.
+The result is a bound although wheel spin and slip are neglected: only the forces of the ground act
+on the body, regardless of wheel speed, and the peak force is assumed to act at once. Loads follow
+the acceleration without lag; `bounds` accounts for the lag. If a wheel lifts off, the loads no
+longer form a plane, and only weight and moments must balance. Therefore the program is also solved
+for stops in which the plane would give wheel ``j`` a negative load. If the vehicle could tip over,
+the only condition is that the sum of the loads is the weight.
 """
 
 import math
@@ -30,9 +30,9 @@ from omni_sim.tire.model import curve_at
 from omni_sim.vehicle import configuration, loads
 
 _TANGENTS = 97
-_FIRST = 16  # the first program has every 16th tangent; others are added as needed
-# Vertical offset of a tangent that covers the error of the load grid, and the largest violation of
-# an omitted tangent [N].
+_FIRST = 16  # the first program has every 16th tangent; further tangents are added as needed
+# Vertical offset of a tangent, which covers the error of the load grid, and limit on the violation
+# of an omitted tangent [N].
 _FORCE_ERROR = 1e-3
 # Cosine of the angle between active direction and motion below which the motion does not drive a
 # wheel [1].
@@ -63,9 +63,9 @@ class Case(NamedTuple):
 
     Attributes:
         friction: friction factor of the ground under each wheel [1], shape (N,).
-        straight: whether the stop must be free of yaw moment, lateral force and driving force.
-        torque: largest torque of every brake [N m].
-        lag: share of the acceleration that the loads do not yet follow [1].
+        straight: whether yaw moment, lateral force and driving force must be zero.
+        torque: limit on the torque of every brake [N m].
+        lag: share of the acceleration that does not yet affect the loads [1].
         standing: whether locked wheels that the motion does not drive may exert a force.
     """
 
@@ -77,14 +77,14 @@ class Case(NamedTuple):
 
 
 class LimitVehicle:
-    """Properties of a vehicle on which its limit depends.
+    """Properties of a vehicle on which its largest deceleration depends.
 
     Attributes:
         masses: mass, center and inertia of body and load together.
         position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
-        torque_force: largest wheel force per commanded brake torque [1/m], shape (N,).
+        torque_force: maximum wheel force per commanded brake torque [1/m], shape (N,).
         grip: ratio of the friction of each wheel to that of the ground [1], shape (N,).
         strongest_peak: largest peak force of the tire at any load, on ground of friction 1 [N].
     """
@@ -104,7 +104,8 @@ class LimitVehicle:
         self.torque_force = vehicle.by_wheel("brake") / (radius * rim)
         self.grip = vehicle.by_wheel("friction")
         losses = vehicle.passive_losses
-        # Rolling resistance grows with the load. Its largest share keeps the set of forces convex.
+        # Rolling resistance grows with the load. Its share at the largest load keeps the set of
+        # forces convex.
         self._loss = losses.constant_share + losses.growing_share * tire.largest_load
         self._weight = self.masses.mass * loads.GRAVITY
         self._tire = tire
@@ -126,8 +127,7 @@ class LimitVehicle:
         peak = self.peak(fine)
         slope = np.maximum(np.gradient(peak, fine)[8::16], 0.0)
         slope = np.append(slope, 0.0)
-        # Smallest offset with which the line is above the curve, even if the curve is not
-        # concave.
+        # Smallest offset for which the line is above the curve, even if the curve is not concave.
         offset = np.max(peak[:, None] - slope * fine[:, None], axis=0) + _FORCE_ERROR
         return slope, offset
 
@@ -187,7 +187,7 @@ class LimitVehicle:
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).
-            case: conditions.
+            case: conditions of the stop.
             iterations: number of iterations of the loads.
             nearly: factor by which forces may exceed the friction limit before they are scaled down
                 [1].
@@ -327,7 +327,7 @@ class LimitVehicle:
 
         Args:
             case: conditions of the stop; the motion need not be straight.
-            tolerance: largest relative excess of the bound [1].
+            tolerance: limit on the relative excess of the bound [1].
         """
 
         def support(angle: float) -> float:
@@ -346,7 +346,7 @@ def farthest(support: Callable[[float], float], tolerance: float) -> float:
     Args:
         support: function that returns the largest component of the set along a direction [rad], at
             least 0.
-        tolerance: largest relative excess of the bound [1].
+        tolerance: limit on the relative excess of the bound [1].
     """
     angles = np.linspace(-math.pi, math.pi, 9).tolist()
     heights = [support(angle) for angle in angles[:-1]]

@@ -14,7 +14,7 @@ from omni_tools.limit.best import OptimalStop
 from omni_tools.limit.bounds import Maneuver
 
 ROTATIONS = (0.5, 5.0, 15.0, 30.0)
-"""Allowed rotations of the planned stops of a front [deg]."""
+"""Limits on the rotation of the planned stops of a front [deg]."""
 
 
 class Stop(NamedTuple):
@@ -73,7 +73,7 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
         plan = optimal.plan(rotation, run)
         if plan.distance < best.distance or math.isnan(best.distance):
             best = Stop(plan.distance, plan.rotation)
-        stops[f"best_{rotation:g}"] = best  # a smaller rotation may give the shorter stop
+        stops[f"best_{rotation:g}"] = best  # a smaller limit may give the shorter stop
     return stops
 
 
@@ -92,7 +92,7 @@ def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
         axes.axvline(bound, color=style.GRAY, linestyle="--", label="bound, heading kept")
     for prefix, words, marker, color in (
         ("best", "shortest known stops", "o-", style.BLACK),
-        ("allocation", "allocation by max_rotation", "o", style.VERMILLION),
+        ("allocation", "allocation, several max_rotation", "o", style.VERMILLION),
         ("sliding_mode", "sliding mode", "s", style.BLUE),
         ("unassisted", "all brakes on", "D", style.PURPLE),
     ):

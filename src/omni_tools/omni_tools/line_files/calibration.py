@@ -1,17 +1,17 @@
-"""Calibration of the mounting and pixel pitch of line cameras from drives of known motion.
+"""Calibration of the mounting and pixel pitch of line cameras from recordings of a known motion.
 
 In a motion (v_x, v_y, Omega), a camera with the pixel pitch p, whose axis has the direction phi and
 the lever arm ``l = x sin phi - y cos phi`` about base_link, measures by Eq. (23)
 
     pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
 
-This is linear in c. A drive with straight, sideways and turning parts determines c, and thus ``p =
+This is linear in c. Straight, sideways and turning motions together determine c, and thus ``p =
 1 / |(c_1, c_2)|``, ``phi = atan2(c_2, c_1)`` and ``l = c_3 p``. The position along the axis does
 not affect the measurement and keeps its configured value. Mirrored lines, from a mirror or a camera
 mounted the other way round, change phi by 180 deg.
 
 The configured values are used as one observation of each coefficient, with a standard deviation of
-a third of 1 / p, or of 0.3 m for the lever arm. A coefficient that the drives determine less
+a third of 1 / p, or of 0.3 m for the lever arm. A coefficient that the recordings determine less
 accurately than this observation keeps its configured value. The fit is robust (Huber). Its standard
 errors are cluster-robust (Liang and Zeger 1986), because the errors of neighboring batches are not
 independent.
@@ -40,7 +40,7 @@ _PRIOR = (0.33, 0.33, 0.3)  # standard deviations of the configured c, in units 
 
 
 class Drive(NamedTuple):
-    """Measurements of one camera and of the reference during a drive, by batch.
+    """Measurements of one camera and of the reference during a recording, by batch.
 
     Attributes:
         time: middle of each batch [s], shape (m,).
@@ -65,10 +65,10 @@ class Calibration(NamedTuple):
         sensor: camera after calibration.
         error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
         mirrored: whether the direction of the lines is opposite to the configured axis.
-        unseen: descriptions of the quantities that the drives do not determine.
-        drives: drives in which this camera was recorded.
+        unseen: descriptions of the quantities that the recordings do not determine.
+        drives: measurements of the recordings that contain this camera.
         residual: residuals of the velocity along the axis [m/s], an array of shape (m,) for each
-            drive.
+            recording.
         before: residuals with the configured values [m/s], in the form of `residual`.
     """
 
@@ -89,7 +89,7 @@ def observe(
     reference_twist: FloatArray,
     configuration: OdometryConfiguration,
 ) -> Drive:
-    """Return the measurements of one camera during a drive.
+    """Return the measurements of one camera during a recording.
 
     Args:
         sensor: camera as configured.
@@ -134,12 +134,12 @@ def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
 def calibrate(
     nominal: sensors.LineSensor, drives: Sequence[Drive], fewest: int = 12, seen_below: float = 0.1
 ) -> Calibration:
-    """Fit one camera to its drives.
+    """Fit one camera to its recordings.
 
     Args:
         nominal: camera as configured.
-        drives: drives with this camera, at least one.
-        fewest: smallest number of measured batches.
+        drives: measurements of the recordings that contain this camera, at least one.
+        fewest: minimum number of measured batches.
         seen_below: a coefficient counts as determined if the ratio of its standard error to its
             prior standard deviation is at most this value [1].
 
@@ -194,7 +194,7 @@ def calibrate(
 def _determined(
     twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray, seen_below: float
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return coefficients, their covariance and which of them the drives determine."""
+    """Return coefficients, their covariance, and whether the recordings determine each of them."""
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < seen_below * prior
     if not seen.all():
@@ -205,7 +205,7 @@ def _determined(
 
 
 def _mean_rate(drives: Sequence[Drive]) -> tuple[float, float]:
-    """Return the mean line rate of drives and its standard error [1/s]."""
+    """Return the mean line rate of the recordings and its standard error [1/s]."""
     rates = np.array([drive.line_rate for drive in drives])
     scatter = float(rates.std(ddof=1)) / math.sqrt(len(rates)) if len(rates) > 1 else 0.0
     return float(rates.mean()), max(scatter, *(drive.line_rate_error for drive in drives))
@@ -245,7 +245,7 @@ def _fit(
         start: configured coefficients c [1/m, 1/m, 1], shape (3,).
         prior: standard deviations of `start` [1/m, 1/m, 1], shape (3,).
         huber: residual above which a batch has a smaller weight, in robust standard deviations [1].
-        stretches: number of parts of the drives whose errors are assumed to be independent.
+        stretches: number of parts of the recordings whose errors are assumed to be independent.
     """
     value: Any = start
     weight = np.ones(len(pixels))

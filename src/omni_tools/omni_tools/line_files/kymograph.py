@@ -26,7 +26,7 @@ class Kymograph(NamedTuple):
         time: time of each line [s], shape (m,).
         displacement: displacement of each line from the previous one [px], shape (m - 1,); NaN if
             the lines do not match.
-        correlation: correlation of these pairs at their shift [1], shape (m - 1,).
+        correlation: correlation of each pair of lines at its displacement [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
         readings: estimate of each batch.
     """
@@ -75,12 +75,12 @@ def match_lines(
 
 
 def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int = 1200) -> Figure:
-    """Draw a row for each camera: its lines over time, displacements, correlations.
+    """Draw a row for each camera: lines over time, displacements and correlations.
 
     Args:
         kymographs: lines and estimates by camera.
         title: title of the figure.
-        most: largest number of lines in a picture.
+        most: limit on the number of lines in a picture.
     """
     size = (13.0, 0.8 + 3.6 * len(kymographs))
     figure, panels = style.panels(

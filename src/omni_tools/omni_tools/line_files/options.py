@@ -26,7 +26,7 @@ class FileOptions(Configuration):
     pixels: int = option(0, minimum=0, maximum=16384, unit="px")
     """number of pixels per line in raw bytes"""
     bits: str = parameter("8", choices=("8", "16"))
-    """bits per pixel in raw bytes"""
+    """number of bits per pixel in raw bytes"""
 
     @property
     def cut(self) -> Cut:
@@ -55,7 +55,7 @@ def camera_files(
         key: key of the option, for error messages.
 
     Raises:
-        ConfigurationError: an argument names no camera, or a camera is named twice.
+        ConfigurationError: an argument does not name a known camera, or two name the same one.
     """
     files: dict[str, Path] = {}
     for source in sources:

@@ -36,7 +36,7 @@ class RawFormat:
     """Layout of a file of raw bytes.
 
     Attributes:
-        pixels: number of pixels per line; 0 if the file states it.
+        pixels: number of pixels per line; 0 if the file contains this number.
         bits: number of bits per pixel, 8 or 16 (little endian).
     """
 

@@ -50,7 +50,7 @@ class View:
 
     @property
     def pitch(self) -> float:
-        """Length of a pixel on the ground [m]."""
+        """Distance on the ground between neighboring pixels [m]."""
         return self.length / self.pixels
 
     def overlap(self, speed: float, angle: float) -> float:
@@ -111,7 +111,7 @@ class Rig:
 
     Attributes:
         sensors: the cameras' mounting and view, by name.
-        array: the cameras, with the line counts that determine their noise.
+        array: the cameras, each with a line counter that selects its noise.
     """
 
     def __init__(
@@ -140,7 +140,7 @@ class Rig:
         Args:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).
             twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
-            lines: numbers of the lines by camera, shape (m,).
+            lines: indices of the lines by camera, shape (m,).
             begin_ns: stamp of line 0 [ns].
         """
         elapsed = {name: own / self.sensors[name].line_rate for name, own in lines.items()}
@@ -159,7 +159,7 @@ class Rig:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).
             twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
             batches: number of batches.
-            first: number of the first line.
+            first: index of the first line.
         """
         sizes = {name: batch_lines(sensor.line_rate) for name, sensor in self.sensors.items()}
         for batch in range(batches):

@@ -4,8 +4,8 @@ The camera moves with a known speed and angle, as in section 4.4. Consecutive li
 full search and refined. Displacements are in pixels along the camera's axis. In the trials of the
 odometry (`drive`), a platform moves uniformly.
 
-Eq. (85) is printed with a division by the frame rate, which would give meters times seconds. A
-velocity error is the displacement error *times* the rate, which is computed here.
+In print, Eq. (85) contains a division by the frame rate, which would give meters times seconds.
+Here, the velocity error is computed as the displacement error *times* the rate.
 """
 
 import math
@@ -28,20 +28,20 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
-    """Return whether ratios of error to stated standard deviation are within the 95 % interval."""
+    """Return whether each ratio of error to stated standard deviation is in the 95 % interval."""
     return np.abs(ratio) <= 1.96
 
 
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return which velocity errors are larger than their stated standard deviations can explain.
+    """Return whether each velocity error is larger than its stated standard deviation explains.
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
         error: error [m/s], shape (m,).
-        least: smallest error that counts as undetected [m/s].
-        deviations: largest ratio that the stated standard deviation explains [1].
+        least: minimum error that counts as undetected [m/s].
+        deviations: limit on the ratio that the stated standard deviation explains [1].
     """
     return (np.abs(ratio) > deviations) & (np.abs(error) > least)
 
@@ -53,7 +53,7 @@ def error_values(
 
     Args:
         pixel_error: pixel error in whole pixels, Eq. (84) [px], shape (m,).
-        error: error of the refined displacements, not rounded [px], shape (m,).
+        error: error of the refined displacements, without rounding [px], shape (m,).
         pitch: length of a pixel on the ground [m].
         line_rate: lines per second [1/s].
         speed: speed of the motion, to which the velocity error refers, Eq. (85) [m/s].
@@ -91,12 +91,12 @@ class Matches(NamedTuple):
 
     @property
     def right(self) -> BoolArray:
-        """Whether each pair matched within a pixel; an error of one pixel counts as noise."""
+        """Whether each pair matches within a pixel; an error of one pixel counts as noise."""
         return np.abs(self.pixel_error) <= 1.0
 
     @property
     def error(self) -> FloatArray:
-        """Refined minus true displacement, not rounded [px]."""
+        """Refined minus true displacement, without rounding [px]."""
         return self.displacement - self.truth
 
     @property

@@ -82,7 +82,7 @@ def drive_mix(
         mix: mix of motions.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
-        batches: batches of each motion in each orientation.
+        batches: number of batches of each motion in each orientation.
         seed: seed of positions, orientations and noise.
         report: called with the completed share (0 to 1).
     """
@@ -111,7 +111,7 @@ def drive_mix(
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class DesignTask:
-    """Task of a placement.
+    """Requirements of a placement of cameras under a vehicle.
 
     Attributes:
         area: mounting area of the chassis.
@@ -139,7 +139,7 @@ class DesignTask:
 
 
 class Design(NamedTuple):
-    """Result of a placement.
+    """Result of a search for a placement.
 
     Attributes:
         trial: measured error of one camera.
@@ -229,7 +229,8 @@ def design_speed(
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].
-        area: mounting area, which gives the camera type and the largest distance from the center.
+        area: mounting area, which determines the camera type and the largest distance of a camera
+            from the center.
         usual: usual speed [m/s].
 
     Raises:

@@ -4,7 +4,7 @@ The twist estimated by weighted least squares has an error ``e`` with the covari
 A)^-1``. ``A`` is the sensor matrix, whose rows ``a`` map the twist to the velocities along the axes
 of the cameras, and ``W`` contains the inverse variances ``1 / s^2`` of these velocities. The
 velocity of a point p of the platform then has the error ``P_p e`` with ``P_p = [[1, 0, -y], [0, 1,
-x]]``. The *mean twist error* E is the RMS of this velocity error over all points of the platform
+x]]``. The *mean twist error* E is the RMS of this velocity error over all points p of the platform
 and over an expected mix of motions m,
 
     E^2 = mean_m mean_p trace(P_p C_m P_p^T) = mean_m (var v_x + var v_y + g^2 var yaw rate),
@@ -36,7 +36,7 @@ from omni_tools.placement.sensor_error import SensorError
 
 MOTIONS = ("straight", "sideways", "diagonal", "turning")
 
-_SINGULAR = 1e-10  # smallest determinant, relative to a matrix with equal eigenvalues
+_SINGULAR = 1e-10  # minimum determinant, relative to a matrix with equal eigenvalues
 _FULL = ((0, 1, 2), (1, 3, 4), (2, 4, 5))  # index of the element for each row and column
 
 
@@ -55,7 +55,7 @@ class MotionMix(NamedTuple):
 
     @classmethod
     def of(cls, speed: float, yaw_rate: float, weights: Sequence[float]) -> MotionMix:
-        """Return straight, sideways, diagonal and turning motion, the last two also mirrored.
+        """Return a mix of straight and sideways, and of mirrored diagonal and turning motion.
 
         Args:
             speed: speed of base_link [m/s].
@@ -149,8 +149,8 @@ class MeanError(NamedTuple):
 class ConditionNumber:
     """Evaluates placements by the condition number of the sensor matrix, for comparison.
 
-    The number combines components with different units, and it measures how equal the uncertainties
-    are, not how small. A wide platform has a large condition number.
+    This number combines components with different units. It is small if the uncertainties are
+    equal, even if all are large. A wide platform has a large condition number.
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
@@ -218,12 +218,12 @@ def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
-    """Return two measures of how close a placement is to a singular one; both are then 0.
+    """Return two measures of how far a placement is from a singular one, for which either is 0.
 
     Returns:
-        Angle by which the axes spread [deg], at most 45; its squared sine is the smaller eigenvalue
-        of the mean of ``a a^T``. Effective lever arm [m]: the RMS of the part of the lever arms
-        about base_link that no translation can explain; 0 if all axes meet in a point.
+        Spread angle of the axes [deg], at most 45; its squared sine is the smaller eigenvalue of
+        the mean of ``a a^T``. Effective lever arm [m]: the RMS of the part of the lever arms about
+        base_link that no translation can explain; 0 if all axes meet in a point.
     """
     matrix = sensor_matrix(sensors)
     axes, levers = matrix[:, :2], matrix[:, 2]
@@ -246,7 +246,7 @@ class EvaluatedPlacement(NamedTuple):
         without: E after the failure of each camera [m/s], shape (N,); infinite if the placement of
             the other cameras is singular.
         condition: condition number of the sensor matrix in SI units [1].
-        spread_deg: angle by which the axes spread, see `closeness` [deg].
+        spread_deg: spread angle of the axes, see `closeness` [deg].
         lever: effective lever arm for the yaw rate [m].
         singular: reason why the odometry rejects the placement; empty if it does not.
         mounting: reason why the cameras cannot be mounted on the chassis; empty if they can.
@@ -266,7 +266,7 @@ class EvaluatedPlacement(NamedTuple):
 
     @property
     def worst_without(self) -> float:
-        """Largest mean twist error E after a failure of one camera [m/s]; infinite for three."""
+        """Largest E after the failure of one camera [m/s]; infinite with three cameras."""
         return float(np.max(self.without))
 
     @property

@@ -100,8 +100,8 @@ def _norm(
         criterion: criterion that gives the errors.
         area: the chassis.
         levels: number of colors.
-        end: limits of the upper end of the scale: smallest value relative to the smallest error,
-            and largest value relative to the smallest mean error [1].
+        end: limits on the upper end of the scale: the lower limit relative to the smallest error,
+            and the upper limit relative to the smallest mean error [1].
     """
     regular = [p for p in placements if math.isfinite(p.mean_error) and not p.singular]
     if not regular:

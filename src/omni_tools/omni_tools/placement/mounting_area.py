@@ -1,8 +1,8 @@
 """Area in which line cameras can be mounted under a chassis, and common placements on a circle.
 
 A camera occupies the rectangle of its field of view and a housing around it. Each camera keeps a
-clearance from the edge of the chassis, the wheels and the other cameras. The wheel width is that of
-the drawings, because the configuration does not contain one.
+clearance from the edge of the chassis, the wheels and the other cameras. The width of a wheel is
+the one used in the drawings, because the configuration does not contain it.
 """
 
 import dataclasses
@@ -28,7 +28,7 @@ class MountingArea:
         scene: chassis and wheels.
         view: field of view of every camera.
         housing: width of a camera's housing around its field of view [m].
-        clearance: smallest distance to edge, wheels and other housings [m].
+        clearance: minimum distance to edge, wheels and other housings [m].
     """
 
     scene: Scene
@@ -75,7 +75,7 @@ class MountingArea:
         return self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
-        """Return whether cameras at `poses`, shape (..., 3), keep clear of a camera at `other`.
+        """Return whether cameras at `poses` keep the clearance from a camera at `other`.
 
         Args:
             poses: x, y [m] and heading [rad] of the cameras, shape (..., 3).
@@ -166,7 +166,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 
 def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
-    """Return camera poses at equal angles on the largest circle on which tangential ones fit.
+    """Return camera poses at equal angles on the largest circle on which tangential cameras fit.
 
     Args:
         area: mounting area of the chassis.
@@ -174,7 +174,8 @@ def common_placements(area: MountingArea, count: int, step: float = 0.005) -> di
         step: difference between two radii that are tried [m].
 
     Returns:
-        ``tangential``, and at the same positions the singular ``radial`` and ``parallel``.
+        Poses of ``tangential``, and at the same positions of the singular ``radial`` and
+        ``parallel``.
     """
     radii = np.arange(max(area.reach), step, -step).tolist()
     tried = itertools.product(radii, (0.0, 0.5 * math.pi, math.pi))
@@ -196,8 +197,8 @@ _SECTORS = (
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
     """Return cameras named by their positions.
 
-    Headings are within -90 and 90 deg, reversed if necessary, so that a camera along x measures
-    forward motion as positive.
+    Headings are between -90 and 90 deg and are reversed if necessary, so that a camera along x
+    measures forward motion as positive.
 
     Args:
         poses: x, y [m] and heading [rad], shape (N, 3).

@@ -7,7 +7,7 @@ class PlacementOptions(configuration.Configuration):
     """Chassis, cameras, motions and ground for which line cameras are placed."""
 
     vehicle: str = configuration.parameter("mecanum_forklift")
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
     sensors: int | None = configuration.parameter(None, minimum=3, maximum=8)
     """number of cameras, at least three for the components of the twist (default: 3, or that of
     --check)"""
@@ -22,7 +22,7 @@ class PlacementOptions(configuration.Configuration):
     speed: float | None = command_options.option(None, metavar="M/S", above=0.0, maximum=1000.0)
     """speed of the design motions (default: 10, or less if the cameras are too slow)"""
     yaw_rate: float = command_options.option(1.0, metavar="RAD/S", minimum=0.0, maximum=100.0)
-    """yaw rate of the turning motion"""
+    """yaw rate in the turning motion"""
     mix: str = command_options.option("1:1:1:1", metavar="A:B:C:D")
     """shares of straight, sideways, diagonal and turning motion"""
     ground: str = command_options.option("cork", metavar="KIND")
@@ -34,7 +34,7 @@ class PlacementOptions(configuration.Configuration):
     clearance: float = command_options.option(0.02, metavar="M", minimum=0.0, maximum=1.0)
     """distance to the edge of the chassis, to wheels and to other cameras"""
     confirm: bool = configuration.parameter(False)
-    """simulate every placement on rendered lines, and compare the measured error with the
-    expected one"""
+    """simulate every placement with rendered lines, and compare the measured with the expected
+    error"""
     seed: int = configuration.parameter(1, minimum=0)
     """seed of search, ground and noise"""

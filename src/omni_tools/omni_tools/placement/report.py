@@ -21,7 +21,7 @@ _COLUMN = {
     "axes_spread": "axes_spread",
     "effective_lever": "effective_lever",
 }
-"""Rows of the table of placements, by their metrics."""
+"""Labels of the rows in the table of placements, by metric."""
 
 
 def entries(

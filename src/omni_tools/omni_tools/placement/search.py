@@ -6,8 +6,8 @@ fixed, every position and heading of a coarse grid is tried, until the error no 
 The best of several random starts is refined with decreasing steps. Obstacles need no penalty term,
 because positions that do not fit are excluded.
 
-Many placements have nearly the same error. Placements that are symmetric about an axis of the
-vehicle or under a rotation by 180 deg are therefore searched too. They are preferred unless an
+Many placements have nearly the same error. Therefore placements that are symmetric about an axis of
+the vehicle, or under a rotation by 180 deg, are also searched. They are preferred unless an
 asymmetric placement is better by more than one per cent. The result is rounded to values that can
 be drilled and measured, and the neighbors of the rounded placement are tried again.
 """
@@ -36,11 +36,11 @@ class Effort(NamedTuple):
         equal: relative increase of the criterion that is accepted for a symmetric placement [1].
         across: number of coarse grid positions over the width of the chassis.
         headings: number of headings of the coarse grid within 180 deg.
-        fewer: factor on both numbers if the failure of each camera is evaluated too, because this
-            takes longer [1].
+        fewer: factor on `across` and `headings` if the failure of each camera is evaluated too,
+            because this takes longer [1].
         finest: step of the last refinement [m].
-        gain: smallest relative decrease of the criterion that counts as an improvement [1].
-        sweeps: largest number of sweeps over the cameras.
+        gain: minimum relative decrease of the criterion that counts as an improvement [1].
+        sweeps: limit on the number of sweeps over the cameras.
         starts: number of random initial placements for each symmetry.
         refined: number of best coarse results that are refined.
     """
@@ -86,7 +86,7 @@ class FoundPlacement(NamedTuple):
         poses: x, y [m] and heading [rad] of the cameras, after rounding, shape (N, 3).
         value: value of the criterion: E [m/s], or the condition number [1].
         rounding: relative increase of the criterion caused by rounding [1].
-        symmetry: description of the symmetry, empty without one.
+        symmetry: description of the symmetry; empty for an asymmetric placement.
     """
 
     poses: FloatArray
@@ -161,7 +161,8 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),
         ("symmetric front to rear", _FRONT_BACK, (False, True, False)),
     ):
-        # A camera that is its own mirror image is on the axis of symmetry, along or across it.
+        # A camera that is its own mirror image is located on the axis of symmetry and oriented
+        # along or across this axis.
         for single in range(count % 2, 3, 2):
             for headings in itertools.combinations_with_replacement((0.0, 0.5 * math.pi), single):
                 own = tuple(_Unit(free=free, heading=heading) for heading in headings)
@@ -274,7 +275,7 @@ class _Search:
         places: FloatArray,
         own: FloatArray,
     ) -> tuple[float, FloatArray]:
-        """Return the best position of one unit with the others fixed, and the criterion there.
+        """Return the lowest criterion for one moving unit, and the position of this unit.
 
         Args:
             units: units of the placement.

@@ -3,9 +3,9 @@
 If a camera moves along its axis, its error is caused by the noise of its lines. If it moves across
 its axis, a share ``q = |v_across| / (line rate * width)`` of the ground under a line is replaced
 between one line and the next. The replaced ground acts as noise with the contrast of the texture.
-Both contribute to the difference of two lines. Gauss-Newton steps divide this difference by the
-gradient energy of the part that the lines have in common. This part is ``(1 - q) (1 - p)`` with ``p
-= |v_along| / (line rate * length)``. The variance of the velocity is
+Noise and replaced ground contribute to the difference of two lines. Gauss-Newton steps divide this
+difference by the gradient energy of the part that the lines have in common. This part is ``(1 - q)
+(1 - p)`` with ``p = |v_along| / (line rate * length)``. The variance of the velocity is
 
     s^2 = (a + b q f) / ((1 - q)^2 (1 - p)),
 
@@ -44,9 +44,9 @@ class SensorError(NamedTuple):
     """Variance of a camera's mean velocity along its axis over a batch.
 
     Attributes:
-        straight: a, variance when the camera moves along its axis [m^2/s^2].
+        straight: a, variance if the camera moves along its axis [m^2/s^2].
         sideways: b, increase of the variance per share q of the width that the camera crosses from
-            line to line [m^2/s^2], if it crosses less than the width in a batch (f = 1).
+            one line to the next [m^2/s^2], if it crosses less than the width in a batch (f = 1).
     """
 
     straight: float
@@ -77,7 +77,7 @@ class SensorTrial(NamedTuple):
         along: velocity along the axis [m/s], shape (A,).
         across: velocity across the axis [m/s], shape (A,).
         rms: RMS error of the measured velocity [m/s], shape (A,).
-        fitted: RMS error by the fitted model [m/s], shape (A,).
+        fitted: RMS error according to the fitted model [m/s], shape (A,).
     """
 
     error: SensorError
@@ -163,7 +163,7 @@ def _odometry(view: View) -> SensorOdometry:
 
 
 def _most_frequent(reasons: list[str]) -> str:
-    """Return one reason of the most frequent kind; the kind is the text before the colon."""
+    """Return one of the most frequent reasons; texts that agree before the colon are one reason."""
     kind = statistics.mode(reason.partition(":")[0] for reason in reasons)
     return next(reason for reason in reasons if reason.partition(":")[0] == kind)
 

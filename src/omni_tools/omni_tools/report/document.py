@@ -1,7 +1,7 @@
 """Self-contained HTML file of a report, and its plain values that strict JSON can represent.
 
 Time series are base64 texts of little-endian 32-bit floats, one text per column, with NaN for a
-missing value. They are smaller than decimal numbers and fast to read in a browser.
+missing value. Such texts are smaller than decimal numbers, and a browser reads them fast.
 
 Slips and loads of the wheels are not recorded. Both are computed from the recorded true motion and
 the vehicle's configuration. The slip is that of the rim relative to the ground. The simulator's
@@ -38,7 +38,7 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane, support_
 from omni_tools.report import recording
 from omni_tools.report.recording import ReportedRun, Series
 
-_MOST_STAMPS = 12_000  # two minutes at 100 Hz; of longer runs, every n-th stamp is shown
+_MOST_STAMPS = 12_000  # two minutes at 100 Hz; for longer runs, every n-th stamp is shown
 _DEGREES = 180.0 / math.pi
 
 
@@ -244,7 +244,7 @@ def _geometry(vehicle: VehicleConfiguration, history: RunHistory) -> PlatformGeo
     )
 
 
-# in the order in which the browser reads them
+# Scripts in the order in which the browser reads them.
 _SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
 
 

@@ -1,4 +1,4 @@
-"""Data of a recording for a report, with values that have their own stamps (`Series`)."""
+"""Data of a recording for a report, including values with stamps of their own (`Series`)."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
 
 
 def read_test_ratios(bag_folder: Path | str) -> Series | None:
-    """Return the test ratios that the assistant's fault detection published, None without any.
+    """Return the test ratios published by the assistant's fault detection; None if there are none.
 
     A ratio is the normalized innovation squared divided by its gate [1], NaN without an innovation.
 
@@ -141,14 +141,15 @@ class ReportedRun:
 
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
-    """Return the runs of a recording for a report: one run for each stop of a drive."""
+    """Return the runs of a recording for a report: one run for each stop."""
     return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     """Return the metrics of each stop of a recording, with the drift of the odometry.
 
-    A drive with several stops also has an entry for the whole drive: length, time and drift.
+    A recording with several stops also has an entry for the whole recording: length, time and
+    drift.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -240,7 +241,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
 
 
 def run_names(paths: Sequence[Path]) -> list[str]:
-    """Return unique names of recordings: the shortest ends of their paths that all differ.
+    """Return unique names of recordings: the shortest final parts of their paths that all differ.
 
     Raises:
         InputError: a recording is given twice.
@@ -262,7 +263,7 @@ def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[
 
     Returns:
         The values that differ, by dotted key, with an empty text where a configuration does not
-        name the value; and the reasons for which configurations cannot be read, by recording.
+        contain the value; and the reasons for which configurations cannot be read, by recording.
     """
     found, problems = [], {}
     for path in paths:

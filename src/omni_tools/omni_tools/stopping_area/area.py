@@ -6,15 +6,15 @@ points p of the footprint until rest. The `DIRECTIONS` directions d_k are fixed 
 rate band) is the polygon {p: d_k . p <= H_k}. A stop stays within it if and only if h_k <= H_k for
 all k.
 
-The first stops of a cell give a hull, H_k = max h_k. Each of the other n stops requires the hull to
-grow by some length, and the hull grows by the largest of these n lengths (split conformal
+The first stops of a cell determine a hull, H_k = max h_k. To contain one of the other n stops, the
+hull must grow by some length; it grows by the largest of these n lengths (split conformal
 prediction; Wilks' tolerance limit). A further stop from the same population is then inside with a
 probability of at least `coverage`, with a `confidence` of 1 - coverage^n.
 
 For each stop, random values are drawn for speed, direction and yaw rate within the cell, for mass
-and position of the load, and for friction. For the areas, two of three draws are at the ends of
-these ranges, where distance and rotation are largest. Held-out stops are drawn from the ends and
-uniformly.
+and position of the load, and for friction. For the stops that determine the areas, two of three
+values are at the ends of these ranges, where distance and rotation are largest. Half of the
+held-out stops are drawn in the same way, the other half uniformly.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest
 
 DIRECTIONS = 16
-"""Number of directions of the support function, the largest number of corners of a polygon."""
+"""Number of directions of the support function, and limit on the corners of a polygon."""
 
 SECTORS = (
     *("forward", "forward_left", "left", "backward_left"),
@@ -70,9 +70,9 @@ def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[C
     """Return cells that divide all motions up to a speed and a yaw rate.
 
     Args:
-        speed: largest speed [m/s].
+        speed: maximum speed [m/s].
         bands: number of speed bands of equal width.
-        yaw_rate: largest yaw rate to either side [rad/s].
+        yaw_rate: maximum yaw rate in either direction [rad/s].
         turns: number of yaw rate bands of equal width.
     """
     words = [f"_turn_{turn + 1}" for turn in range(turns)]
@@ -114,7 +114,7 @@ class Sweep(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class StopCampaign:
-    """Stops of a vehicle, to compute the areas and to check them.
+    """Stops of a vehicle from which the areas are computed and with which they are checked.
 
     Attributes:
         base: configuration of the loop, with the maximum load at its maximum offset.

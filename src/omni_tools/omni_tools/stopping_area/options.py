@@ -9,20 +9,19 @@ class AreaOptions(CampaignOptions):
     """Motions, grounds, loads, coverage and confidence of stopping areas."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/, a path, or the folder of a vehicle; the load in the file is used
-    as the worst case: maximum mass at maximum offset"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder; the load in the file is
+    used as the worst case: maximum mass at maximum offset"""
     unassisted: bool = parameter(False)
     """compute the areas for stops without the brake assistant"""
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
-    """largest speed, in every direction"""
+    """maximum speed, in every direction"""
     bands: int = parameter(2, minimum=1, maximum=20)
-    """number of speed bands; with more bands the areas at low speeds are smaller; with 1 the
-    ranges are also valid for collision monitors before 2026, which compare v_x instead of the
-    speed"""
+    """number of speed bands; more bands make the areas at low speeds smaller; a single band is also
+    valid for collision monitors before 2026, which compare v_x instead of the speed"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
-    """largest yaw rate in both directions"""
+    """maximum yaw rate, in both directions"""
     turns: int = parameter(1, minimum=1, maximum=9)
-    """number of yaw-rate bands; with 3, straight motion has smaller areas"""
+    """number of yaw-rate bands; with 3 instead of 1, the areas of straight motion are smaller"""
     friction_min: float = parameter(0.6, minimum=0.05, maximum=2.0)
     """lowest friction factor of the ground"""
     friction_max: float = parameter(1.0, minimum=0.05, maximum=2.0)
@@ -36,13 +35,13 @@ class AreaOptions(CampaignOptions):
     confidence: float = parameter(0.95, minimum=0.5, maximum=0.9999)
     """confidence with which each area has this coverage"""
     held_out: int = parameter(2000, minimum=0, maximum=10_000_000)
-    """number of further stops with which the areas are checked"""
+    """number of held-out stops with which the areas are checked"""
     seed: int = parameter(1, minimum=0)
     """seed of all random numbers"""
     overrides: tuple[str, ...] = overrides_option("vehicle.brake.max_torque=900")
 
     def check_consistency(self) -> None:
-        """Check that the lowest friction is not above the highest."""
+        """Check that the lowest friction is not above the highest friction."""
         super().check_consistency()
         if self.friction_min > self.friction_max:
             lowest, highest = self.friction_min, self.friction_max

@@ -35,8 +35,8 @@ class TireFit(NamedTuple):
         keys: dotted keys of the fitted values, below the model's name.
         values: fitted values in the units of their keys, shape (P,).
         standard_errors: standard errors of `values`, shape (P,).
-        at_bound: whether each unknown is at a bound of the search and therefore has no standard
-            error, shape (P,).
+        at_bound: whether each unknown is at a bound of the search, which makes its standard error
+            undefined, shape (P,).
         residual: standard deviation of the force residuals with n - P degrees of freedom [N].
         mapping: the fitted values as nested mappings of the tire's configuration.
     """
@@ -100,7 +100,7 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: f
 
 
 def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
-    """Return SciPy's result of the best of several searches."""
+    """Return SciPy's result for the best of several searches."""
     # Imported here, because only fits need this slow import.
     from scipy.optimize import least_squares
 
@@ -240,7 +240,7 @@ def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Fig
         data: measured forces.
         fit: fit of the data.
         title: title of the figure.
-        curves: largest number of loads for which a curve is drawn.
+        curves: limit on the number of loads for which a curve is drawn.
     """
     y = ("Force F [kN]", "Data - model [N]")
     figure, ((upper,), (lower,)) = style.panels(

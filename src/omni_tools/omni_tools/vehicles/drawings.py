@@ -151,7 +151,7 @@ def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Fi
 
 
 def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
-    """Return a description of each camera: position, field of view and largest speed."""
+    """Return a description of each camera: position, field of view and speed limits."""
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "

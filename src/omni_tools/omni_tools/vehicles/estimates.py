@@ -25,15 +25,15 @@ class Measured(Configuration):
     wheel_radius: float = parameter(unit="m", above=0.0, maximum=2.0)
     """radius of a wheel"""
     kind: str = parameter(_MECANUM, choices=(_MECANUM, _OMNI))
-    """wheels: mecanum in pairs along the sides, or omni wheels on a circle"""
+    """type of the wheels: mecanum in pairs along the sides, or omni wheels on a circle"""
     wheels: int = parameter(4, minimum=3, maximum=12)
     """number of wheels; must be even for mecanum"""
     load: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e5)
     """mass of a load at the front left"""
     drive_torque: float = parameter(0.0, unit="N m", minimum=0.0, maximum=1.0e5)
-    """largest torque of a drive at its wheel; 0 for the torque of the brake"""
+    """maximum torque of a drive at its wheel; 0 for the torque of the brake"""
     drive_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e7)
-    """largest power with which a drive brakes its wheel; 0 for no limit"""
+    """maximum power with which a drive brakes its wheel; 0 for no limit"""
     brakes: str = parameter(ON_OFF, choices=tuple(TYPICAL))
     """kind of brakes: pressure by on-off valves, spring-applied on-off brakes, proportional brakes,
     or drives with a torque or a velocity command"""
@@ -52,7 +52,7 @@ class Measured(Configuration):
 
 
 class Estimates(NamedTuple):
-    """Ratios and typical values for the estimation of values that were not measured.
+    """Ratios and typical values from which unmeasured values are estimated.
 
     Attributes:
         wheel_width: ratio of a wheel's width to its diameter [1].
@@ -62,8 +62,8 @@ class Estimates(NamedTuple):
         clutch: stiffness of the drive's clutch per torque and wheel radius [s/m].
         load: wheel load at which the tire of Table 1 is used without scaling [N].
         radius: wheel radius at which the tire of Table 1 is used without scaling [m].
-        deceleration: deceleration that determines the speed in the example, so that its stop is a
-            few vehicle lengths long [m/s^2].
+        deceleration: deceleration from which the initial speed of the example is computed, so that
+            the stop is a few vehicle lengths long [m/s^2].
     """
 
     wheel_width: float = 0.4
@@ -143,7 +143,7 @@ def _vehicle(name: str, measured: Measured) -> str:
         "body.yaw_inertia": "a plate, m (l^2 + w^2) / 12",
         "load": "a point mass at the front left",
         "brake": braking,
-        "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its largest torque",
+        "drive.stiffness": f"slips by {100.0 / _USUAL.clutch:.2g} cm/s at its maximum torque",
         "wheel_inertia": f"a solid disc of {wheel_mass:.2g} kg",
         "tire": "Table 1 scaled to the load of a wheel; ./omni fit-tire fits measurements",
     }
@@ -218,7 +218,7 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 
 
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
-    """Return stiffness and damping by key, for a fixed deflection relative to the radius.
+    """Return stiffness and damping by key, for a fixed ratio of deflection to radius.
 
     Args:
         largest_load: largest load of the tire [N].

@@ -18,8 +18,8 @@ from omni_sim.vehicle.loads import GRAVITY, MassProperties, load_plane
 from omni_tools.vehicles.rollers import roller_remarks
 
 # Plausible ranges of ratios [1]: wheel load to the tire's largest load; torque of brakes and drives
-# to that of the friction capacity; yaw inertia to that of a plate of the chassis' size; inertia of
-# a wheel to the mass that it carries times its squared radius.
+# to the torque at the friction limit; yaw inertia to that of a plate of the chassis' size; inertia
+# of a wheel to the carried mass times the squared radius.
 _PLAUSIBLE = {
     "load": (0.05, 1.1),
     "brake": (1.0, 6.0),
@@ -89,7 +89,7 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
 
 
 def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
-    """Return remarks on an experiment, the most important first."""
+    """Return remarks on an experiment, starting with the most important one."""
     cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
     return (*vehicle_remarks(experiment.vehicle, experiment.ground.friction), *cameras)
 

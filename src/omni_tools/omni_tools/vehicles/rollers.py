@@ -28,9 +28,9 @@ class Rollers(NamedTuple):
     """Arrangement of the rollers of a platform.
 
     Attributes:
-        shape: ``X`` or ``O``, the shape of the rollers on top of the wheels, seen from above; the
-            rollers on the ground have the other one. ``mixed`` if neither, empty if no roller is
-            oblique.
+        shape: ``X`` or ``O``, the shape formed by the rollers on top of the wheels, seen from
+            above; the rollers on the ground form the other shape. ``mixed`` if the rollers form
+            neither shape, empty if no roller is oblique.
         smallest_singular_value: smallest singular value of ``M``, Eq. (33), with lengths divided by
             the platform's radius [1].
         yaw_lever: smallest distance of a roller axis on the ground from the platform center [m].
@@ -54,8 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: smallest singular value below which an arrangement is implausible, relative to that
-            of the opposite roller angles [1].
+        poor: ratio of the smallest singular value to that of the opposite roller angles, below
+            which an arrangement is implausible [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
@@ -112,8 +112,8 @@ def _mirrors_fit(
 
     Args:
         wheels: wheels of a platform.
-        offset: allowed difference of positions over the radius of the platform [1].
-        angle: allowed difference of roller axes [rad]; a wrong sign makes 90 deg.
+        offset: allowed difference of positions, divided by the radius of the platform [1].
+        angle: allowed angle between roller axes [rad]; a wrong sign causes a difference of 90 deg.
     """
     geometry = PlatformGeometry.from_wheels(wheels)
     near = offset * float(np.max(np.linalg.norm(geometry.position, axis=1)))
