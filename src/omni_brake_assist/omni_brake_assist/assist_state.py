@@ -20,7 +20,7 @@ _STEP = np.dtype(
         ("followed_ns", "i8"),  # stamp of the last valid twist [ns]
         ("switched_ns", "i8"),  # stamp of the last valve update [ns]
         ("slow", "?"),  # whether the speed has fallen below the threshold
-        ("reckoned", "?"),  # whether the motion is estimated without the twist
+        ("reckoned", "?"),  # whether the motion is estimated without using the twist
         ("contradicted", "?"),  # whether there is no valid estimate
         ("no_effect", "?"),
         ("fault", "i8"),  # first fault present, a row of `conditions.CONDITIONS`
@@ -53,13 +53,13 @@ class Constants(NamedTuple):
         brakes: constants of the brake monitor.
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
-        pedal_threshold: pedal position from which the driver brakes [1].
+        pedal_threshold: pedal position at and above which the driver counts as braking [1].
         minimum_reference_speed: speed at the start of braking below which no line of motion is
             stored [m/s].
-        maximum_time_step: longest step over which the heading may be integrated [s].
+        maximum_time_step: limit on the time step over which the heading is integrated [s].
         speed_threshold: speed of the fastest wheel center below which all brakes act [m/s].
         speed_hysteresis: rise of the speed above this threshold at which assistance resumes [m/s].
-        dwell: shortest time between two switchings of a valve [ns].
+        dwell: minimum time between two switching operations of a valve [ns].
     """
 
     limits: fail_safe.Limits
@@ -86,7 +86,7 @@ class Memory(NamedTuple):
         step: stamps and flags, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
         valves: state of the valves, shape (N,).
-        laws: state of the law `allocation`; no other built-in law has one.
+        laws: state of the law `allocation`; the other built-in law has no state.
         bank: state of the filter bank, see `filter_bank`.
         effect: state of the effect monitor, see `effect_monitor`, shape (1,).
         brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
@@ -96,7 +96,7 @@ class Memory(NamedTuple):
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
         workspace: temporary storage for the IMU reading and the variances of the twist,
             shape (2, 3).
-        held: errors and enables from the last call of the law, shape (2, N).
+        held: errors [m/s] and enables [1] from the last call of the law, shape (2, N).
     """
 
     gate: NDArray[np.void]
@@ -120,10 +120,10 @@ class Inputs(NamedTuple):
 
     Attributes:
         now_ns: stamp of the driver's demand [ns].
-        pedal: the driver's brake demand, 0 to 1; 1 if it cannot be read.
+        pedal: the driver's brake demand, 0 to 1; 1 if the received value is invalid.
         enabled: whether the assistant may release brakes.
-        outside: condition detected before the kernel is called: INVALID_DEMAND, UNKNOWN_WHEEL or
-            GOOD.
+        outside: condition detected before the kernel is called: INVALID_DEMAND or UNKNOWN_WHEEL;
+            GOOD if there is none.
         feedback: latest received twist.
         wheels: latest received wheel speeds.
         imu: latest received IMU reading.
@@ -139,12 +139,12 @@ class Inputs(NamedTuple):
 
 
 class LawCall(NamedTuple):
-    """Input of a law for this step, and whether its answer may be used.
+    """Input and result of the control law in one step.
 
     Attributes:
-        ready: whether the law is called in this step.
+        ready: whether a law may act in this step.
         motion: input of the law.
-        answer: ASSIST, NO_HELP, FAILED or HELD.
+        answer: result of the law, which `laws.law` defines: ASSIST, NO_HELP, FAILED or HELD.
     """
 
     ready: bool

@@ -1,13 +1,14 @@
 """One step of the brake assistant as a compiled kernel: fail-safe, line of motion, law, valves.
 
 `BrakeAssist` calls the kernel with received messages, and the simulation of many runs calls it with
-simulated sensor readings. Both therefore use the same fail-safe and give bit-identical results. A
-user's own law is called between the two halves of a step, `receive` and `act`.
+simulated sensor readings. The node and the simulation therefore use the same fail-safe and give
+bit-identical results. A user's own law is called between the two halves of a step, `receive` and
+`act`.
 
 Some valves cannot switch in every control step of 10 ms. A valve that has switched keeps its state
 for the dwell time. There are two exceptions, and both apply more brakes. If all brakes must act,
-all valves open at once. If otherwise no brake would act, the valves with a command to brake open at
-once. With a dwell time of 0, every valve follows its command in every step.
+all valves open immediately. If otherwise no brake would act, the valves with a command to brake
+open immediately. With a dwell time of 0, every valve follows its command in every step.
 """
 
 import math
@@ -28,9 +29,9 @@ from omni_platform.kernels import inlined, kernel, lean, lean_inline, linked
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import VALID
 
-# In a stop without the twist, all brakes act once the speed falls below this share of the initial
-# speed [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little kinetic
-# energy is left.
+# In a stop without a valid twist, all brakes act once the speed falls below this share of the
+# initial speed [1]. An error of dead reckoning then cannot keep the vehicle rolling, and little
+# kinetic energy is left.
 _RECKONED_SHARE = 0.15
 
 
@@ -45,8 +46,8 @@ def assist_step(
         constants: from `assist_state.make_constants`.
         memory: from `assist_state.new_memory`, changed in place.
         inputs: inputs of this step.
-        error: output, error of each wheel in the control law [m/s], shape (N,); zeros while not
-            braking or without a valid motion.
+        error: output, error of each wheel in the control law [m/s], shape (N,); zeros while the
+            pedal is up or the motion has no valid estimate.
         enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
     Returns:
@@ -70,7 +71,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         inputs: inputs of this step.
 
     Returns:
-        Whether to call the law, and the motion to call it with.
+        Whether to call the law, and the motion to pass to it.
     """
     ready, motion = _receive(constants, memory, inputs)
     return ready, motion
@@ -78,7 +79,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Return whether a law may act in this step, and the motion to call it with."""
+    """Return whether a law may act in this step, and the motion to pass to it."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
@@ -134,7 +135,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
 
 @inlined
 def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
-    """Store wheel speeds and IMU reading, NaN where too old or implausible.
+    """Store wheel speeds and IMU reading; store NaN for values that are too old or implausible.
 
     Returns:
         Whether there is a recent IMU reading.
@@ -169,7 +170,7 @@ def _estimate_motion(
     pedal: float,
     dt: float,
 ) -> int:
-    """Estimate the present motion and update the effect monitor with the last step of `dt` [s]."""
+    """Estimate the present motion; update the effect monitor over the last step of `dt` [s]."""
     step, feedback = memory.step[0], inputs.feedback
     speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
     released = False
@@ -200,7 +201,7 @@ def _watch(
     dt: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the brake monitor with the last step of `dt` [s]."""
+    """Update the brake monitor over the last step of `dt` [s]."""
     step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
         memory.commanded, memory.speeds, memory.bank.record[0].scale
@@ -227,10 +228,10 @@ def act(
         constants: from `assist_state.make_constants`.
         memory: changed in place.
         inputs: inputs of this step.
-        call: motion for the law, and the answer of the law.
+        call: input and result of the law.
         error: errors written by the law [m/s], shape (N,).
-        enable: enables written by the law; overwritten by those after the dwell times [1],
-            shape (N,).
+        enable: enables written by the law [1], shape (N,); overwritten with the enables that
+            respect the dwell times.
 
     Returns:
         Row of `conditions.CONDITIONS` that describes the state of the assistant.
@@ -278,8 +279,8 @@ def _outcome(
         return conditions.DISABLED
     if inputs.pedal < constants.pedal_threshold:
         return conditions.INACTIVE
-    # The filter bank can replace a rejected twist. The faults above DEMAND_BACK in the table
-    # concern other inputs, for which no replacement exists.
+    # The filter bank can replace a rejected twist. The faults above DEMAND_BACK in the table are
+    # faults of other inputs, for which no replacement exists.
     if step.fault < conditions.DEMAND_BACK or not ready:
         return int(min(step.fault, conditions.CONTRADICTED))
     if slow:
@@ -295,8 +296,8 @@ def _outcome(
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
     """Return the first fault in the order of `conditions.CONDITIONS`, GOOD if there is none.
 
-    If `replans`, the condition of a failed brake is REPLANNED, because `allocation` controls the
-    rest of the stop; otherwise it is FAILED_BRAKE.
+    If `replans` is true, a failed brake gives the condition REPLANNED, because `allocation`
+    controls the rest of the stop; otherwise it gives FAILED_BRAKE.
     """
     fault = min(outside, cause)
     if step.no_effect:
@@ -308,7 +309,7 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
 
 @lean
 def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
-    """Store the law's enables, or restore the last ones if the law was not called in this step."""
+    """Store the law's output, or restore the last output if the law was not called in this step."""
     step, held = memory.step[0], memory.held
     if answer != HELD:
         step.answer = answer
@@ -374,7 +375,7 @@ def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
 
     Args:
         valves: changed in place, shape (N,).
-        dwell: shortest time between two switchings [ns].
+        dwell: minimum time between two switching operations of a valve [ns].
         elapsed: time since the last step [ns].
     """
     for i in range(valves.size):
@@ -392,10 +393,10 @@ def switch_valves(
 
     Args:
         valves: changed in place, shape (N,).
-        dwell: shortest time between two switchings [ns].
+        dwell: minimum time between two switching operations of a valve [ns].
         elapsed: time since the last step [ns].
-        enable: command to each valve [1], at least one above 0, shape (N,); 0 shuts a valve. The
-            command to a valve that must keep its state is overwritten with 0 or 1.
+        enable: command to each valve [1], shape (N,); 0 shuts a valve, and at least one command is
+            above 0. The command to a valve that must keep its state is overwritten with 0 or 1.
     """
     acting = False
     for i in range(valves.size):

@@ -4,19 +4,19 @@ Source: dissertation, section 3.3, Eqs. (44)-(46).
 
 With the law `sliding_mode` and the pedal down, the brake of wheel i acts while the error ``s_i`` of
 the wheel is negative. A valve that has just switched keeps its state for the minimum dwell time
-(`assist_step`). All brakes act at once
+(`assist_step`). All brakes are enabled, without regard to the dwell time,
 
 - while the pedal is up,
 - if no error is negative, so that the vehicle never rolls unbraked,
 - from the moment when the fastest wheel center is slower than the speed threshold, until the pedal
-  is released or the speed rises clearly above the threshold (a slope on which the brakes cannot
-  hold the vehicle),
+  is released or the speed rises above the threshold by more than a hysteresis (which happens on a
+  slope where the brakes cannot hold the vehicle),
 - whenever an input (demand, wheels, time stamps or feedback) is invalid; see `fail_safe`.
 
 The line of motion is stored from the first valid feedback with the pedal down. All brakes act until
 this feedback arrives. If a gap in the feedback leaves the heading unknown, a new line is stored
-after the gap. A vehicle that only spins at that moment has no line of motion; the component
-``s_perp`` of the errors, which keeps the vehicle on this line, is then zero.
+after the gap. A vehicle that only rotates when the line would be stored has no line of motion; the
+component ``s_perp`` of the errors, which keeps the vehicle on its line, is then zero.
 """
 
 import dataclasses
@@ -61,7 +61,7 @@ class BrakeAssist:
         self._constants = assist_state.make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None if the law is built in
         self._memory = assist_state.new_memory(self._wheels)
-        self._faults: dict[int, Fault] = {}  # reasons of conditions that have no text in the table
+        self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
         # Compile the kernel here, so that the first real step is as fast as all others.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
@@ -114,7 +114,7 @@ class BrakeAssist:
             names: reported wheels, in any order.
 
         Returns:
-            The fault of the input; None if there is none.
+            The fault of the input; None if the names agree.
         """
         fault = self._compare_wheels(names)
         self._faults.pop(conditions.UNKNOWN_WHEEL, None)
@@ -212,7 +212,7 @@ class BrakeAssist:
             return INVALID, 0, missing
 
     def _read_pedal(self, pedal: Any) -> float:
-        """Return the pedal demand, 0 to 1; a value that cannot be read counts as full braking."""
+        """Return the pedal demand, 0 to 1; an invalid value counts as full braking."""
         try:
             value = float(pedal)
         except (TypeError, ValueError, OverflowError):

@@ -42,7 +42,7 @@ from omni_ros.running_clock import RunningClock
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import Status, StatusReporter, steady_clock
 
-_SWITCH = "enabled"  # may be changed at any time
+_SWITCH = "enabled"  # this parameter may be changed at any time
 # Parameters that may be changed only while the pedal is up.
 TUNABLE = frozenset(
     {
@@ -78,7 +78,7 @@ class TimingConfiguration(Configuration):
     await_imu: bool = parameter(False)
     """Lockstep: whether an answer waits for the IMU of its step"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Lockstep: time between two samples of the twist, each of which is used until the next; 0
+    """Lockstep: time between two samples of the twist, each of which is used until the next one; 0
     if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """Real time: time without a pedal message after which all brakes are on"""
@@ -200,7 +200,7 @@ class BrakeAssistNode(Node):
             self._publish(self._assist.update(demand))
 
     def _watch(self) -> bool:
-        """Put all brakes on if an input is missing or has two publishers; return whether so."""
+        """Return whether an input is missing or has two publishers; if so, put all brakes on."""
         fault = self._second_publisher() or self._silence()
         if fault is not None and self._inputs.newest(PedalSample) is not None:
             self._publish(self._assist.timeout(self._inputs.newest_ns, fault))

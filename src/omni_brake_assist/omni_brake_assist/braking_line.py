@@ -1,9 +1,9 @@
 """Line of motion that the vehicle should keep, fixed in the world frame.
 
 Eq. (51) of the dissertation describes the line by the unit vector ``p`` across it. The velocity at
-the start of braking is stored as a direction in the world frame. Only the rotation after that
-matters, so the body axes at the start of braking serve as world axes. The rotation is the integral
-of the measured yaw rate, by the trapezoidal rule between stamps.
+the start of braking is stored as a direction in the world frame. Only the rotation since the start
+of braking matters, so the body axes at that time serve as world axes. The rotation is the integral
+of the measured yaw rate, computed by the trapezoidal rule between stamps.
 """
 
 import math
@@ -20,7 +20,7 @@ Record = Any
 _LINE = np.dtype(
     [
         ("stored", "?"),  # whether a line has been stored
-        ("across_x", "f8"),  # unit vector across it in the body axes of that moment; 0 if none [1]
+        ("across_x", "f8"),  # unit vector across it in the body axes when stored; 0 if none [1]
         ("across_y", "f8"),
         ("heading", "f8"),  # yaw angle turned since the line was stored [rad]
         ("yaw_rate", "f8"),  # yaw rate of the last twist [rad/s]
@@ -46,7 +46,7 @@ def forget_line(line: Record) -> None:
 
 @lean
 def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Store the velocity ``v_c0`` as line of motion, unless it is too slow to have a direction.
+    """Store the line of motion along the velocity ``v_c0``, unless the speed is below the minimum.
 
     Args:
         line: changed in place.

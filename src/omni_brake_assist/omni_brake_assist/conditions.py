@@ -1,9 +1,9 @@
 """Table of the conditions of the assistant, in the order of their precedence.
 
-All conditions but the last three put all brakes on. The first condition that holds gives the state
-of the assistant. The kernels return its row in the table, and `/diagnostics` shows its level and
-reason. ``python -m omni_brake_assist.conditions`` prints the table of states in the README of this
-package.
+All conditions except the last three (REPLANNED, DEAD_RECKONING and ASSISTING) put all brakes on.
+The first condition that holds gives the state of the assistant. The kernels return the row of this
+condition in the table, and `/diagnostics` shows its level and reason.
+``python -m omni_brake_assist.conditions`` prints the table of states in the README of this package.
 """
 
 import enum
@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 
 class AssistState(enum.Enum):
-    """State of the assistant. In all states but the last three, every brake is on.
+    """State of the assistant.
 
-    In `FAILED_BRAKE`, too, every brake is on, unless `allocation` controls on-off valves.
+    The assistant releases brakes in the states `DEAD_RECKONING` and `ASSISTING`. In `FAILED_BRAKE`
+    it releases brakes only if `allocation` controls on-off valves. In all other states, every brake
+    is on.
 
     The value of a member is the name of the state in messages and logs.
     """
@@ -24,7 +26,7 @@ class AssistState(enum.Enum):
     INVALID_DEMAND = "invalid_demand"
     NO_DEMAND = "no_demand"
     UNKNOWN_WHEEL = "unknown_wheel"
-    SECOND_PUBLISHER = "second_publisher"  # two publishers on a topic that must have one
+    SECOND_PUBLISHER = "second_publisher"  # two publishers on a topic that must have only one
     INTERNAL_ERROR = "internal_error"
     NO_EFFECT = "no_effect"
     STALE_FEEDBACK = "stale_feedback"
@@ -64,8 +66,8 @@ class Condition(NamedTuple):
     Attributes:
         state: state of the assistant while the condition holds.
         level: level for `/diagnostics`: OK, WARNING or ERROR.
-        words: text of the reason with placeholders for value, limit, within and wheel; empty if the
-            code that detects the condition supplies the text.
+        words: text of the reason, with the placeholders `value`, `limit`, `within` and `wheel`;
+            empty if the code that detects the condition supplies the text.
     """
 
     state: AssistState

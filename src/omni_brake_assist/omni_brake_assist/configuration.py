@@ -13,9 +13,9 @@ LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""
 
 MOST_VALVES = 14
-"""Largest number of on-off valves whose patterns are compared. A step takes about 5 ns per wheel
-and pattern; with 14 wheels and a computer that is four times slower, this is half of a control
-period of 10 ms."""
+"""Limit on the number of on-off valves whose patterns are compared. A step takes about 5 ns per
+wheel and pattern; with 14 wheels and a computer that is four times slower, a step takes half of a
+control period of 10 ms."""
 
 LAW_GROUP = "omni_brake_assist.laws"
 """Entry points under which an installed package offers its laws by name."""
@@ -25,26 +25,26 @@ class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
-    """Slip at which a tire transmits its largest force; used as set-point of wheel-slip control, as
-    limit of the friction observer, in the wheel model and in the published error"""
+    """Slip at which a tire transmits its largest force; the set-point of wheel-slip control, the
+    limit of the friction observer, and a parameter of the wheel model and the published error"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of the friction observer. The other loops have multiples of it: slip control
-    0.5, disturbances 2, mass 4, return of the heading at least 4"""
+    """Time constant of the friction observer. The time constants of the other loops are multiples
+    of it: slip control 0.5, disturbances 2, mass 4, return of the heading at least 4"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""
     return_share: float = parameter(0.36, minimum=0.01, maximum=10.0)
     """Time constant with which the law corrects heading and direction of motion, as a share of the
-    time left until rest"""
+    remaining time until standstill"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
     """Weight of heading and line of motion in the quadratic program of the control allocation. Zero
-    deceleration costs 1; a missing yaw or lateral acceleration costs this weight if it is as large
-    as the friction capacities of all wheels together could cause, and proportionally less if it is
-    smaller"""
+    deceleration costs 1. A missing yaw or lateral acceleration costs this weight if it is as large
+    as the acceleration that the friction capacities of all wheels together could cause; the cost of
+    a smaller one is proportionally lower"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
     """The brake of a wheel stays on if, along its active direction, hub and vehicle are both slower
     than this share of the vehicle's speed, because the motion then does not drive the wheel. A
-    wheel counts as locked if its rim is slower than this share of the speed that would drive it"""
+    wheel counts as locked if its rim is slower than this share of the rim's speed while rolling"""
 
 
 class BrakeAssistConfiguration(Configuration):
@@ -60,13 +60,13 @@ class BrakeAssistConfiguration(Configuration):
     see docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
     """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
-    the shortest distance, enhanced is between them, depending on k"""
+    the shortest distance, and enhanced is a compromise that depends on k"""
     k: int = parameter(7, minimum=1, maximum=999)
     """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
     closer to `zero`"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Largest change of heading, and of the direction of motion, that the law allocation leaves
-    uncorrected"""
+    """Change of heading, and of the direction of motion, up to which the law allocation does not
+    correct them"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
     """Approximate mass of the vehicle, the initial value of the mass estimate of the law
     allocation"""
@@ -77,7 +77,7 @@ class BrakeAssistConfiguration(Configuration):
     allocation: AllocationConfiguration = section(AllocationConfiguration)
     """Parameters of the law allocation"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Shortest time between two switchings of a valve; ignored when all brakes must act"""
+    """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position above which the driver counts as braking"""
     speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
@@ -87,26 +87,27 @@ class BrakeAssistConfiguration(Configuration):
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0, maximum=10.0)
     """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
-    """Largest age at which the twist, the IMU reading and the wheel speeds are used; with an
+    """Limit on the age of the twist, the IMU reading and the wheel speeds that are used; with an
     older twist and a current IMU reading the state is dead_reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
-    """Longest time step between demands; after a longer gap in the feedback the heading is
+    """Limit on the time between two demands; after a longer gap in the feedback the heading is
     unknown and a new line of motion is stored"""
     recovery_count: int = parameter(3, minimum=1, maximum=1000)
     """Number of consecutive valid twists required before brakes are released, at start-up and
     after a fault"""
     maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0, maximum=100.0)
-    """Largest standard deviation of the velocity of a valid twist, in the direction in which it
-    is largest; with an IMU, a less accurate twist is used too, weighted by its covariance"""
+    """Limit on the standard deviation of the velocity of a valid twist, in the direction with the
+    largest one; with an IMU, a less accurate twist is used too, weighted by its covariance"""
     maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0, maximum=100.0)
-    """Largest standard deviation of the yaw rate of a valid twist; with an IMU, of the estimate"""
+    """Limit on the standard deviation of the yaw rate of a valid twist or, with an IMU, of a valid
+    estimate"""
     maximum_speed: float = parameter(60.0, unit="m/s", above=0.0, maximum=1000.0)
     """Largest plausible speed of the platform and of the rim of a wheel"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=100.0)
     """Largest plausible yaw rate"""
     maximum_acceleration: float = parameter(30.0, unit="m/s^2", above=0.0, maximum=1000.0)
-    """Largest plausible acceleration between two twists, and largest plausible component of the
-    specific force"""
+    """Largest plausible acceleration between two twists, and largest plausible magnitude of each
+    component of the specific force"""
     maximum_yaw_acceleration: float = parameter(60.0, unit="rad/s^2", above=0.0, maximum=1000.0)
     """Largest plausible angular acceleration between two twists"""
     speed_noise: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=100.0)

@@ -2,10 +2,10 @@
 
 A twist is valid if it is present, finite, recent, accurate enough, and physically possible after
 the last valid twist. A single invalid twist closes the gate. A number of consecutive valid twists
-opens it, at start-up and after each fault. The reference is always the last valid twist, and the
+opens it, at start-up and after each fault. Each twist is compared with the last valid one, and the
 permitted change grows with time, so that valid data are not rejected for long. With an IMU, the
-filter bank weights the twist by its variance and compares it with all other sources. The limits of
-the standard deviation and of the change then do not apply.
+filter bank weights the twist by its variance and compares it with all other sources. The limits on
+the standard deviation and on the change then do not apply.
 
 The gate is one compiled kernel, `check_inputs`, which the node, the simulation and the campaigns
 share. It stores the number of the violated condition, a row of `conditions.CONDITIONS`.
@@ -24,15 +24,15 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import MISSING, VALID, TwistSample
 
-_RESOLUTION = 1e-6  # smaller changes count as no change, because of rounding [m/s], [rad/s]
-_LONG_NS = 2**62  # longer than any step, short enough for 64 bits
+_RESOLUTION = 1e-6  # smaller changes are attributed to rounding [m/s], [rad/s]
+_LONG_NS = 2**62  # longer than any step, but fits into 64 bits
 
 GATE_STATE = np.dtype(
     [
         ("cause", "i8"),  # condition that closed the gate, GOOD while it is open
         ("value", "f8"),  # value that violated the condition
-        ("limit", "f8"),  # limit of this value
-        ("within", "f8"),  # time over which a change is limited [s]
+        ("limit", "f8"),  # limit on this value
+        ("within", "f8"),  # time in which the value changed, if it is a change [s]
         ("good", "i8"),  # number of consecutive valid twists since the gate closed
         ("clocked", "?"),  # whether a demand has been received; the next field is its stamp [ns]
         ("now_ns", "i8"),
@@ -52,14 +52,14 @@ class Limits(NamedTuple):
     """Limits within which a twist is valid; see `BrakeAssistConfiguration`.
 
     Attributes:
-        maximum_step_ns: longest time between two demands [ns].
-        timeout_ns: largest age of a twist [ns].
-        maximum_speed_deviation: largest standard deviation of the velocity [m/s].
-        maximum_yaw_rate_deviation: largest standard deviation of the yaw rate [rad/s].
-        maximum_speed: largest speed [m/s].
-        maximum_yaw_rate: largest yaw rate [rad/s].
-        maximum_acceleration: largest acceleration [m/s^2].
-        maximum_yaw_acceleration: largest yaw acceleration [rad/s^2].
+        maximum_step_ns: limit on the time between two demands [ns].
+        timeout_ns: limit on the age of a twist [ns].
+        maximum_speed_deviation: limit on the standard deviation of the velocity [m/s].
+        maximum_yaw_rate_deviation: limit on the standard deviation of the yaw rate [rad/s].
+        maximum_speed: limit on the speed [m/s].
+        maximum_yaw_rate: limit on the yaw rate [rad/s].
+        maximum_acceleration: limit on the acceleration [m/s^2].
+        maximum_yaw_acceleration: limit on the yaw acceleration [rad/s^2].
         speed_noise: change of the velocity between two twists that noise may cause [m/s].
         yaw_rate_noise: change of the yaw rate between two twists that noise may cause [rad/s].
         frozen_time: duration after which an unchanged twist is invalid [s], 0 for never.
@@ -114,7 +114,7 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
         gate: memory, a record of `GATE_STATE`.
         check: violated condition, a row of `conditions.CONDITIONS`.
         value: measured value.
-        limit: limit of the value.
+        limit: limit on the value.
         within: time in which the value changed, if it is a change [s]; otherwise 0.
     """
     gate.cause = check
@@ -131,12 +131,12 @@ def check_inputs(
     """Check the latest inputs at the time of a demand.
 
     Args:
-        limits: limits of a valid twist.
+        limits: limits within which a twist is valid.
         memory: from `new_gate`; changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest twist, possibly the same as in the last call.
         braking: whether the driver brakes, so that the twist must change with time.
-        weighed: whether the filter bank compares the twist with an IMU.
+        weighed: whether the filter bank compares the twist with the IMU.
 
     Returns:
         Whether this twist is valid. The gate is open only if ``memory[0].cause == GOOD``.
@@ -163,7 +163,7 @@ def check_inputs(
 
 @lean
 def since(later_ns: int, earlier_ns: int) -> int:
-    """Return the difference of two stamps [ns], limited to values that 64 bits can represent."""
+    """Return the difference between two stamps [ns], limited to the range of 64-bit integers."""
     difference = float(later_ns) - float(earlier_ns)
     if difference > _LONG_NS:
         return _LONG_NS
@@ -276,8 +276,8 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
     if elapsed > limits.maximum_step_ns:
         return True  # after this long, any change is possible
     dt = elapsed / 1e9
-    # The body axes have rotated since the last valid twist. Its velocity is compared in the axes of
-    # the new sample, otherwise the rotation would look like an acceleration.
+    # The body axes have rotated since the last valid twist. Its velocity is therefore transformed
+    # to the axes of the new sample; otherwise the rotation would look like an acceleration.
     angle = (gate.yaw_rate + twist[2]) / 2 * dt
     c, s = math.cos(angle), math.sin(angle)
     step = math.hypot(
@@ -301,7 +301,7 @@ def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> b
 @lean
 def _accept(limits: Limits, gate: Any, stamp_ns: int, twist: FloatArray, braking: bool) -> None:
     if gate.known and stamp_ns == gate.last_ns:
-        return  # the sample is the one of the last call
+        return  # the sample is that of the last call
     if not braking or not gate.known or not _is_same(gate, twist):
         gate.unchanged_ns = stamp_ns
     gate.known = True

@@ -13,7 +13,7 @@ from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 
 
 def pedal_of(message: Any) -> PedalSample:
-    """Return the pedal position in a `JointState`; NaN, which counts as full braking, if empty."""
+    """Return the pedal position in a `JointState`; if empty, NaN, which counts as full braking."""
     position = float(message.position[0]) if len(message.position) else math.nan
     return PedalSample(to_nanoseconds(message.header.stamp), position)
 
@@ -48,7 +48,7 @@ def imu_reading_of(message: Any) -> ImuSample:
 
 
 def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, Any]:
-    """Return the enables and the errors of a decision as `JointState`, by the name of the topic."""
+    """Return the enables and the errors of a decision as `JointState` messages by topic name."""
     stamp_ns = decision.stamp_ns
     return {
         topics.ENABLE.name: joint_state(stamp_ns, wheels, effort=decision.enable),

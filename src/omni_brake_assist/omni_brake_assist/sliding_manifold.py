@@ -3,8 +3,8 @@
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 3.4. The error of each wheel has three components. They state whether the friction force of
 the wheel would reduce the velocity across the line of motion, the rotation, and the velocity along
-the motion. If their sum is negative, braking this wheel helps. The functions use kinematics only:
-no mass, load or friction coefficient.
+the motion. If their sum is negative, braking this wheel helps. The functions use kinematics only
+and require no mass, load or friction coefficient.
 
 Symbols, all in the body frame: ``v_c`` velocity of the platform center, ``Omega`` yaw rate, ``r_i``
 wheel positions, ``n_wi`` active directions, ``v_i`` velocities of the wheel centers, ``f_hat_i``
@@ -13,10 +13,10 @@ unit friction forces, ``p`` unit vector across the velocity at the start of brak
 Two equations differ from their printed form. Eq. (51) contains the velocity ``v_i`` of the wheel,
 although Eq. (49), from which it follows, contains the velocity ``v_c`` of the platform. With
 ``v_i`` a rotation would count as drift, so ``v_c`` is used. Eqs. (56), (57) contain a signed angle
-between ``n_wi`` and ``v_i``. Beyond 90 deg, this angle gives a weight of zero or below, so
+between ``n_wi`` and ``v_i``. If this angle exceeds 90 deg, the weight is zero or negative, so
 ``s_par,i`` would be positive for half of all directions, and the wheels that brake best would be
 released. As the sign of ``n_wi`` is a convention, the unsigned angle between the velocity and the
-line of ``n_wi`` is used.
+axis along ``n_wi`` is used.
 
 If a wheel does not slide along its active direction (``n_wi . v_i = 0``), the direction of its
 friction force is undefined; its ``f_hat_i`` and its error are then zero.
@@ -84,7 +84,7 @@ def wheel_error(
     s_omega = force * (manifold.lever[i] * omega)  # Eqs. (53), (54)
     speed = math.hypot(v_x, v_y)
     if manifold.weighting == ZERO or speed == 0.0:
-        return s_perp, s_omega, 0.0  # without v_c no direction is parallel to it
+        return s_perp, s_omega, 0.0  # if v_c is zero, no direction is parallel to it
     w_x = v_x - omega * manifold.r_y[i]  # Eq. (38)
     w_y = v_y + omega * manifold.r_x[i]
     cosine = abs(sliding) / max(math.hypot(w_x, w_y), 1e-300)
@@ -146,8 +146,8 @@ class SlidingManifold:
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).
-            perpendicular: unit vector ``p`` in the body frame of this moment [1], shape (2,); None
-                if there is no line of motion to keep, so that ``s_perp = 0``.
+            perpendicular: unit vector ``p`` in the present body frame [1], shape (2,); None, which
+                gives ``s_perp = 0``, if there is no line of motion to keep.
         """
         p_x, p_y = (0.0, 0.0) if perpendicular is None else perpendicular.tolist()
         components = np.empty((3, len(self.constants.r_x)))

@@ -1,9 +1,10 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
 The test ratio is the normalized innovation squared divided by `GATE`, the limit of the chi-square
-gate; above 1, a source is rejected. In the filter that uses all sources, the twist's velocity is
-compared with the accelerometer and its yaw rate with the gyro. The test ratio of the twist is the
-sum of both. Each rolling wheel is compared with the most probable filter.
+gate; a source with a test ratio above 1 is rejected. In the filter that uses all sources, the
+twist's velocity is compared with the accelerometer and its yaw rate with the gyro. The test ratio
+of the twist is the sum of these two test ratios. Each rolling wheel is compared with the most
+probable filter.
 """
 
 import math
@@ -28,7 +29,7 @@ class Source(NamedTuple):
     Attributes:
         name: twist, gyro, accelerometer or the name of a wheel.
         test_ratio: normalized innovation squared divided by `GATE` [1], NaN without an innovation.
-        state: FUSED, REJECTED, ISOLATED, MISSING or LOST; a wheel with an unused speed is BRAKED.
+        state: FUSED, REJECTED, ISOLATED, MISSING or LOST, or BRAKED for a wheel that does not roll.
         reason: why the source is not fused, empty if it is fused.
     """
 
@@ -75,7 +76,7 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text of a decision for `/diagnostics`; a lost source gives a warning."""
+    """Return level and text for `/diagnostics`; if a source is lost, at least a warning."""
     lost = ", ".join(source.name for source in found if source.state == LOST)
     if not lost:
         return decision.state.level, decision.reason

@@ -15,7 +15,7 @@ class StepPairing:
     The samples may arrive in any order. The newest camera line of a step may be up to one line
     period older than the step. A twist therefore belongs to the first demand whose stamp is not
     before that of the twist. Wheel speeds and IMU readings have the stamp of their step. If the
-    twist is sampled more slowly than the steps, it belongs to all steps within its sampling period.
+    sampling period of the twist is longer than a step, a twist belongs to all steps within it.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
@@ -60,7 +60,7 @@ class StepPairing:
         return self._demand(pedal)
 
     def newest_demand(self) -> BrakeDemand | None:
-        """Return a demand with the newest samples and the newest stamp; None without a pedal."""
+        """Return a demand with the newest samples and stamp; None if no pedal was received."""
         pedal = self.newest(PedalSample)
         return self._demand(pedal._replace(stamp_ns=self.newest_ns)) if pedal else None
 

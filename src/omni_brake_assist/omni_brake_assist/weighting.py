@@ -1,8 +1,9 @@
 """Weight of the parallel error component as a function of an angle: Eqs. (55)-(59), Figure 28.
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
-section 3.4.3. The angle delta is between the *line* of the active direction and the wheel's
-velocity, 0 to pi/2. A wheel at 0 brakes best; a wheel at pi/2 cannot brake at all.
+section 3.4.3. The angle delta, 0 to pi/2, is the unsigned angle between the axis along the active
+direction and the wheel's velocity. A wheel with an angle of 0 brakes best; a wheel with an angle of
+pi/2 cannot brake at all.
 """
 
 import dataclasses
@@ -21,10 +22,10 @@ ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings
 def psi(kind: int, k: int, delta: float) -> float:
     """Return the weight of a wheel [1].
 
-    ``zero`` is Solution 1 of section 3.4.3: only orientation and line of motion count. ``cosine``
-    prefers a short stop to a constant orientation. ``enhanced`` is between the two: it is the k-th
-    power of a function that falls steadily from 1 to 0, so with a larger k it is closer to
-    ``zero``.
+    ``zero`` is Solution 1 of section 3.4.3, in which only orientation and line of motion count.
+    ``cosine`` prefers a short stop to a constant orientation. ``enhanced`` is a compromise between
+    the two: it is the k-th power of a function that falls monotonically from 1 to 0. With a larger
+    k it is therefore closer to ``zero``.
 
     Args:
         kind: number of the weighting, its index in `WEIGHTINGS`.
@@ -53,7 +54,7 @@ class Weighting:
     k: int
 
     def __call__(self, delta: FloatArray) -> FloatArray:
-        """Return the weights [1] of angles [rad], 0 to pi/2, any shape."""
+        """Return the weights [1] for angles [rad] from 0 to pi/2 in an array of any shape."""
         weights = [psi(self.kind, self.k, angle) for angle in np.ravel(delta).tolist()]
         return np.array(weights).reshape(np.shape(delta))
 

@@ -18,22 +18,24 @@ modeled as a random walk. The measurements are
     twist          v = u - Omega k x p, Omega + o
     rolling wheel  roll omega = (1 + s) (n_w . u + (lever + n_wx p_y - n_wy p_x) Omega)
 
-For a wheel with the active direction ``n_w``, ``omega`` is the wheel speed, ``roll`` the speed of
-its rim along ``n_w`` per wheel speed, and ``lever`` the lever arm of ``n_w`` about base_link.
+For a wheel with the active direction ``n_w``, ``omega`` is the wheel speed, ``roll`` the ratio of
+the rim's speed along ``n_w`` to the wheel speed, and ``lever`` the lever arm of ``n_w`` about
+base_link.
 
 To make their likelihoods comparable, all hypotheses explain the same readings. A reading of a
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
 vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
 encoder, whose prior probabilities depend on the state of its brake. The probabilities of the
 hypotheses and of faulty encoders are updated by Bayes' rule with a constant transition probability
-(Blom and Bar-Shalom 1988). They alone decide which source is isolated and when it recovers.
+(Blom and Bar-Shalom 1988). These probabilities alone decide which source is isolated and when it
+recovers.
 
-The estimate is that of the most probable hypothesis. Where a component of a fused twist has a
-smaller variance, it replaces that of the filter. No estimate exists if too many sources are faulty,
-if the variance is too large, or if the twist is isolated and either the IMU gives no reading or no
-released wheel rolls. All brakes then act, and unless only the variance is too large, they act until
-the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
+The estimate is that of the most probable hypothesis. A component of a fused twist replaces that of
+the estimate if its variance is smaller. No estimate exists if too many sources are faulty, if the
+variance is too large, or if the twist is isolated and either the IMU gives no reading or no
+released wheel rolls. All brakes then act. Unless only the variance is too large, they act until the
+pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
 
-The filters run at the time of validity of the newest twist (delayed fusion horizon). Gyro and
-accelerometer predict the estimate from that time to the present.
+The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
+readings of gyro and accelerometer, the estimate is predicted from that time to the present.
 """

@@ -10,8 +10,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _RESTART_NS = 100_000_000  # shortest time between two restarts of the filter with all sources [ns]
-_UNSUPPORTED = 0.2  # longest time without the twist and without a rolling wheel [s]
-_MIXING = 0.02  # share of the best filter mixed into each other filter per step, pedal up [1]
+_UNSUPPORTED = 0.2  # limit on the time without a twist or a rolling released wheel [s]
+_MIXING = 0.02  # weight of the best filter in each other filter per step, pedal up [1]
 
 
 @lean
@@ -106,7 +106,7 @@ def _force(row: FloatArray) -> tuple[bool, float, float]:
 
 @lean
 def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> None:
-    """Predict the filters to a time, and correct them with all readings up to that time."""
+    """Predict the filters to a given time, and correct them with all readings up to that time."""
     record, wheels = memory.record[0], bank.ROW_WHEELS + memory.released.size
     while record.horizon_ns < target_ns and memory.newest[1] != memory.newest[0]:
         row = (memory.newest[1] + 1) % bank.READINGS
@@ -139,7 +139,7 @@ def _advance(constants: BankConstants, memory: BankMemory, target_ns: int) -> No
 def _is_lost(memory: BankMemory) -> bool:
     """Return whether too few working sources remain to determine the motion.
 
-    If fewer than two encoders seem to work, the estimate itself must be wrong, because several
+    If fewer than two encoders appear fault-free, the estimate itself must be wrong, because several
     encoders do not fail at the same time. If the twist is isolated, the IMU must measure the motion
     and, while brakes are released, a released wheel must roll.
     """
@@ -176,7 +176,7 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def _mix(memory: BankMemory, best: int) -> None:
-    """Mix the best filter into the others, so that none of them drifts while the pedal is up."""
+    """Average each filter with the best one, so that no filter drifts while the pedal is up."""
     there, p_there = memory.state[best], memory.covariance[best]
     for k in range(bank.FILTERS):
         if k == best:
@@ -197,9 +197,9 @@ def _keep_precise(
     """Replace the components of the estimate for which the fused, current twist has less variance.
 
     Both variances are those of the motion of base_link. A precise twist is better used directly, as
-    the filter would only add its model errors. This requires innovations no larger than expected:
-    the mean of their normalized squares is at most 1. The estimated offset of the yaw rate counts
-    as part of the twist's error.
+    the filter would only add its model errors. The twist is used directly only if its innovations
+    are no larger than expected: the mean of their normalized squares is at most 1. The estimated
+    offset of the yaw rate counts as part of the twist's error.
     """
     agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:

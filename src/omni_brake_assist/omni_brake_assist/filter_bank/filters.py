@@ -10,7 +10,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Propagate the velocity by a yaw rate and, if it is valid, by the specific force.
+    """Propagate the velocity with the yaw rate and, if it is valid, with the specific force.
 
     Args:
         state: state of a filter, changed in place, shape (8,).
@@ -77,7 +77,7 @@ def predict(
 
 @lean
 def variance_along(covariance: FloatArray, h: FloatArray) -> float:
-    """Return the variance of ``h . x``, given the covariance of ``x``."""
+    """Return the variance of ``h . x`` for a state ``x`` with the given covariance."""
     total = 0.0
     for i in range(STATES):
         if h[i] != 0.0:
@@ -93,7 +93,7 @@ def correct(
 ) -> None:
     """Correct a filter by a scalar measurement of ``h . x``, where ``h`` is `BankMemory.h`.
 
-    While the pedal is down or a source is faulty, biases, scale and offset are not estimated, but
+    While the pedal is down or a source is faulty, biases, scale and offset are not corrected, but
     their variances are taken into account (Schmidt-Kalman filter). Otherwise a filter could explain
     a fault by a change of these states.
 

@@ -6,8 +6,8 @@ source is fused only if its test ratio is at most 1; the twist of a vehicle with
 fused.
 
 A reading of a faulty source is modeled as a random walk from the last reading, with steps as large
-as the vehicle's motion allows, so that the hypotheses that exclude the source have a comparable
-likelihood.
+as the vehicle's motion allows. The likelihoods of hypotheses with and without the source are thus
+comparable.
 """
 
 import math
@@ -22,18 +22,19 @@ from omni_platform.quantities import FloatArray
 GATE = 30.0
 """Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
 
-# A released wheel counts as idle while its rim gains less than _GAIN [m/s]. Either it rolls, or its
-# brake still acts. On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia 1 kg m^2) a rim gains
-# _GAIN in 0.01 s. The time without gain has a Rayleigh distribution: with the mode
-# _IDLE / sqrt(2) [s] while the wheel slides, because the torques of brake and friction are equal
-# only briefly, and with the mode _HELD / sqrt(2) [s] while it is locked, because it stays so until
+# A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
+# either rolls, or its brake still acts. On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia
+# 1 kg m^2) the speed of a rim rises by _GAIN in 0.01 s. The idle time has a Rayleigh distribution.
+# Its mode is _IDLE / sqrt(2) [s] for a sliding wheel, because the torques of brake and friction are
+# equal only briefly, and _HELD / sqrt(2) [s] for a locked wheel, because it remains locked until
 # the torque of a brake with an unknown lag has fallen below that of friction.
 _GAIN, _IDLE, _HELD = 0.1, 0.05, 0.08
-# Width of the range of readings of a faulty encoder: at rest [m/s], and its increase per speed [1].
+# Width of the range of readings of a faulty encoder: the width at standstill [m/s], and the
+# increase of the width per vehicle speed [1].
 _SPEED_RANGE, _SPEED_SHARE = 10.0, 2.0
 _EDGE = math.sqrt(GATE) * bank.WHEEL  # tolerance of the range of sliding speeds [m/s]
 # Standard deviation of a driven wheel's slip (share of the vehicle's speed) per specific force:
-# 0.01, times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
+# 0.01 times sqrt(40), because the slip is constant over about 40 steps [s^2/m].
 _SLIP = 0.063
 
 
@@ -46,8 +47,8 @@ class _Wheel(NamedTuple):
         locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
         faulty: probability that its encoder is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
-        excess: speed of a rim above rolling after its brake is released, as the tire springs back
-            [m/s].
+        excess: amount by which the rim can be faster than in rolling after its brake is released,
+            while the tire springs back [m/s].
         span: width of the range of readings of a faulty encoder [m/s].
     """
 
@@ -85,7 +86,7 @@ def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: flo
 
 @lean
 def twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
-    """Set `h` to the direction in the state space that a component of the twist measures."""
+    """Set `h` to the direction in the state space that component `j` of the twist measures."""
     h[:] = 0.0
     if j == RATE:
         h[RATE] = h[bank.OFFSET] = 1.0
@@ -106,7 +107,7 @@ def _twist_variance(constants: BankConstants, twist: bank.Twist, j: int) -> floa
 
 @lean
 def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
-    """Return a reading minus the prediction of a filter along the direction `BankMemory.h`."""
+    """Return a reading minus the prediction of filter `k` along the direction `BankMemory.h`."""
     innovation = reading
     for i in range(memory.h.size):
         innovation -= memory.h[i] * memory.state[k, i]
@@ -180,10 +181,10 @@ def fuse_wheels(
 ) -> None:
     """Correct all filters with the wheels that roll.
 
-    A reading is modeled as a mixture of four cases. The wheel rolls; or it slides, with a speed
-    between rest and rolling, or slightly above rolling while the tire springs back after a release;
-    or it is locked, if the vehicle brakes; or its encoder is faulty. At most one encoder is assumed
-    to be faulty.
+    A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
+    locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a
+    sliding wheel moves at most as fast as in rolling, or slightly faster while the tire springs
+    back after a release. At most one encoder is assumed to be faulty.
 
     Args:
         constants: constants of the vehicle.
@@ -195,10 +196,11 @@ def fuse_wheels(
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
     slip, suspect = 0.0, 0
-    # After the clutch has opened, a driven wheel needs as long as a released one until it rolls.
+    # After the clutch has opened, a driven wheel takes as long to roll as a released one.
     if memory.record[0].braked < constants.spin_up:
-        # The slip is that of one filter. If each filter had its own, the one with the lowest yaw
-        # rate would have the smallest variance, and thus the largest likelihood.
+        # All filters use the slip computed from the state of one. If each filter used its own
+        # state, the one with the lowest yaw rate would have the smallest variance, and thus the
+        # largest likelihood.
         state = memory.state[bank.NO_TWIST]
         ground = math.hypot(state[U_X], state[U_Y])
         centripetal = ground * abs(state[RATE])
@@ -279,10 +281,10 @@ def _fuse_wheel(
     if (1.0 - faulty) * rolling > 0.5 * likelihood:
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
-        # Driven wheels slip in a turn. They may correct only their own scale, no bias of another
-        # sensor.
+        # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
+        # no bias of another sensor.
         correct(memory, k, innovation, variance, (SCALE, SCALE))
-    # A reading that a slide could explain is no evidence that the encoder works.
+    # A reading that sliding could explain is no evidence that the encoder works.
     return rolling + min(sliding, 1.0 / span)
 
 
@@ -300,7 +302,7 @@ def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: 
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Reduce the likelihood of filters whose loss of speed is impossible for brakes and tires.
+    """Reduce the likelihoods of filters whose deceleration brakes and tires cannot cause.
 
     Args:
         constants: constants of the vehicle.

@@ -15,8 +15,8 @@ IntArray = NDArray[np.int64]
 Record = Any
 """A record of a structured array, by reference."""
 
-# Hypotheses on which source is faulty. Each of them but NO_ESTIMATE has a filter without this
-# source.
+# Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
+# not use this source.
 ALL, NO_TWIST, NO_GYRO, NO_FORCE, NO_IMU, NO_ESTIMATE = range(6)
 FILTERS, HYPOTHESES = 5, 6
 
@@ -28,7 +28,7 @@ STATES = 8
 READINGS = 64
 """Number of past steps whose readings are stored, for a twist that arrives late."""
 ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
-"""First columns of pedal, IMU and wheels in a row of readings."""
+"""Index of the first column of pedal, IMU and wheels in a row of readings."""
 
 LOSS_STEPS = 10
 """Number of steps over which the loss of speed is measured."""
@@ -36,12 +36,12 @@ LOSS_STEPS = 10
 FAULTY = 0.5
 """Probability of a faulty encoder above which the encoder is isolated [1]."""
 
-WHEEL = 0.03  # standard deviation of a rolling rim and of the velocity of a fault-free twist [m/s]
+WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # further standard deviation of both and of yaw rates, as a share of the reading [1]
-RELEASED = 0.05  # enable up to which a brake counts as released [1]
-LEAST_FRICTION = 3.0  # deceleration with a friction of 0.3 if all wheels brake [m/s^2]
+RELEASED = 0.05  # a brake with at most this enable counts as released [1]
+LEAST_FRICTION = 3.0  # deceleration with a friction coefficient of 0.3 if all wheels brake [m/s^2]
 # Prior probability that a source is faulty, that a driven wheel slides, or that a wheel rolls while
-# its brake acts; the prior probability of two faults is its square [1].
+# its brake acts [1]; the prior probability of two faults is the square of this number.
 PRIOR = 0.05
 LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 
@@ -59,7 +59,7 @@ BANK = np.dtype(
         ("twist_rate", "f8"),  # yaw rate of that twist [rad/s]
         ("gyro", "f8"),  # last reading of the gyro [rad/s], NaN if there is none
         ("braked", "f8"),  # time since the pedal was pressed [s]
-        ("unsupported", "f8"),  # time without a released wheel that rolls [s]
+        ("unsupported", "f8"),  # time for which no released wheel has rolled [s]
         ("scale", "f8"),  # estimated error of the wheel radii [1]
         ("restart_ns", "i8"),  # time of the last restart of the filter of all sources [ns]
         ("best", "i8"),  # most probable hypothesis
@@ -111,27 +111,29 @@ class BankConstants(NamedTuple):
         p_y: position of the IMU, y [m].
         spin_up: time from the release of a brake until its wheel rolls [s].
         delay: latency of a twist that its stamp does not include [ns].
-        twist_wait: longest time for which the filters wait for a late twist [ns].
-        longest: longest time step; after a longer one the filters are initialized again [s].
+        twist_wait: limit on the time for which the filters wait for a late twist [ns].
+        longest: limit on the time step; after a longer step the filters are initialized again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
         initial: standard deviations of the states at the start, each in the unit of its state,
             shape (8,).
-        nothing: an empty record, for a reset.
-        rate_deviation: largest standard deviation of the yaw rate of a valid estimate [rad/s].
+        nothing: an empty record, used for a reset.
+        rate_deviation: limit on the standard deviation of the yaw rate of a valid estimate [rad/s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
         walk: random walk of the velocity without the specific force: 1 g for 0.01 s [m/s/sqrt(s)].
         turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
         gyro: standard deviation of the gyro [rad/s].
         rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
-        rebound: speed of a rim above rolling after a release, while the tire springs back [m/s].
-        rebound_time: duration of this excess [s].
+        rebound: standard deviation of a rim's speed after a release, while the tire springs back
+            [m/s].
+        rebound_time: duration for which the tire springs back [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
         drift: random walk of the constant states (biases, scale, offset) while the pedal is up,
             per standard deviation at the start [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
-        velocity_deviation: largest standard deviation of the velocity of a valid estimate [m/s].
+        velocity_deviation: limit on the standard deviation of the velocity of a valid estimate
+            [m/s].
     """
 
     n_x: FloatArray
@@ -174,8 +176,8 @@ class BankMemory(NamedTuple):
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest recent speed of each released rim, the reference of its gain in speed [m/s],
-            shape (N,).
+        mark: lowest recent speed of each released rim, from which its gain in speed is measured
+            [m/s], shape (N,).
         idle: time for which each released rim has not gained speed [s], shape (N,).
         faulty: probability of a faulty encoder of each wheel [1], shape (N,).
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
@@ -215,9 +217,10 @@ class BankMemory(NamedTuple):
 
 
 def least_loss(wheels: int) -> float:
-    """Return the deceleration with little friction if half of the wheels brake [m/s^2].
+    """Return the deceleration on a slippery ground if half of the wheels brake [m/s^2].
 
-    This is the case on a diagonal course. One of three wheels may brake alone.
+    Half of the wheels brake on a diagonal course. On a vehicle with three wheels, a single wheel
+    may brake.
     """
     return LEAST_FRICTION * (wheels // 2) / wheels
 

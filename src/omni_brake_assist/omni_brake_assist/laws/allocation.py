@@ -8,9 +8,9 @@ solves an optimization problem (`braking_qp`)
 subject to ``0 <= x <= 1``
 
 for the forces ``f = c x``, with the weight ``W`` of heading and line of motion. The solution has
-the largest deceleration ``b_0 x`` whose yaw moment ``b_1 x`` and side force ``b_2 x`` are the
-demands ``g_1`` and ``g_2`` that keep heading and line of motion. Finally the law converts the
-forces to brake forces or to a pattern of on-off valves (`slip_control`). Mass, loads and tire
+the largest deceleration ``b_0 x`` for which the yaw moment ``b_1 x`` and the side force ``b_2 x``
+equal the demands ``g_1`` and ``g_2`` that keep heading and line of motion. Finally the law converts
+the forces to brake forces or to a pattern of on-off valves (`slip_control`). Mass, loads and tire
 properties need not be known. docs/allocation.md derives the equations.
 """
 
@@ -69,9 +69,9 @@ def new_memory(wheels: int) -> Memory:
 def step(
     law: Constants, memory: Memory, motion: Motion, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Compute the enables of one step; arguments as in `Law.step`.
+    """Compute the enables of one step; the arguments are those of `Law.step`.
 
-    The error of a wheel is its sliding speed minus the sliding speed at the target slip [m/s].
+    The error of a wheel is the speed of its hub minus the hub speed at the target slip [m/s].
     """
     body = memory.body[0]
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
@@ -109,7 +109,7 @@ def _start(law: Constants, memory: Memory) -> None:
 
 @lean
 def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
-    """Write the state and error of each wheel."""
+    """Compute the state and the error of each wheel."""
     limit = law.locked_share * math.hypot(motion.v_x, motion.v_y)
     for i in range(error.size):
         wheel = memory.wheel[i]

@@ -1,8 +1,8 @@
 """Constants and memory of the law `allocation`.
 
-Each wheel is reduced to its rim, by the lever of the friction force about the axle: its speed
-becomes the speed of the rim along the active direction, its inertia a mass, and its brake torque a
-force.
+With the lever of the friction force about the axle, each wheel is reduced to its rim. The wheel
+speed becomes the speed of the rim along the active direction, the wheel's inertia becomes a mass,
+and the brake torque becomes a force.
 """
 
 from typing import NamedTuple
@@ -25,9 +25,9 @@ WHEEL = np.dtype(
         ("hub", "f8"),  # magnitude of this velocity [m/s]
         ("speed", "f8"),  # speed of the rim in the sense of rolling, at least 0 [m/s]
         ("last_speed", "f8"),  # speed of the rim in the last step [m/s]
-        ("known", "?"),  # whether the wheel speed is measured, otherwise rolling is assumed
-        # Whether the brake stays on: it has failed, or the motion hardly drives the wheel, so that
-        # the friction of the wheel only opposes a drift.
+        ("known", "?"),  # whether the wheel speed is measured; if not, rolling is assumed
+        # Whether the enable stays 1: the brake has failed, or the motion hardly drives the wheel,
+        # so that the friction of the wheel only opposes a drift.
         ("fixed", "?"),
         ("brake", "f8"),  # nominal brake force in this step [N]
         ("mean_brake", "f8"),  # mean nominal brake force over the last period [N]
@@ -62,8 +62,9 @@ class Constants(NamedTuple):
         n_y: active directions, y component [1], shape (N,).
         lever: lever of the active direction about base_link, ``cross(r_i, n_wi)`` with the wheel's
             position ``r_i`` and active direction ``n_wi`` [m], shape (N,).
-        rim: speed of the rim along the active direction per wheel speed, ``R_i n_wi . u_i`` with
-            the wheel's radius ``R_i`` and rolling direction ``u_i`` [m], shape (N,).
+        rim: ratio of the rim's speed along the active direction to the wheel speed,
+            ``R_i n_wi . u_i`` with the wheel's radius ``R_i`` and rolling direction ``u_i`` [m],
+            shape (N,).
         peak_slip: ratio of sliding speed to rim speed at the target slip [1], shape (N,).
         wheel_mass: inertia of a wheel as a mass at its rim [kg], shape (N,).
         most: brake force with the pedal fully down [N], shape (N,).
@@ -74,10 +75,12 @@ class Constants(NamedTuple):
         target_slip: slip at which a tire transmits its largest force [1].
         observer_time: time constant of the friction observer [s].
         relaxation_speed: additional sliding speed until the tire has deflected [m/s].
-        return_share: time constant of the heading as a share of the remaining time of the stop [1].
+        return_share: time constant of the heading correction as a share of the remaining time of
+            the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: share of a speed below which a wheel counts as locked, or as not driven by
-            the motion [1].
+        locked_share: limit on the rim speed of a locked wheel, and on the hub speed of a wheel that
+            the motion does not drive, as a share of the rolling speed and of the vehicle's speed
+            [1].
     """
 
     n_x: FloatArray

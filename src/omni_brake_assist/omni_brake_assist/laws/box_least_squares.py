@@ -1,10 +1,10 @@
 """Least squares with box constraints by an active-set method, for a few unknowns.
 
 ``min 1/2 sum_r w_r (b_r x - g_r)^2 + 1/2 sum_i d_i x_i^2 + p x`` for ``0 <= x <= u``, ``d > 0``.
-Unknowns at a bound are held at this bound, and the others are solved for. A step that would leave
-the box ends at the first bound on its way. A bound whose multiplier has the wrong sign is released.
-Each step reduces the cost, so the method terminates; the limit on the number of steps is needed
-only for a defective problem.
+The unknowns are either free or held at a bound, and each step leads to the minimum over the free
+ones. A step that would leave the box ends at the first bound that it reaches. An unknown is freed
+from its bound if the multiplier of the bound has the wrong sign. Each step reduces the cost, so the
+method terminates; the limit on the number of steps is needed only for an ill-posed problem.
 
 Since there are fewer rows than unknowns, each step is solved in the space of the rows (the
 Sherman-Morrison-Woodbury identity).
@@ -19,11 +19,11 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 _FREE, _LOW, _HIGH = range(3)
-_TOLERANCE = 1e-9  # tolerance of a multiplier for rounding errors [1]
+_TOLERANCE = 1e-9  # tolerance for rounding errors of a multiplier [1]
 
 
 class Box(NamedTuple):
-    """A problem of R rows and M unknowns, which are about 1, with the workspace of the solver.
+    """A problem of R rows and M unknowns of the order of 1, with the workspace of the solver.
 
     Attributes:
         rows: ``b``, shape (R, M).
@@ -33,7 +33,7 @@ class Box(NamedTuple):
         linear: ``p``, shape (M,).
         upper: ``u >= 0``, shape (M,).
         solution: initial value, then the solution, shape (M,).
-        place: whether each unknown is free or at a bound, shape (M,).
+        place: for each unknown, whether it is free or at a bound, and at which, shape (M,).
         slope: gradient of the cost, shape (M,).
         step: step from the solution to the minimum, shape (M,).
         matrix: Cholesky factor in the space of the rows, shape (R, R).
@@ -74,7 +74,7 @@ def new_box(rows: int, unknowns: int) -> Box:
 
 @lean
 def box_least_squares(box: Box) -> None:
-    """Minimize the cost, starting at `box.solution`."""
+    """Minimize the cost, starting at `box.solution`, and write the minimum to `box.solution`."""
     solution, upper, step, place = box.solution, box.upper, box.step, box.place
     m = solution.size
     for i in range(m):
@@ -130,7 +130,7 @@ def _release(box: Box) -> bool:
 
 @lean
 def _find_step(box: Box) -> None:
-    """Compute the step to the minimum over the free unknowns; it is zero for all others.
+    """Compute the step to the minimum over the free unknowns; the step of all others is zero.
 
     ``d step = b' y - slope`` with ``(1/w + b 1/d b') y = b 1/d slope``.
     """

@@ -7,10 +7,9 @@ demanded yaw moment and side force, and ``W`` is the weight `deviation_weight`:
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``.
 
-The demand brings back heading and direction of motion if they deviate by more than
-``max_rotation``; it includes the estimated disturbances. The costs of its violation are linear
-(exact penalty): the cost per unit does not depend on the violation. Near zero they are quadratic,
-as in Huber's cost.
+The demand corrects heading and direction of motion if they deviate by more than ``max_rotation``;
+it includes the estimated disturbances. The cost of violating the demand is linear in the violation
+(exact penalty). Near zero the cost is quadratic, as in the Huber loss.
 """
 
 import math
@@ -23,10 +22,10 @@ from omni_platform.kernels import lean
 DECELERATION, YAW, SIDE = range(3)
 _DAMPED = 2.0  # ratio of the two time constants for a damping of 1/sqrt(2) [1]
 _SPREAD = 1e-3  # weight of the squared forces, which shares a force between equal wheels [1]
-# Weight of the heading after a brake has failed [1]. The other brakes can keep heading and line
-# only with less deceleration. Of the weights from 0.4 to 2, this one reduces the rotation without
-# making stops much longer than with all brakes on (`study faults`). The line of motion then has no
-# weight.
+# Weight of the heading after a brake has failed [1]. The other brakes can keep heading and line of
+# motion only with less deceleration. Of the weights from 0.4 to 2, this one reduces the rotation
+# without making stops much longer than with all brakes on (`study faults`). After a failure the
+# line of motion has no weight.
 _FAILED_HEADING_WEIGHT = 0.6
 _SLACKS = 4  # number of slacks: two for each of `YAW` and `SIDE`
 _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]

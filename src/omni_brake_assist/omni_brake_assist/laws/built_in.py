@@ -18,9 +18,10 @@ class LawConstants(NamedTuple):
 
     Attributes:
         kind: number of the chosen law.
-        replans: whether `allocation` controls the rest of a stop after a brake has failed; only
-            with at most `MOST_VALVES` on-off valves and a built-in law. With proportional brakes,
-            some vehicles would rotate more than with all brakes on, so all brakes then act.
+        replans: whether `allocation` controls the rest of a stop after a brake has failed; true
+            only with at most `MOST_VALVES` on-off valves and a built-in law. With proportional
+            brakes, some vehicles would rotate more than with all brakes on, so all brakes act after
+            a failure.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """
@@ -51,7 +52,7 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law if time has passed since its last call; arguments as in `Law.step`.
+    """Call the chosen law if time has passed since its last call; `Law.step` defines the arguments.
 
     After a brake has failed, `allocation` controls the rest of the stop with the other brakes if
     `LawConstants.replans` is true; otherwise the result is NO_HELP.

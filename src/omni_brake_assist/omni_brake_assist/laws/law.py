@@ -18,9 +18,9 @@ from omni_platform.kernels import lean
 from omni_platform.plugins import load_class, make_part
 from omni_platform.quantities import FloatArray
 
-# Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, as no single one would
-# help, or too few wheel speeds are known. FAILED: the law raised an error. HELD: it was not called,
-# because no time had passed.
+# Results of a law. ASSIST: apply the enables. NO_HELP: put all brakes on, because releasing some of
+# them would not help, or too few wheel speeds are known. FAILED: the law raised an error. HELD: the
+# law was not called, because no time had passed since its last call.
 ASSIST, NO_HELP, FAILED, HELD = range(4)
 
 NO_WHEEL = -1
@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether time has passed since the last step or a stop begins."""
+    """Return whether a stop begins or time has passed since the last step."""
     return bool(motion.first or motion.dt > 0.0)
 
 
@@ -69,7 +69,7 @@ class Law(Protocol):
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: output, the law's error of each wheel [m/s], shape (N,); for recordings only.
+            error: output, the law's error of each wheel [m/s], shape (N,); only recorded.
             enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
         Returns:
@@ -85,8 +85,8 @@ def call_law(
 ) -> tuple[int, str]:
     """Call a user's law; return its result, and the error message if it failed.
 
-    If the law may release brakes (`enabled`), its first error is printed to standard error, with
-    the lines of the law's file at which it occurred.
+    If the law may release brakes (`enabled`), its first error is printed to standard error,
+    together with the lines of the law's file at which the error occurred.
     """
     if not is_new(motion):
         return HELD, ""

@@ -1,10 +1,11 @@
-"""Observers of the law `allocation`: friction of the wheels, mass and disturbances of the body.
+"""Observers of the law `allocation` for friction of the wheels, vehicle mass and disturbances.
 
 The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` from the speed
 ``u`` of the rim and the nominal brake force ``B``, with the wheel's moment of inertia ``I`` and the
 lever ``g`` of the friction force about the axle. The force of a sliding wheel is its friction
-capacity. The estimated capacity is raised if a wheel uses all of it without sliding. The motion of
-the body then gives the vehicle's mass, and the accelerations that friction does not explain.
+capacity. The estimated capacity is raised if a wheel uses all of it without sliding. From these
+forces, the motion of the body gives the vehicle's mass and the accelerations that friction does not
+explain.
 
 Three loops form a cascade. From the inside out, these are the observer of the friction, that of the
 disturbances, and the mass estimate together with the return of the heading (`braking_qp`). Each
@@ -18,8 +19,8 @@ from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, advance_rim, command_at, lagged
 from omni_platform.kernels import lean
 
-_RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as response [1]
-_LONGEST_EXTRA = 0.15  # largest estimated dead time beyond the nominal one [s]
+_RESPONSE = 0.3  # share of the expected loss of wheel speed that counts as a response [1]
+_LONGEST_EXTRA = 0.15  # limit on the estimated dead time minus the nominal one [s]
 _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined [N]
 
 
@@ -53,10 +54,10 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
-    The force is then a lower bound of the capacity, even if the wheel slides.
-    The force of a wheel without a speed reading is at most its capacity.
-    An error of the brakes' nominal lag appears as friction during the lag, so the capacity then
-    rises with the time constant of the lag.
+    The force is then a lower bound of the capacity, even if the wheel slides. The force of a wheel
+    without a speed reading is limited to its capacity. During the lag of the brakes, an error of
+    the nominal lag appears as friction; while the force rises so fast, the capacity therefore
+    follows it with the time constant of the lag.
     """
     dt = memory.body[0].dt
     gain = 1.0 - math.exp(-dt / law.observer_time)

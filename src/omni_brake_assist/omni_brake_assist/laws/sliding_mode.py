@@ -14,7 +14,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-    """Enable the brakes whose error is negative; arguments as in `Law.step`."""
+    """Enable the brakes of wheels with a negative error; the arguments are those of `Law.step`."""
     outcome = NO_HELP
     for i in range(error.size):
         s_perp, s_omega, s_par = wheel_error(
@@ -39,5 +39,5 @@ class SlidingMode:
         self.manifold = SlidingManifold(geometry, weighting)
 
     def step(self, motion: Motion, error: FloatArray, enable: FloatArray) -> int:
-        """Enable the brakes whose error is negative; see `Law.step`."""
+        """Enable the brakes of wheels with a negative error; see `Law.step`."""
         return int(step(self.manifold.constants, motion, error, enable))

@@ -1,9 +1,10 @@
 """Slip control: brake forces for the demanded friction forces, and the choice of on-off valves.
 
-If the demand of a wheel equals its capacity, a speed controller keeps the wheel at the target slip.
-Every other wheel receives the brake force of its demand. On-off valves take the pattern whose
-forces have the lowest cost in the QP. In both cases, the state in which a new command begins to act
-is predicted from the commands that are still in the dead time.
+If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
+the target slip. Every other wheel receives the brake force that causes the demanded friction force.
+On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
+kinds of brakes, the state of the wheel when a new command begins to act is predicted from the
+commands of the last dead time.
 """
 
 import math
@@ -50,8 +51,8 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
                 enable[i] = min(max(command / most, 0.0), 1.0)
     if valves:
         # A wheel whose brake force far exceeds its capacity slides beyond the predicted time,
-        # whether its valve is open or shut. It must be shut to let the brake force decrease: of
-        # several patterns with the same cost, the first one is chosen.
+        # whether its valve is open or shut. The valve must be shut to let the brake force decrease.
+        # Of several patterns with equal cost, the first one is therefore chosen.
         least, chosen = math.inf, 0
         for pattern in range(1 << enable.size):
             value = cost(memory, pattern)
@@ -66,7 +67,7 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
 
 @lean
 def _at_effect(law: Constants, memory: Memory, slowing: float, i: int) -> tuple[BrakedWheel, Rim]:
-    """Return the model of wheel `i`, and its state when a new command begins to act."""
+    """Return the model of wheel `i`, and the wheel's state when a new command begins to act."""
     body, wheel = memory.body[0], memory.wheel[i]
     newest, delay = body.steps - 1, body.dead_time / body.dt
     hub = wheel.hub / (1.0 + slowing * body.dead_time)

@@ -2,10 +2,11 @@
 
 Each wheel is reduced to its rim. With the lever ``g`` of the friction force ``f`` about the axle,
 the rim has the mass ``I/g^2``, the speed ``u`` along the active direction and the brake force
-``B``, and ``I/g^2 du/dt = f - B``. The nominal brake follows its command after a dead time and with
-a first-order lag. The friction force rises as a parabola of the sliding speed to the estimated
-capacity and then remains constant. This is not a full tire model: only the sign of the slope and
-the height of the curve matter, and both are corrected by the measured wheel speed at every step.
+``B``, and moves by ``I/g^2 du/dt = f - B`` with the wheel's moment of inertia ``I``. The nominal
+brake follows its command after a dead time and with a first-order lag. The friction force is a
+parabolic function of the sliding speed up to the estimated capacity and then remains constant. A
+full tire model is not needed: only the sign of the slope and the height of the curve matter, and
+the measured wheel speed corrects both at every step.
 """
 
 import math
@@ -15,7 +16,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 QUEUE = 128
-"""Largest dead time that can be modeled, in control steps."""
+"""Limit on the dead time that can be modeled, in control steps."""
 
 
 class NominalBrake(NamedTuple):
@@ -37,7 +38,8 @@ class BrakedWheel(NamedTuple):
 
     Attributes:
         capacity: largest friction force [N].
-        peak_slip: ratio of sliding speed to rim speed at which the capacity is first reached [1].
+        peak_slip: lowest ratio of sliding speed to rim speed at which the friction force equals the
+            capacity [1].
         mass: inertia of the wheel as a mass at its rim [kg].
         hub: speed of the wheel's center along the active direction [m/s], at least 0.
     """
@@ -97,7 +99,7 @@ def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tupl
 
 @lean
 def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> float:
-    """Return the command with which a brake reaches the force `wanted` after a step [N]."""
+    """Return the commanded force with which a brake reaches the force `wanted` after a step [N]."""
     if brake.time_constant <= 0.0:
         return wanted
     return force - (wanted - force) / math.expm1(-dt / brake.time_constant)
@@ -107,9 +109,9 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
 def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tuple[float, float]:
     """Advance the speed of a braked wheel by one step, implicitly because the tire is stiff.
 
-    With the friction capacity ``c``, the speed ``u`` of the rim, and its speed ``u_p`` at the peak,
-    the friction force is ``c (1 - q^2)`` with the share ``q = (u - u_p)/(hub - u_p)``, limited to 0
-    to 1. The equation of the step is quadratic in ``q``.
+    With the friction capacity ``c``, the speed ``u`` of the rim, and its speed ``u_p`` at the peak
+    slip, the friction force is ``c (1 - q^2)`` with ``q = (u - u_p)/(hub - u_p)`` limited to the
+    range from 0 to 1. The equation of the step is quadratic in ``q``.
 
     Args:
         wheel: assumed properties of the wheel.
@@ -156,11 +158,11 @@ def advance(
 def predict_share(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> float:
-    """Return the share of its capacity that a wheel uses after a command for one period.
+    """Return the share of a wheel's capacity that is used after a brake command of one period.
 
-    With a brake lag, the prediction continues for one time constant without a command. The friction
-    force is low-passed like the measured one. A force that alternates between periods therefore
-    counts as its mean. Arguments as in `advance`.
+    For a brake with a lag, the prediction continues for one time constant with a command of 0. The
+    friction force is low-passed like the measured one. A force that alternates between periods
+    therefore counts with its mean. The arguments are those of `advance`.
     """
     for _ in range(1 + math.ceil(brake.time_constant / dt - 1e-9)):
         rim, command = advance(brake, wheel, rim, command, dt, time), 0.0

@@ -1,1 +1,1 @@
-"""Monitors, one module each, that put all brakes on or withhold implausible inputs from a law."""
+"""Monitors, one module each, that detect failed brakes and braking with too little effect."""

@@ -1,4 +1,4 @@
-"""Detection of failed brakes: a wheel that rolls freely although its brake should act.
+"""Detection of a failed brake, whose wheel rolls freely although the brake should act.
 
 A working brake makes its wheel slide: along the active direction, the rim is slower than the center
 of the wheel. A brake counts as failed if its wheel rolls without slip while another wheel slides
@@ -7,11 +7,11 @@ wrong brakes. After a failure, until the pedal is released, either `allocation` 
 valves of the other brakes, or all brakes act if they are proportional.
 
 Free rolling is tested by a cumulative sum (Page, Biometrika 41, 1954) of the log-likelihood ratio
-of two hypotheses: the wheel rolls, with a normally distributed deviation, or it has any slip. The
-small, constant slip of a heavily loaded wheel, which its brake cannot lock, therefore does not
-count as free rolling. The sum continues over several commands of the law to the same brake. It
-restarts after the brake has been released for longer than it was commanded to act, because the
-pressure of a brake with a lag then falls before the wheel slides.
+of two hypotheses: the wheel rolls with a normally distributed deviation, or the wheel has an
+arbitrary slip. The small, constant slip of a heavily loaded wheel, which its brake cannot lock,
+therefore does not count as free rolling. The sum continues over several commands of the law to the
+same brake. It restarts after the brake has been released for longer than it was commanded to act,
+because the pressure of a brake with a lag then falls before the wheel slides.
 
 If all brakes act so weakly that no wheel slides, no failure is detected.
 """
@@ -27,12 +27,12 @@ from omni_platform.geometry import PlatformGeometry
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
-_LEAST = 0.15  # smallest share of the full pressure to which a slide is attributed [1]
+_LEAST = 0.15  # smallest share of the full pressure to which sliding is attributed [1]
 _SLOW = 0.5  # smallest speed along the active direction for the detection [m/s]
-# Deviations of a rim from rolling, in standard deviations of a rolling rim [1]: the deviation at
-# which rolling and slip are equally likely, and the smallest deviation of a sliding wheel.
+# Deviations of a rim's speed from rolling, in standard deviations of a rolling rim [1]: the one at
+# which rolling and slip are equally likely, and the smallest one of a sliding wheel.
 _ROLLS, _SLIDES = 2.5, 9.0
-_SLIDE_VALIDITY = 0.5  # time for which the slide of another wheel remains valid [s]
+_SLIDE_VALIDITY = 0.5  # time for which detected sliding of any wheel remains valid [s]
 
 
 class BrakeConstants(NamedTuple):
@@ -60,7 +60,7 @@ class BrakedWheels(NamedTuple):
         commanded: share of the pedal's pressure that each brake was commanded to pass [1],
             shape (N,).
         speeds: wheel speeds [rad/s], shape (N,); NaN where unknown.
-        scale: estimated relative error of the wheel radii, by which rolling rims seem faster [1].
+        scale: estimated relative error of the wheel radii, by which rolling rims appear faster [1].
     """
 
     commanded: FloatArray
@@ -80,9 +80,9 @@ def brake_constants(
 def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory, shape (2 N + 1,).
 
-    Entries: cumulative sum of each braked wheel, which rises by the time of exact rolling [s]; time
-    for which each brake was commanded to act, less the time for which it was released since [s];
-    time since any wheel slid [s].
+    The entries are the cumulative sum of each wheel, which rises by the duration of the step if a
+    braked wheel rolls exactly [s]; the time for which each brake was commanded to act minus the
+    time for which it was then released, at least 0 [s]; and the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY
@@ -98,14 +98,14 @@ def watch_brakes(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
 ) -> int:
-    """Update the memory with a step of braking; return the wheel whose brake failed, or NO_WHEEL.
+    """Update the memory over one step; return the wheel whose brake failed, or NO_WHEEL.
 
     Args:
         constants: constants of the vehicle.
         memory: from `brake_memory`, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand in the step, 0 while the pedal is up [1].
-        wheels: wheel speeds after the step and commands before it.
+        wheels: wheel speeds after the step and brake commands before it.
         twist: body twist [m/s, m/s, rad/s].
     """
     speeds = wheels.speeds

@@ -1,8 +1,8 @@
-"""Monitor of the braking effect, which uses only pedal, wheel speeds and acceleration.
+"""Monitor of the braking effect, which uses only pedal, wheel speeds and specific force.
 
 A vehicle that decelerates by ``a`` although it could decelerate by ``c`` travels ``v (1 - a / c)
 dt`` farther than necessary. The monitor adds this length to the missed distance ``M``, adds the
-rest, ``v a / c dt``, to the braked distance ``B``, and requires
+remaining length ``v a / c dt`` to the braked distance ``B``, and requires
 
     M <= creep + allowance v_0 + share B
 
@@ -10,7 +10,7 @@ with the speed ``v_0`` at the start of the stop and the constants of `EffectCons
 ``v`` is the larger of two: the speed of the fastest rim, because some wheel rolls in an assisted
 stop, and the speed before the stop minus the integral of the specific force. A scale error that all
 encoders and the twist share therefore does not shorten the computed distance. Without an IMU such
-an error cannot be observed, and ``v`` decreases at most at the rate `loss`. While all brakes act,
+an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes act,
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
 ``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest one observed in this
@@ -18,12 +18,12 @@ stop, scaled by the pedal position, and at least `least_loss`, which is possible
 friction. Without an IMU it is `least_loss`, because the deceleration of a rim that begins to slide
 exceeds that of the vehicle.
 
-Two more bounds limit how long brakes may be released. One is the duration of a stop with the mean
-deceleration `least`. The other, used only with an IMU, is the time at the end of a stop in which
-the specific force is small, at most the time constant of its low-pass. It ends stops in which the
-braked wheels exert no force along the motion, because the vehicle moves along their passive
-direction. Without an IMU, the end of a stop cannot be recognized: slow rims may also be those of
-locked wheels.
+Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
+mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
+stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
+This bound ends stops in which the braked wheels exert no force along the motion, because the
+vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be recognized,
+because locked wheels have slow rims too.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -64,8 +64,9 @@ _LEDGER = np.dtype(
     ]
 )
 
-_SETTLED = 0.6  # share of its step response at which a low-pass becomes valid [1]
-# Share of the initial speed, or of the possible deceleration, below which a value is small [1].
+_SETTLED = 0.6  # share of the final step response at which a low-pass becomes valid [1]
+# Share of the initial speed below which a speed is small, and share of the possible deceleration
+# below which a deceleration is small [1].
 _LITTLE = 0.3
 
 
@@ -75,14 +76,13 @@ class EffectConstants(NamedTuple):
     Attributes:
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
         empty: an empty record for a reset, shape (1,).
-        allowance: further missed distance allowed per initial speed, for the time until brakes
-            act [s].
+        allowance: missed distance allowed per initial speed, for the time until brakes act [s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
-        share: largest ratio of missed to braked distance [1].
+        share: missed distance allowed per braked distance [1].
         creep: missed distance that is always allowed [m].
         loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
-        force_time: time constant of the low pass of the specific force [s].
-        wheel_time: time constant of the low pass of the speed [s].
+        force_time: time constant of the low-pass of the specific force [s].
+        wheel_time: time constant of the low-pass of the speed [s].
         least: smallest mean deceleration of a complete stop [m/s^2].
         grace: additional time that every stop may take [s].
     """
@@ -225,8 +225,8 @@ def _share(loss: float, pedal: float, least: float, best: float, best_pedal: flo
         loss: deceleration [m/s^2].
         pedal: pedal position, above 0 [1].
         least: smallest possible deceleration with the pedal fully down [m/s^2].
-        best: largest deceleration in this stop [m/s^2].
-        best_pedal: pedal position at which it was measured [1], 0 before the first measurement.
+        best: largest deceleration measured in this stop [m/s^2].
+        best_pedal: pedal position at that measurement [1], 0 before the first measurement.
     """
     possible = least * pedal
     if best_pedal > 0.0:
