@@ -40,7 +40,7 @@ class SimulationConfiguration(Configuration):
     control_period: float = parameter(0.01, unit="s", minimum=1e-4, maximum=1.0)
     """Time between two control steps"""
     duration_limit: float = parameter(30.0, unit="s", above=0.0, maximum=3600.0)
-    """Longest duration of a run"""
+    """Limit on the duration of a run"""
     settling_time: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
     """Time at rest after which the run ends"""
     rest_speed: float = parameter(0.05, unit="m/s", above=0.0, maximum=1.0)
@@ -63,7 +63,7 @@ class SimulationConfiguration(Configuration):
         """Check that the control period is a multiple of the physics step.
 
         Raises:
-            ConfigurationError: the period is not a multiple; the message states both values.
+            ConfigurationError: the control period is not such a multiple; the message states both.
         """
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
@@ -101,7 +101,7 @@ class SimulatorConfiguration(Configuration):
     faults: Mapping[str, FaultConfiguration] = section(dict)
     """Faults of velocity sensor, IMU and encoders by name"""
     simulation: SimulationConfiguration = section(SimulationConfiguration)
-    """Steps and end of the simulation"""
+    """Time steps and end of the simulation"""
 
     def check_consistency(self) -> None:
         """Check that each camera delivers at least two lines in every control period.
@@ -116,7 +116,7 @@ class SimulatorConfiguration(Configuration):
             if sensor.line_rate * self.simulation.control_period < 2.0:
                 raise ConfigurationError(
                     f"sensors.{name}.line_rate",
-                    f"{sensor.line_rate:g} 1/s gives fewer than two lines in a control period of "
+                    f"{sensor.line_rate:g} 1/s gives fewer than two lines per control period of "
                     f"{self.simulation.control_period:g} s",
                 )
         check_exposure(self.sensors, self.camera)

@@ -2,8 +2,8 @@
 
 A reading is ``(floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, where
 ``theta`` is the angle of the wheel at the stamp, ``theta_before`` that at the previous stamp, ``T``
-the time between both, and ``q`` the angle of one count. With infinite resolution it is the true
-speed at the stamp plus noise.
+the time between both, and ``q`` the angle of one count. With infinite resolution, a reading is the
+true speed at the stamp plus noise.
 """
 
 import math
@@ -60,8 +60,8 @@ def read_encoders(
 
     Args:
         encoders: encoders, changed in place.
-        step: number of the stamp; at the first stamp no difference of angles exists, so the true
-            speed is read.
+        step: number of the stamp; at the first stamp no previous angle exists, so the reading is
+            the true speed.
         period: time between two stamps [s].
         wheels: true states of the wheels, records `state.WHEEL`, shape (N,).
         draw: standard normal noise, shape (N,).

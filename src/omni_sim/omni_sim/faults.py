@@ -43,7 +43,7 @@ TWIST, GYRO, ACCELEROMETER, ENCODER = range(len(CHANNELS))
 _CHANNEL, _KIND, _AXIS, _START, _END, _AMPLITUDE, _PERIOD = range(7)
 _COLUMNS = 7
 
-_REMEMBERED = 64  # number of stored readings, the longest delay
+_REMEMBERED = 64  # number of stored readings, which limits the delay
 _STUCK_NOISE_DEVIATION = 1e-9
 
 
@@ -53,18 +53,18 @@ class FaultConfiguration(Configuration):
     channel: str = parameter(choices=CHANNELS)
     """Channel that is faulty"""
     kind: str = parameter(choices=KINDS)
-    """Kind of the fault; omni_sim/faults.py has the equation of each"""
+    """Kind of the fault; omni_sim/faults.py contains the equation of each kind"""
     axis: int = parameter(-1, minimum=-1, maximum=63)
-    """Axis of the channel, or index of the wheel; -1 for all"""
+    """Axis of the channel, or index of the wheel; -1 for all axes or wheels"""
     time: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
     """Onset of the fault"""
     duration: float = parameter(3600.0, unit="s", above=0.0, maximum=3600.0)
     """Duration of the fault"""
     amplitude: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
-    """Size ``a`` in the unit of the channel; per second for a drift, and a share for a scale
-    error or an echo"""
+    """Size ``a`` in the unit of the channel; in this unit per second for a drift, and without unit
+    for a scale error or an echo"""
     period: float = parameter(0.1, unit="s", above=0.0, maximum=3600.0)
-    """Time ``T`` of a ramp, sine or delay"""
+    """Duration ``T`` of a ramp, period of a sine, or length of a delay"""
 
 
 class Faults(NamedTuple):
@@ -101,7 +101,7 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
         if fault.axis >= size:
             raise ConfigurationError(
                 f"faults.{name}.axis",
-                f"{fault.axis} must be -1 to {size - 1}, {fault.channel} has {size}",
+                f"{fault.axis} must be -1 to {size - 1}, because {fault.channel} has {size}",
             )
         kind = CHANNELS.index(fault.channel), KINDS.index(fault.kind), fault.axis
         times = (round(time * SECOND_NS) for time in (fault.time, fault.time + fault.duration))
@@ -182,7 +182,7 @@ def corrupt(
         delayed, true = ring[(step - back) % _REMEMBERED], ring[step % _REMEMBERED]
         for j in range(size):
             if row[_AXIS] < 0.0 or row[_AXIS] == j:
-                # In a twist only the two velocities are exchanged, because they have the same unit.
+                # In a twist only v_x and v_y are exchanged, because they have the same unit.
                 pair = 2 if channel == TWIST and j < 2 else size
                 other = true[(j + 1) % pair] if j < pair else true[j]
                 values[j] = _faulty_reading(

@@ -1,10 +1,10 @@
 """Optical-flow sensors, which count the displacement of the ground along two axes.
 
-A sensor integrates the motion of its position along its own axes. At its own rate it returns the
-counts since the last reading, and the fraction of a count remains in the sum. The driver divides
-the counts by the elapsed time and publishes the velocity with the variance of noise and rounding.
-Above its largest speed the sensor has no valid reading; real sensors report this by their surface
-quality.
+A sensor integrates the motion of its mounting position along its own axes. At its own rate it
+returns the counts since the last reading, and the fraction of a count is kept for the next reading.
+The driver divides the counts by the elapsed time and publishes the velocity with the variance of
+noise and rounding. Above its maximum speed the sensor has no valid reading; real sensors report
+this as a low surface quality.
 """
 
 import math
@@ -40,7 +40,7 @@ class FlowConfiguration(Configuration):
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Check that the rates match the control period [s], and the name of the failing sensor.
+    """Check the rates against the control period [s], and the name of the faulty sensor.
 
     Raises:
         ConfigurationError: a check fails; the message names the sensor.
@@ -70,7 +70,7 @@ class FlowSensorArray:
         random: np.random.Generator,
         twist: FloatArray,
     ) -> None:
-        """Create the sensors under a vehicle that has moved with a constant twist.
+        """Create the sensors of a vehicle that has moved with a constant twist before the start.
 
         Args:
             sensors: sensors by name.

@@ -29,7 +29,7 @@ IMU_DRAWS = 3
 class ImuConfiguration(Configuration):
     """Mounting and errors of the IMU; the defaults describe a good MEMS unit.
 
-    Errors are bounded by the usual largest ranges of such units, 2000 deg/s and 16 g.
+    The errors are limited to the largest usual ranges of such units, 2000 deg/s and 16 g.
     """
 
     enabled: bool = parameter(True)

@@ -19,7 +19,7 @@ from omni_ros import process, qos
 from omni_ros.messages import planar_pose_of
 from omni_sim.driver.scripted import FARTHEST
 
-_SHOWN = 40  # longest part of a frame ID that a message shows
+_SHOWN = 40  # number of characters of a frame ID that a message shows
 _SCRIPTED = "not possible in a scripted run; restart the node, or start it with driver: "
 
 
@@ -60,19 +60,19 @@ class RunControl:
     def _on_pause(self, request: Any, response: Any) -> Any:
         self._paused, self._steps = bool(request.data), 0
         response.success = True
-        response.message = "time stands still" if self._paused else "time goes on"
+        response.message = "simulation paused" if self._paused else "simulation resumed"
         return response
 
     def _on_step(self, _request: Any, response: Any) -> Any:
         response.success = self._paused
-        response.message = "one control period" if self._paused else "not paused: call ~/pause"
+        response.message = "one step requested" if self._paused else "not paused: call ~/pause"
         self._steps += self._paused
         return response
 
     def _on_reset(self, _request: Any, response: Any) -> Any:
         response.success = self._start is not None
         response.message = (
-            f"{_SCRIPTED}cmd_vel" if self._start is None else "back at the start, at rest"
+            f"{_SCRIPTED}cmd_vel" if self._start is None else "vehicle placed at the start, at rest"
         )
         self._pose = self._start
         return response

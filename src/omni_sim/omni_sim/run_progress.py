@@ -27,8 +27,8 @@ class End(NamedTuple):
     Attributes:
         rest_speed: speed below which the vehicle is at rest [m/s].
         settling_time: required time at rest [s].
-        duration_limit: latest end of a run [s].
-        earliest: earliest end of a run, even at rest [s].
+        duration_limit: time at which a run ends at the latest [s].
+        earliest: time before which a run does not end, even if the vehicle is at rest [s].
     """
 
     rest_speed: float
@@ -38,7 +38,7 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Convert a configuration for the kernel; `earliest` is the end of the maneuver [s]."""
+    """Return the conditions for the kernel; `earliest` is the end of the maneuver [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
@@ -81,10 +81,10 @@ def run_outcome(end: End, memory: Any, stamp_ns: int, pedal: float, speed: float
 
 
 class RunProgress:
-    """Tracks progress and end of a run from its observations.
+    """Tracks progress and end of a run from the observations of the simulator.
 
     A run ends when the vehicle has been at rest for the settling time after the start of braking,
-    or when its longest duration is reached.
+    or when the run reaches the limit on its duration.
     """
 
     def __init__(self, configuration: SimulatorConfiguration) -> None:

@@ -70,7 +70,7 @@ class Simulator:
     Attributes:
         configuration: configuration of the simulator.
         vehicle: the simulated vehicle.
-        control_period_ns: simulated time of one `advance` [ns].
+        control_period_ns: simulated time by which one call of `advance` advances [ns].
         overload: overload of the tire model since the start of the run.
         overloaded: whether a wheel load exceeded the range of the tire model in the last period.
         tipping: whether a real vehicle would have begun to tip over in the last period.
@@ -148,7 +148,7 @@ class Simulator:
             self._batches = self._expose(self._lines, start, -1)
 
     def observe(self) -> Observation:
-        """Return state and measurements at the present stamp; the call may be repeated."""
+        """Return state and measurements at the present stamp; a repeated call returns the same."""
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose

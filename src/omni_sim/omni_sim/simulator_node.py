@@ -5,8 +5,8 @@ second case, the vehicle brakes fully while no messages arrive.
 
 In lockstep, the node publishes a step and then waits for the `brake/enable` with the same stamp. In
 real time, the same steps follow the wall clock without waiting; if an enable is late or missing,
-all brakes are on. The README of this package describes the contract: topics, types, QoS, parameters
-and timeouts.
+all brakes are on. The README of this package describes the contract: topics, types, QoS settings,
+parameters and timeouts.
 """
 
 import math
@@ -38,7 +38,7 @@ from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # largest number of subscribed topics
-_LARGEST_LAG = 0.1  # s; longest delay that is made up with a live driver
+_LARGEST_LAG = 0.1  # s; limit on the delay that is made up while a person drives
 _MARKER_PERIOD = 5  # control periods between two updates of the markers
 
 
@@ -48,12 +48,13 @@ class LoopConfiguration(Configuration):
     mode: str = parameter("lockstep", choices=("lockstep", "real_time"))
     """Whether the simulator waits for each reply (lockstep) or follows the wall clock"""
     reply_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
-    """Lockstep: longest time to wait for a reply"""
+    """Lockstep: limit on the time to wait for a reply"""
     await_odometry: bool = parameter(False)
-    """Lockstep: whether the simulator also waits for the odometry of each step, for a brake
-    assistant that does not wait for it"""
+    """Lockstep: whether the simulator also waits for the odometry of each step; needed for a brake
+    assistant that does not itself wait for the odometry"""
     publish_clock: bool = parameter(True)
-    """Publish the simulated time on /clock; in a ROS domain, only one simulator may do so"""
+    """Whether the simulated time is published on /clock; in a ROS domain, only one simulator may
+    publish it"""
     driver: str = parameter("scripted", choices=("scripted", "topics", "cmd_vel"))
     """Source of the demands: the script of the maneuver (scripted); the topics driver/pedal and
     cmd_vel (topics); or cmd_vel alone as long as no pedal is published"""
@@ -130,7 +131,7 @@ class SimulatorNode(Node):
         recorded = self.loop.lines_recorded
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))
         clock = self._shared_clock.publisher() if self._shared_clock else None
-        # No node answers or records these topics, so they have one subscriber less.
+        # No node replies to these topics, so one subscriber less is awaited for them.
         measured = self._imu, self._velocity, self._command
         shown = self._truth, self._markers, self._diagnostics, *(() if recorded else lines)
         self.recorded_outputs = (*((clock,) if clock else ()), *measured, *shown)
@@ -149,7 +150,7 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step; the pedal is published last, because it triggers the answers."""
+        """Publish one step; the pedal is published last, because it triggers the replies."""
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
@@ -189,7 +190,7 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return the time of excess [s] and a description for each exceeded limit of the model."""
+        """Return, for each exceeded limit of the model, for how long [s] and a description."""
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
         if overload.time > 0.0:
@@ -197,8 +198,8 @@ class SimulatorNode(Node):
         if tipping_time > 0.0:
             exceeded["tipping"] = (
                 tipping_time,
-                f"tipping: for {tipping_time:.3g} s the loads lay on one edge of the wheels' "
-                "polygon, where a real vehicle tips over; the planar model keeps it upright",
+                f"tipping: for {tipping_time:.3g} s one edge of the support polygon carried the "
+                "vehicle, so a real one would tip over; the planar model keeps it upright",
             )
         return exceeded
 
@@ -245,7 +246,7 @@ class SimulatorNode(Node):
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Update how long each node has sent no message; `now` is on a monotonic clock [s]."""
+        """Update the time since each node's last message; `now` is on a monotonic clock [s]."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
@@ -311,7 +312,7 @@ class SimulatorNode(Node):
 
 
 def run(node: SimulatorNode, spinner: process.Spinner) -> None:
-    """Simulate until the vehicle has stopped, the duration is over, or a signal requests shutdown.
+    """Simulate until the vehicle stops, the duration limit is reached, or a signal ends the node.
 
     Raises:
         NodeError: in lockstep a reply exceeds the time limit; the message names the node.
@@ -340,7 +341,7 @@ def run(node: SimulatorNode, spinner: process.Spinner) -> None:
         if node.loop.mode == "real_time":
             deadline = started + (observation.stamp_ns + simulator.control_period_ns) / SECOND_NS
             if node.manual_driver is not None:
-                # A person cannot steer while the simulation runs faster to make up for a delay.
+                # A person could not steer if the simulation ran faster to make up for a long delay.
                 late = time.monotonic() - deadline - _LARGEST_LAG
                 started += max(0.0, late)
             _pace(spinner, deadline)

@@ -1,5 +1,5 @@
 """Line cameras: exposure times, mean gray level of each pixel's footprint, noise.
 
-A line is computed in the order texture -> `footprint/integral.py` -> `optics.py` -> `exposure.py`.
-`camera.py` calls these modules in turn, and `batches.py` calls the cameras in every control period.
+A line is computed from the texture by `footprint/integral.py`, `optics.py` and `exposure.py`, which
+`camera.py` calls in this order. `batches.py` calls the cameras in every control period.
 """

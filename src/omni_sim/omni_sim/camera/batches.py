@@ -19,7 +19,7 @@ from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import LineBatch
 from omni_sim.camera.camera import LineCameraArray
 
-_SLACK = 1e-6  # share of a step by which rounded times may be outside
+_SLACK = 1e-6  # share of a step by which rounded times may be outside the trajectory
 
 
 def interpolate_poses(
@@ -108,7 +108,7 @@ class LineClock:
         """Create the clock of a camera.
 
         Args:
-            line_rate: line rate, used with the exact value of the float [1/s].
+            line_rate: line rate [1/s]; the exact value of the float is used.
 
         Raises:
             ValueError: the rate is not finite or not above zero.
@@ -169,7 +169,7 @@ class LineExposures:
         self._batches = _Batches({}, cameras)
 
     def complete(self) -> None:
-        """Render all remaining lines; the noise of the next lines depends on their number."""
+        """Render all remaining lines, whose number determines the noise of the next lines."""
         for name in self._batches:
             self._batches[name]
 
@@ -197,9 +197,9 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, rendered in the background, or on access if not yet rendered.
+    """Batches of the cameras; each is rendered in the background, or on access if that is earlier.
 
-    The odometry can therefore process the batch of one camera while the next one is rendered.
+    The odometry can therefore process one camera's batch while the next camera's is rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

@@ -4,7 +4,7 @@ Source: dissertation, sections 4.3.2 and 4.4. Each line is rendered at the pose 
 at the time of exposure. The value of a pixel is the mean of the texture over the pixel's rotated
 footprint, which is a pixel pitch long and as wide as the field of view. White noise is added, and
 the sum is quantized to 8 or 16 bits. By default the exposure is instantaneous and the optics are
-ideal; `configuration` describes the other effects.
+ideal; the module `configuration` describes the effects that can be switched on.
 """
 
 import math
@@ -115,7 +115,7 @@ class LineCamera:
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
-        """Return lines averaged over the exposure, with the camera's velocity at each line."""
+        """Return lines averaged over the exposure while the camera moves with each velocity."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)
@@ -137,8 +137,8 @@ class LineCamera:
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
-            first_line: index of the first line since the start of the run, which determines the
-                noise.
+            first_line: index of the first line since the start of the run; this index determines
+                the noise.
             velocities: time derivatives of these poses [m/s, m/s, rad/s], shape (m, 3), for motion
                 blur; None for no blur.
 
@@ -148,7 +148,7 @@ class LineCamera:
         return self.develop(self.ground(poses, velocities), first_line)
 
     def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
-        """Expose lines with the gray levels from `ground`; `first_line` is as in `lines`."""
+        """Return exposed lines, given the result of `ground`; `first_line` is as in `lines`."""
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:

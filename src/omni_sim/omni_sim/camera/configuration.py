@@ -6,7 +6,7 @@ TELECENTRIC, ORDINARY = "telecentric", "ordinary"
 
 FULL_SCALE = 255.0
 """Largest 8-bit gray level."""
-_MOST_WIDENING = 1.25  # largest widening of a view by heave of the camera, limited because of focus
+_MOST_WIDENING = 1.25  # limit on the widening of a view by heave of the camera, because of focus
 
 
 class CameraConfiguration(Configuration):
@@ -15,8 +15,8 @@ class CameraConfiguration(Configuration):
     noise: float = parameter(1.0, minimum=0.0, maximum=100.0)
     """Standard deviation of white noise, in gray levels of an 8-bit scale"""
     signal_to_noise_db: float = parameter(0.0, unit="dB", minimum=0.0, maximum=200.0)
-    """Ratio of full scale to the standard deviation of white noise, which replaces noise; 0 to
-    use noise"""
+    """Ratio of full scale to the standard deviation of white noise, which replaces the parameter
+    noise; 0 to use the parameter noise"""
     bit_depth: int = parameter(8, unit="bit", minimum=8, maximum=16)
     """Bits per pixel, 8 or 16"""
     gain: float = parameter(1.0, above=0.0, maximum=FULL_SCALE)
@@ -24,19 +24,19 @@ class CameraConfiguration(Configuration):
     offset: float = parameter(0.0, minimum=-1000.0, maximum=1000.0)
     """Offset added to every pixel, in gray levels of an 8-bit scale"""
     exposure_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
-    """Exposure time, half of it before and half after the stamp of the line; motion during this
-    time blurs the line"""
+    """Exposure time, of which one half is before and one half after the stamp of the line; motion
+    during this time blurs the line"""
     lens: str = parameter(TELECENTRIC, choices=(TELECENTRIC, ORDINARY))
-    """Whether the lens is telecentric: the magnification is the same at every height, instead of
-    depending on the height"""
+    """Type of the lens: the magnification of a telecentric lens is the same at every height, and
+    that of an ordinary lens depends on the height"""
     working_distance: float = parameter(0.1, unit="m", above=0.0, maximum=10.0)
     """Distance of an ordinary lens from the ground at which the field of view has its configured
     size"""
     height_error: float = parameter(0.0, unit="m", minimum=-10.0, maximum=10.0)
     """Difference between mounting height and working distance"""
     shading: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the brightness that is lost at both ends of a line (shading); the loss grows with
-    the squared distance from the middle"""
+    """Share of the brightness that is lost at each end of a line (shading); the loss is
+    proportional to the squared distance from the middle"""
     dirt_spots: int = parameter(0, minimum=0, maximum=1000)
     """Number of specks of dirt on the optics, at random positions"""
     dirt_size: float = parameter(0.002, unit="m", above=0.0, maximum=1.0)
@@ -48,14 +48,14 @@ class CameraConfiguration(Configuration):
     dark_signal: float = parameter(0.0, minimum=0.0, maximum=100.0)
     """Standard deviation of the pixel offsets (DSNU), in gray levels of an 8-bit scale"""
     dark_steps: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Difference of the offsets between neighboring eighths of a line, which different
-    amplifiers read out, in gray levels of an 8-bit scale"""
+    """Difference between the offsets of neighboring eighths of a line, which are read out by
+    different amplifiers, in gray levels of an 8-bit scale"""
     stuck_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels that are always black or always white"""
     hot_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels with a dark signal of 20 to 120 gray levels"""
     mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
-    """Share of the view that mud on the optics hides, measured from the end of the line"""
+    """Share of the line, measured from its end, that mud on the optics hides"""
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the light lost in a shadow that does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
@@ -71,7 +71,7 @@ class CameraConfiguration(Configuration):
 
     @property
     def magnification(self) -> float:
-        """Ratio of visible to configured length of ground [1].
+        """Ratio of the visible length of ground to the configured length of the field of view [1].
 
         For an ordinary lens, this is 1 + height error / working distance.
         """
@@ -80,7 +80,7 @@ class CameraConfiguration(Configuration):
         return 1.0 + self.height_error / self.working_distance
 
     def widening(self, rise: float) -> float:
-        """Return the factor by which a rise of the camera [m] widens the field of view [1].
+        """Return the factor by which raising the camera by `rise` [m] widens its field of view [1].
 
         The factor is limited to `most_widening` and its inverse.
         """
@@ -91,7 +91,7 @@ class CameraConfiguration(Configuration):
 
     @property
     def most_widening(self) -> float:
-        """Largest factor that `widening` returns."""
+        """Largest factor that `widening` can return [1]."""
         return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
 
     def check_consistency(self) -> None:
@@ -105,6 +105,6 @@ class CameraConfiguration(Configuration):
         if self.height_error <= -self.working_distance:
             raise ConfigurationError(
                 "height_error",
-                f"{self.height_error:g} m is below the ground, must be above "
+                f"{self.height_error:g} m is below the ground; it must be above "
                 f"{-self.working_distance:g} m",
             )

@@ -3,8 +3,9 @@
 The noise is a function of key, line index and pixel only (counter-based generator). The noise of a
 line is therefore independent of the division of lines into batches and threads. A 64-bit SplitMix
 hash of the counter gives four 12-bit numbers. The noise of a pixel is the sum of two values that
-these numbers select from a table of normal quantiles. It has 2^24 different values, the exact
-standard deviation and an excess kurtosis below 0.01, and it is limited to 5.1 standard deviations.
+these numbers select from a table of normal quantiles. The noise has 2^24 different values, the
+exact standard deviation and an excess kurtosis below 0.01, and is limited to 5.1 standard
+deviations.
 This method is many times faster than drawing normal variates.
 """
 

@@ -18,10 +18,10 @@ _TAPS = 8  # number of amplifiers that read out a line
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
-    """Return a sensor with the field of view that it has at its actual height.
+    """Return a copy of a sensor with the field of view that results from its actual height.
 
     Raises:
-        ConfigurationError: the field of view is larger than permitted.
+        ConfigurationError: the resulting field of view is larger than permitted.
     """
     scale = configuration.magnification
     if scale == 1.0:
@@ -30,7 +30,7 @@ def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
 
 
 def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfiguration) -> None:
-    """Check that the exposure is not longer than a line period.
+    """Check that the exposure is not longer than the line period of any sensor.
 
     Raises:
         ConfigurationError: the exposure is too long; the message names the sensor.
@@ -49,9 +49,9 @@ def transmission(
 ) -> NDArray[np.float32] | None:
     """Return the share of light that reaches each pixel, shape (pixels,); None without any loss.
 
-    The loss by shading is proportional to the squared distance from the middle. Specks of dirt are
-    out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance from
-    the center divided by the radius, and 0.5 to 1.5 times the mean diameter.
+    The loss due to shading is proportional to the squared distance from the middle. Specks of dirt
+    are out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance
+    from the center divided by the radius. Their diameters are 0.5 to 1.5 times the mean diameter.
 
     Args:
         sensor: the camera.
@@ -103,7 +103,7 @@ def pixel_faults(
     offset: FloatArray = configuration.dark_signal * generator.standard_normal(pixels)
     offset += configuration.dark_steps * (np.arange(pixels) * _TAPS // pixels % 2)
     sight = np.ones(pixels)
-    # All random values are drawn before use, so that one kind of fault does not change another.
+    # All random values are drawn before use, so that one kind of fault does not affect another.
     order, levels = generator.permutation(pixels), generator.uniform(20.0, 120.0, pixels)
     mud = _mud(generator, sensor)
     hidden = np.arange(pixels) >= round((1.0 - configuration.mud) * pixels)
@@ -134,7 +134,7 @@ def shade(
         penumbra: width of the soft edge [m].
     """
     elapsed = (first_line + np.arange(len(grays))) / sensor.line_rate
-    way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # in lengths of the view
+    way = 0.35 + configuration.shadow_speed * elapsed / sensor.length  # [lengths of the view]
     edge = 0.1 + 0.8 * np.abs((way - 0.1) / 0.8 % 2.0 - 1.0)
     place = (np.arange(sensor.pixels) + 0.5) / sensor.pixels
     lit = np.clip((place - edge[:, None]) * sensor.length / penumbra + 0.5, 0.0, 1.0)
@@ -183,7 +183,7 @@ def blur_samples(
 def instants(samples: int, exposure_time: float) -> FloatArray:
     """Return times within an exposure relative to its stamp [s], shape (samples,).
 
-    They are the centers of equal parts of the exposure.
+    The times are the centers of equal parts of the exposure.
     """
     middles: FloatArray = (np.arange(samples) + 0.5) / samples - 0.5
     return middles * exposure_time

@@ -7,9 +7,10 @@ point that is shifted by
     h (p, r)
 
 forward and to the left compared with rest, independent of the mounting position. All fields of view
-therefore move over the ground with the velocity h (p', r'), the time derivative of this shift,
-which a ground sensor cannot distinguish from a motion of the vehicle. Between two control stamps, p
-and r are cubics with the values and derivatives at both stamps. Heave changes only the
+therefore move over the ground with the velocity h (p', r'), the time derivative of this shift. A
+ground sensor cannot distinguish this velocity from a motion of the vehicle. Between two control
+stamps, p and r are cubics with the given values and derivatives at both stamps. Heave changes only
+the
 magnification. The slant of the view and the cosine of the tilt are second-order effects and are
 neglected.
 """

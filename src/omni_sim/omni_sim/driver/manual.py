@@ -1,7 +1,8 @@
 """Driver that receives pedal position and velocity from outside in every control period.
 
-Without commands, the vehicle brakes fully (dead man's switch). The drive starts from the vehicle's
-present velocity and accelerates within limits, so it does not follow steps of a joystick.
+Without commands, the vehicle brakes fully (dead man's switch). The velocity command starts from the
+vehicle's present velocity, and its rate of change is limited, so it does not follow steps of a
+joystick.
 """
 
 import math
@@ -19,9 +20,9 @@ class ManualDriverConfiguration(Configuration):
     """Limits of an external driver."""
 
     acceleration: float = parameter(2.5, unit="m/s^2", above=0.0, maximum=100.0)
-    """Largest rate of change of the commanded velocity"""
+    """Limit on the rate of change of the commanded velocity"""
     yaw_acceleration: float = parameter(3.0, unit="rad/s^2", above=0.0, maximum=100.0)
-    """Largest rate of change of the commanded yaw rate"""
+    """Limit on the rate of change of the commanded yaw rate"""
     driver_timeout: float = parameter(0.3, unit="s", above=0.0, maximum=10.0)
     """Time without a message from the driver (wall clock) after which the vehicle brakes fully"""
 
@@ -58,7 +59,7 @@ class DemandInbox:
         self._twist_time = now
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
-        """Return pedal position, 0 to 1, and body twist [m/s, m/s, rad/s] at a time [s]."""
+        """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s]."""
         fresh = now - self._twist_time <= self._timeout
         if not self._pedal_required:
             return (0.0, self._twist) if fresh else (FULL_BRAKING, np.zeros(3))
@@ -92,7 +93,7 @@ class ManualDriver:
         return np.zeros(3)
 
     def halt(self) -> None:
-        """Set the drive's velocity to zero, after the vehicle has been moved to another pose."""
+        """Set the velocity command to zero, after the vehicle has been moved to another pose."""
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
@@ -106,8 +107,8 @@ class ManualDriver:
         """
         self._pedal = pedal
         if pedal > 0.0:
-            # The drive then neither brakes before its clutch opens nor jerks when the clutch
-            # closes.
+            # With this command, the drive neither brakes before its clutch opens nor jerks when the
+            # clutch closes.
             self._command = twist.copy()
             return
         change = target - self._command

@@ -9,13 +9,13 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_sim.vehicle.dynamics import in_turned_frame
 
-FARTHEST = 1.0e4  # m; largest coordinate of a vehicle, for which grounds can be rendered
+FARTHEST = 1.0e4  # m; limit on the coordinates of a vehicle, up to which grounds can be rendered
 
 
 class DemandConfiguration(Configuration):
     """Table of the driver's demands over time, interpolated linearly.
 
-    After the last row, the drive's velocity is zero and the pedal keeps its position. The
+    After the last row, the commanded velocity is zero and the pedal keeps its position. The
     velocities are ignored while the pedal opens the clutch.
     """
 
@@ -28,19 +28,19 @@ class DemandConfiguration(Configuration):
     turn: tuple[float, ...] = parameter((), unit="rad/s", minimum=-12.6, maximum=12.6)
     """Yaw rate"""
     pedal: tuple[float, ...] = parameter((), minimum=0.0, maximum=1.0)
-    """Position of the pedal, 0 to 1"""
+    """Position of the brake pedal, 0 to 1"""
 
     def check_consistency(self) -> None:
         """Check that the table is valid.
 
         Raises:
-            ConfigurationError: a column is invalid; the message names it.
+            ConfigurationError: a column is invalid; the message names the column.
         """
         for name in ("forward", "left", "turn", "pedal"):
             column = getattr(self, name)
             if len(column) != len(self.time):
                 raise ConfigurationError(
-                    name, f"has {len(column)} rows, must have {len(self.time)} like time"
+                    name, f"has {len(column)} rows but must have {len(self.time)}, like time"
                 )
         if np.any(np.diff(self.time) <= 0.0):
             raise ConfigurationError("time", "must increase from row to row")
@@ -67,23 +67,23 @@ class ManeuverConfiguration(Configuration):
     brake_time: float = parameter(1.0, unit="s", minimum=0.0, maximum=3600.0)
     """Time at which the driver starts to press the brake pedal"""
     pedal: float = parameter(1.0, minimum=0.0, maximum=1.0)
-    """Position of the pedal while braking"""
+    """Position of the brake pedal while braking"""
     pedal_ramp_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=60.0)
-    """Duration of pressing the pedal"""
+    """Time in which the driver presses the pedal to this position"""
     demands: DemandConfiguration = section(DemandConfiguration)
     """Table that replaces speed, direction, yaw rate, pedal and their times; in an experiment or
     with --set, also the name of a CSV file or of a recording"""
 
     @property
     def earliest_end(self) -> float:
-        """Earliest end of a run, even if the vehicle is at rest [s]."""
+        """Time before which a run does not end, even if the vehicle is at rest [s]."""
         return self.demands.time[-1] if self.demands.time else 0.0
 
     def check_consistency(self) -> None:
         """Check that a table of demands is not combined with a direction fixed in the world.
 
         Raises:
-            ConfigurationError: both are given; the message names the key.
+            ConfigurationError: both are given; the message names the parameter.
         """
         if self.demands.time and self.hold_world_direction:
             raise ConfigurationError(
@@ -170,8 +170,8 @@ class ScriptedDriver:
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
         """Return the commanded twist of base_link.
 
-        Without a table of demands, the command is constant until the pedal is fully down, so that
-        the drive does not brake before its clutch opens, and zero from then on.
+        Without a table of demands, the command is constant until the pedal reaches its position, so
+        that the drive does not brake before its clutch opens. From then on, the command is zero.
 
         Args:
             stamp_ns: time since the start of the run [ns].

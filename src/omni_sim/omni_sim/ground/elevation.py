@@ -1,7 +1,7 @@
 """Height of the ground in the world: the sum of a slope, waves and bumps.
 
 Each part is an analytic function ``z(x, y)``. It is smooth enough for the local road plane of
-`vehicle.uneven_ground`; a bump has a continuous curvature up to its rim:
+`vehicle.uneven_ground`; even at the rim of a bump, the curvature is continuous:
 
     slope   z = g (x cos a + y sin a), uphill toward a
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
@@ -51,16 +51,16 @@ class WaveConfiguration(Configuration):
     direction_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Direction across the crests, counter-clockwise from the x axis"""
     phase_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Phase at the origin; with 90 a crest is at the origin"""
+    """Phase at the origin; with 90 deg, a crest is at the origin"""
 
 
 class BumpConfiguration(Configuration):
     """A round bump or hollow of the ground."""
 
     x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """Center in the world, x"""
+    """x coordinate of the center in the world frame"""
     y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """Center in the world, y"""
+    """y coordinate of the center in the world frame"""
     height: float = parameter(unit="m", minimum=-10.0, maximum=10.0)
     """Height at the center, negative for a hollow"""
     radius: float = parameter(unit="m", minimum=0.1, maximum=1.0e4)
@@ -98,7 +98,7 @@ class ElevationConfiguration(Configuration):
             raise ConfigurationError(
                 worst,
                 f"its steepness of up to {steepness[worst]:.3g} gives a ground with a steepness of "
-                f"up to {total:.3g}, must be at most {STEEPEST:g}",
+                f"up to {total:.3g}, which must be at most {STEEPEST:g}",
             )
 
     @property

@@ -17,9 +17,9 @@ class FrictionPatch(Configuration):
     """Shape of the patch; length and width are the axes of an ellipse"""
 
     x: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """Center of the patch, x"""
+    """x coordinate of the center in the world frame"""
     y: float = parameter(unit="m", minimum=-1.0e4, maximum=1.0e4)
-    """Center of the patch, y"""
+    """y coordinate of the center in the world frame"""
     length: float = parameter(unit="m", above=0.0, maximum=2.0e4)
     """Extent along the heading"""
     width: float = parameter(unit="m", above=0.0, maximum=2.0e4)

@@ -4,8 +4,8 @@ The runs of line cameras are short. For the ends of a run, which do not fill a v
 uses a scalar loop that takes longer than the middle of the run. Blocks of columns are therefore
 written with LLVM vectors, which are compiled to the instructions of the processor. Integer sums are
 the same on all processors. Plain loops over whole blocks with masked ends take considerably longer
-(`benchmarks/render_lines.py`). The later steps use plain loops, because vectors would save little
-time there.
+(`benchmarks/render_lines.py`). The later steps of a line use plain loops, because vectors would
+save little time there.
 
 Each function adds four rows, ``sums[column + i] += sum over r of texture[offsets[r] + column + i]``
 for 0 <= i < 32. The texture must be readable up to the end of a block. Offsets and bounds of the
@@ -40,7 +40,7 @@ Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 
 @intrinsic
 def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> Intrinsic:
-    """Add a whole block of four rows."""
+    """Add a whole block of columns of four rows."""
     return _adding(sums, texture, [offsets])
 
 

@@ -19,8 +19,8 @@ class Edges(NamedTuple):
     Attributes:
         start: position of the first edge [cells].
         step: distance between two edges [cells].
-        slant: standard deviation of the position of an edge that is slanted against the rows
-            [cells].
+        slant: standard deviation of the position of an edge over its length, because the edge is
+            not perpendicular to the rows [cells].
         scale: gray level per difference of the integral.
         middle: gray level that is stored as 0.
     """
@@ -61,9 +61,10 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
 
     The integral along the line, interpolated linearly between texel edges, is smoothed where the
     gray level changes. The weights (-9, 16, 50, 16, -9) / 64 are applied to the cells that are -4,
-    -2, 0, 2, 4 quarters away. They remove the steps of a texel's width, for which their gain is 0.
-    Their second moment is that of two boxes, negated, which compensates for the loss by averaging
-    and by steps in a curved profile. Sums over 655 rows times all weights fit into 32 bits.
+    -2, 0, 2, 4 quarter texels away. The weights remove steps as wide as a texel, for which their
+    gain is 0. Their second moment is minus that of two boxes, which compensates for the loss due to
+    averaging and due to steps in a curved profile. Sums over 655 rows times all weights fit into 32
+    bits.
 
     Args:
         cells: result of `merge_classes`; changed in place if the footprint is high.
@@ -118,9 +119,9 @@ def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
 def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Float32Array) -> None:
     """Set each pixel to the difference of the integral between its two edges.
 
-    An edge that is slanted against the rows of texels smooths the integral by a box as wide as the
-    slant. The mean of two values, one standard deviation on either side, has the same second
-    moment.
+    An edge that is not perpendicular to the rows of texels smooths the integral by a box as wide as
+    the shift of the edge along its length. The mean of two values, one standard deviation on either
+    side, has the same second moment.
     """
     start, step, slant, scale, middle = edges
     first = math.floor((start - slant) * ONE + 0.5)

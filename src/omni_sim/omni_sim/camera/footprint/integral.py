@@ -8,8 +8,8 @@ Then ``s = x + y tan(heading)`` is a coordinate along the line, and in each row 
 from x only by a constant shift. A line is computed in three steps:
 
 1. Each row is one contiguous 8-bit run, which is added to columns over `s` (SIMD, four rows at a
-   time). Its shift is rounded to a quarter texel. The integer part moves the run, and the fraction
-   selects one of four accumulators.
+   time). The shift of the row is rounded to a quarter texel. The integer part of the shift moves
+   the run, and the fraction selects one of four accumulators.
 2. Along the two long sides, the rows that a column covers only in part are added with weights.
 3. The four accumulators are merged into cells of a quarter texel. The prefix sum of the cells is
    read at the edges of the pixels, which is exact for any pixel pitch. If texels are means of finer
@@ -18,7 +18,7 @@ from x only by a constant shift. A line is computed in three steps:
 All computations except the last step use integers, so results do not depend on vectorization.
 Texels are squares of constant gray level. Shifts below a quarter texel and the slant of a pixel's
 edges within a texel are approximated. For a footprint 400 texels wide on the supplied grounds, the
-error is at most 0.08 gray levels (RMS). It grows for fewer rows, to 0.25 at 50 rows.
+error is at most 0.08 gray levels (RMS). The error grows for fewer rows, to 0.25 at 50 rows.
 """
 
 import math
@@ -37,7 +37,7 @@ _MARGIN = 8  # columns and rows added beyond the footprint
 
 
 class _Scratch(NamedTuple):
-    """Buffers for the computation of one line; the module `rows` explains the classes.
+    """Buffers for one line; the module `rows` explains the four classes of texel rows.
 
     Attributes:
         sums: sums of the rows of one class in each of c columns, shape (c,).
@@ -96,7 +96,7 @@ def _integrate(
     half_width: float,
     lines: Float32Array,
 ) -> None:
-    """Integrate lines of a footprint with these half sizes [texels]; the result is `lines`."""
+    """Write the `lines` of footprints with half the given length and width [texels]."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
     for line in range(len(centers)):
@@ -122,7 +122,7 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Allocate buffers for a footprint with these half sizes [texels] and this number of pixels."""
+    """Allocate buffers for a footprint with half the given length and width [texels]."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
@@ -168,7 +168,7 @@ def _integrate_line(
     """
     x, y, a_x, a_y = axis
     tangent = a_y / a_x
-    slope = a_x * a_y  # rows by which a long side rises per column
+    slope = a_x * a_y  # rows by which a long side of the footprint rises per column
     reach = half_size[1] * a_x
     half = half_size[0] / a_x  # half length along s [texels]
     # Columns are aligned with the texels of the middle row: column c starts at s = origin + c -

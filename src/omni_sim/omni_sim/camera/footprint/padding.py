@@ -72,16 +72,16 @@ _MARGIN = 2 * 8 + 3 * blocks.BLOCK
 class Coarsening(NamedTuple):
     """Rules for the use of texels coarser than those of the ground.
 
-    If many texels across a footprint are averaged, slightly more than one texel per pixel suffices.
+    If a footprint is many texels wide, slightly more than one texel per pixel suffices.
 
     Attributes:
         sufficient: smallest number of texels per pixel along the axis, and across the footprint.
         wide: alternative for a wide footprint: smallest number of texels per pixel along the axis,
             and across the footprint.
-        most: largest number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
+        most: limit on the number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
         worth: smallest ratio of coarse to fine texel size for which coarse texels are used [1].
-        whole: largest factor on the number of coarse texels that is accepted so that each of them
-            consists of whole texels of the ground [1].
+        whole: limit on the factor by which the number of coarse texels is increased so that each of
+            them consists of whole texels of the ground [1].
     """
 
     sufficient: tuple[float, float] = (4.0, 128.0)
@@ -127,8 +127,8 @@ class PaddedTexture(NamedTuple):
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
-            texels: number of texels per period, at most that of the ground; 0 for that of the
-                ground.
+            texels: number of texels per period, at most that of the ground; 0 to use the number of
+                the ground.
         """
         texels = texels or len(texture.gray)
         texel = texture.size / texels
@@ -215,8 +215,9 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     """Return the texels per period that a sensor needs.
 
     A coarse texel loses the distribution of gray levels within it. This loss matters only where the
-    edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast, on
-    most grounds independent between texels. The error of a pixel is therefore proportional to the
+    edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast. On
+    most grounds, the errors of different texels are independent. The error of a pixel is therefore
+    proportional to the
     ratio of texel size to pixel pitch, and to the inverse square root of the number of texels
     across the footprint. On wood, a line across the grain has the error of a single texel. This
     case determines the smallest number of texels per pixel.

@@ -47,7 +47,7 @@ class Placement(NamedTuple):
     Attributes:
         first: index of the first row, in the texture or in its mirror image.
         downwards: whether the mirror image is used.
-        column: index of the texel of column 0 within the period, if the shift is 0.
+        column: index within the period of the texel in column 0 for a row with the shift 0.
         ahead: shift of the first row relative to the middle row [quarter texels, fixed point].
         ahead_per_row: shift of each row relative to the row before it [quarter texels, fixed
             point].
@@ -238,16 +238,17 @@ def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
 
 @njit(cache=True, nogil=True)
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
-    """Add the two rows that each column covers partly to the class without a fractional shift.
+    """Add the two rows that each column covers only in part, with weights, to the column's total.
 
-    The weights of a column add up to the height regardless of rounding, so that a uniform ground
-    gives uniform lines.
+    The totals are those of the class of rows without a fractional shift, although these rows may
+    have one. The weights of all rows of a column add up to the footprint's height regardless of
+    rounding, so that a uniform ground gives uniform lines.
 
     Args:
         texture: texels.
         cover: rows that each column covers.
         offsets: index in the texture of column 0 of each row.
-        totals: totals of the class, changed in place, one for each column.
+        totals: total of each column over this class, changed in place.
     """
     low, climb, height = cover
     climbed = (_EDGE_COLUMNS - 1) * climb
