@@ -15,7 +15,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import TwistSample
 
-# Smallest reported standard deviation, also for a sensor without noise [m/s], [rad/s].
+# Lower limit on the reported standard deviation, for sensors with little noise [m/s], [rad/s].
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
@@ -46,7 +46,7 @@ class VelocitySensorConfiguration(Configuration):
 
     @property
     def failure_ns(self) -> tuple[int, int]:
-        """Begin and end of the fault [ns]; both are equal if the sensor has no fault."""
+        """Start and end of the fault [ns]; the two are equal if the sensor has no fault."""
         start = round(self.failure_time * SECOND_NS)
         fails = self.failure != "none"
         return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
@@ -63,7 +63,7 @@ class SensorConstants(NamedTuple):
         fails_from_ns: time at which the fault begins [ns].
         fails_until_ns: time at which the fault ends [ns].
         holds: whether the sensor repeats its last reading during the fault.
-        failed: reading during a fault without repetition, 0 or NaN.
+        failed: reading during a fault that does not repeat the last reading, 0 or NaN.
     """
 
     period_ns: int
@@ -75,14 +75,14 @@ class SensorConstants(NamedTuple):
     failed: float
 
 
-# Last sample that was taken, or that a fault prevented.
+# Last sample that was due, whether it was taken or a fault prevented it.
 SENSOR_MEMORY = np.dtype(
     [("sample", "i8"), ("stamp_ns", "i8"), ("v_x", "f8"), ("v_y", "f8"), ("yaw_rate", "f8")]
 )
 
 
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
-    """Convert a configuration to the constants of the kernels."""
+    """Return the constants of the kernels for a configuration."""
     c = configuration
     return SensorConstants(
         round(c.sample_time * SECOND_NS),
@@ -148,7 +148,7 @@ def read(
 
 @lean
 def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
-    """Write the covariance of a reading with uniform noise in proportion to its value.
+    """Write the covariance of a reading whose uniform noise is proportional to its value.
 
     Args:
         sensor: constants.
@@ -201,5 +201,5 @@ class VelocitySensor:
         return TwistSample(taken_ns, reading, covariance)
 
     def state_covariance(self, reading: FloatArray, covariance: FloatArray) -> None:
-        """Write the covariance, shape (3, 3), that the sensor states for a reading, shape (3,)."""
+        """Write the covariance, shape (3, 3), that the sensor reports for a reading, shape (3,)."""
         state_covariance(self._constants, reading, covariance)

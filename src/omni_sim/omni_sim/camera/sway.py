@@ -10,8 +10,7 @@ forward and to the left compared with rest, independent of the mounting position
 therefore move over the ground with the velocity h (p', r'), the time derivative of this shift. A
 ground sensor cannot distinguish this velocity from a motion of the vehicle. Between two control
 stamps, p and r are cubics with the given values and derivatives at both stamps. Heave changes only
-the
-magnification. The slant of the view and the cosine of the tilt are second-order effects and are
+the magnification. The slant of the view and the cosine of the tilt are second-order effects and are
 neglected.
 """
 

@@ -1,4 +1,4 @@
-"""Disk cache of generated ground textures, so that only the first run generates them.
+"""Disk cache of generated ground textures, so that each texture is generated only once.
 
 A ground with 2400 dpi needs a third of a gigabyte, so no copy is kept in memory.
 """
@@ -22,11 +22,12 @@ from omni_sim.texture.picture import read_picture
 
 
 class TextureCache:
-    """Textures in a folder, one file each, named by a digest of the texture's parameters.
+    """Textures in a folder, each in a file that is named by a digest of the texture's parameters.
 
-    A file is an uncompressed NumPy archive with a CRC-32. If it is missing, damaged or of the wrong
-    shape, the texture is generated again. Files are written atomically, so processes can share the
-    folder. If the folder is not writable, textures are generated every time.
+    A file is an uncompressed NumPy archive with a CRC-32. If the file is missing or damaged, or its
+    array has the wrong shape, the texture is generated again. Files are written atomically, so
+    processes can share the folder. If the folder is not writable, textures are generated every
+    time.
 
     Attributes:
         directory: folder of the cache, created when the first texture is stored.

@@ -15,13 +15,13 @@ metal          rolled sheet: faint grain of 0.2 mm and marks of 0.2 mm by 1.5 mm
 walking_tile   concrete slabs with square studs every 20 mm and fine aggregate: periodic
 dry_earth      clay in plates of 26 mm between open cracks, finer cracks every 8 mm, soil grain
 worn_asphalt   asphalt polished by traffic: chippings and binder of nearly the same gray
-concrete       troweled: mottles of a few centimeters, cement and sand grain, few pores
+concrete       troweled surface: mottles of a few centimeters, cement and sand grain, few pores
 wet_concrete   concrete with wet patches, which are dark and without detail
-gravel         rounded stones of 4 to 16 mm, one over the other, each with its own grain
+gravel         rounded stones of 4 to 16 mm that overlap, each with its own grain
 sand           grains of 0.1 to 0.4 mm and faint ripples
 grass          blades of 12 to 40 mm, in all directions
 bark           ridges of 5 to 30 mm along x between dark furrows
-brick          bricks of 100 x 67 mm in running bond, of little contrast, between mortar joints
+brick          bricks of 100 x 67 mm and little contrast in running bond, with mortar joints
 cobble         stones of 50 mm with worn tops between wide dark joints
 planks         boards of 50 mm with their grain along x between dark grooves
 =============  =====================================================================================
@@ -51,7 +51,8 @@ class _Shape(NamedTuple):
         ratio: smallest and largest ratio of the semi-axes [1].
         gray: mean and standard deviation of the gray levels.
         limits: limits of the gray levels.
-        direction: standard deviation of the direction about x [rad], infinite for a uniform one.
+        direction: standard deviation of the angle between long axis and x [rad], infinite for a
+            uniform distribution.
     """
 
     radius: Range
@@ -73,11 +74,11 @@ class Brush(NamedTuple):
     generator: np.random.Generator
 
     def cells(self, spacing: float) -> int:
-        """Return the integer number of cells whose spacing is nearest to `spacing` [m]."""
+        """Return the number of cells per period whose spacing is nearest to `spacing` [m]."""
         return max(1, round(self.size / spacing))
 
     def leaves(self, density: float, shape: _Shape, softness: float) -> patterns.Leaves:
-        """Return random ellipses with a density [1/m^2] and the width of their soft edges [m]."""
+        """Return random ellipses; `density` is in [1/m^2], the soft edges' width in [m]."""
         place = self.generator.uniform(0.0, 1.0, (round(density * self.size**2), 2))
         radius = self.generator.uniform(*shape.radius, len(place))
         return self._painted(np.column_stack((place, radius / self.size)), shape, softness)
@@ -129,8 +130,8 @@ class Brush(NamedTuple):
             spacing: spacing of the grid [m].
             gray: mean and standard deviation of the gray levels, and their limits.
             border: gray level of the borders, and width over which they fade [m].
-            warp: largest displacement that bends the borders [cells], and node spacing of the warp
-                [m].
+            warp: largest displacement that bends the borders [cells], and spacing of the nodes at
+                which the displacement is random [m].
         """
         cells, nodes = self.cells(spacing), self.cells(warp[1])
         shades = self.generator.normal(*gray[0], (cells, cells)).clip(*gray[1])
@@ -159,7 +160,8 @@ class Brush(NamedTuple):
             deviation: standard deviation of the interpolated values [gray levels].
         """
         lattice = self.generator.uniform(-1.0, 1.0, (self.cells(spacing_y), self.cells(spacing_x)))
-        # Uniform values on +/- 1 have the variance 1/3; the interpolation keeps about 0.52 of it.
+        # Uniform values on +/- 1 have the variance 1/3, of which the interpolation retains about
+        # 0.52.
         lattice *= deviation * math.sqrt(3.0 / 0.52)
         return patterns.Noise(lattice.astype(np.float32))
 

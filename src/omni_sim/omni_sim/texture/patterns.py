@@ -1,4 +1,4 @@
-"""Compiled patterns that ground textures are composed of; each is periodic in the picture.
+"""Compiled patterns of which ground textures are composed; the picture is one period of each.
 
 Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw each
 band of rows separately, and the texels do not depend on the division into bands. A picture of any
@@ -120,7 +120,7 @@ class Leaves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Rings:
-    """Bent lines along x, like the growth rings of a board; a profile over y gives the gray.
+    """Bent lines along x, like the growth rings of a board, with gray levels as a function of y.
 
     Attributes:
         profile: gray levels over one period in y, interpolated linearly.
@@ -192,7 +192,7 @@ class Added:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Studs:
-    """Square studs with rounded corners and beveled edges on a grid, lit from the upper left.
+    """Square studs on a grid, with rounded corners and beveled edges, lit from the upper left.
 
     The grid has c x c cells per period, one for each stud.
 
@@ -202,8 +202,8 @@ class Studs:
         top: half the edge length of a stud's flat top [cells].
         bevel: width of a stud's sloping edge [cells].
         corner: radius of a stud's corners [cells].
-        glare: increase of the gray level of edges that face the light, and decrease of the other
-            edges.
+        glare: increase of the gray level of edges that face the light, which is also the decrease
+            at the other edges.
     """
 
     gray: Float32Array
@@ -267,7 +267,7 @@ def _voronoi(
             n_x = n_y = s_x = s_y = np.float32(0.0)
             shade = np.float32(0.0)
             for j in range(j_0 - 1, j_0 + 2):
-                j_in = j % cells  # with few cells, some are visited twice
+                j_in = j % cells  # if there are few cells, some are visited twice
                 for i in range(i_0 - 1, i_0 + 2):
                     i_in = i % cells
                     d_x = np.float32(i) + points[j_in, i_in, 0] - x

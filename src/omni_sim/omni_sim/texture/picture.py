@@ -30,14 +30,15 @@ _DAMAGE = (
 
 
 def read_picture(path: str, dpi: float) -> GroundTexture:
-    """Return the ground shown in a picture.
+    """Read a picture and return the periodic ground that it shows.
 
     Args:
-        path: PNG, TIFF, JPEG, BMP, PPM or WebP file, gray or color, 8 or 16 bits, of any size.
+        path: PNG, TIFF, JPEG, BMP, PPM or WebP file, in gray or color, with 8 or 16 bits.
         dpi: dots per inch on the ground.
 
     Raises:
-        ConfigurationError: the picture cannot be read, is too small or has no contrast.
+        ConfigurationError: the picture cannot be read, is too small or too large, or has no
+            contrast.
     """
     gray, dot = _square(Path(path).expanduser(), INCH / dpi)
     period = (len(gray) * 15 // 16) // BLOCK * BLOCK
@@ -73,7 +74,7 @@ def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
         return gray[top : top + edge, left : left + edge].copy(), dot
     texels = edge // coarser
     square = np.empty((texels, texels), np.uint8)
-    for row in range(texels):  # row by row, because a mean of all needs much more memory
+    for row in range(texels):  # row by row, because all rows at once need much more memory
         first = top + row * coarser
         rows = gray[first : first + coarser, left : left + texels * coarser]
         square[row] = np.rint(rows.reshape(coarser, texels, coarser).mean(axis=(0, 2)))
@@ -88,7 +89,7 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
     if edge < FEWEST_TEXELS or edge * dot < _LEAST_SIZE:
         remedy = "use a picture of a larger area"
         if edge >= FEWEST_TEXELS:
-            remedy += f", or check its scale: {edge * INCH / _LEAST_SIZE:.0f} dpi or less suffice"
+            remedy += f", or check dpi: {edge * INCH / _LEAST_SIZE:.0f} or fewer are needed"
         raise ConfigurationError(
             _KEY,
             f"{size}; both edges must have at least {FEWEST_TEXELS} px and {_LEAST_SIZE} m: "
@@ -108,7 +109,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
         return gray
     if picture.mode == "F":
         raise ConfigurationError(
-            _KEY, f"{path} has floating-point gray levels, must have 8 or 16 bits"
+            _KEY, f"{path} has floating-point gray levels; it must have 8 or 16 bits"
         )
     if picture.mode in {"P", "PA"}:
         picture = picture.convert("RGB")

@@ -18,16 +18,16 @@ KINDS = tuple(MATERIALS)
 PICTURE = "picture"
 
 GENERATION = 1
-"""Version of the materials, part of a cached texture's name; increase it with every change."""
+"""Version of the materials, part of a cached texture's name; every change must increase it."""
 
 INCH = 0.0254
-"""An inch [m]."""
+"""Length of an inch [m]."""
 
 BLOCK = 32
 """Divisor of the default number of texels per period, so that texels can be merged in blocks."""
 
 MOST_TEXELS = 20480
-"""Largest number of texels per period: 0.4 GB; 20 cm at 2400 dpi have 18912."""
+"""Limit on the number of texels per period, which need 0.4 GB; 20 cm at 2400 dpi have 18912."""
 
 FEWEST_TEXELS = 256
 """Smallest number of texels per period."""
@@ -50,14 +50,14 @@ class TextureConfiguration(Configuration):
     picture: str = parameter("")
     """File for the kind picture: PNG, TIFF or JPEG"""
     dpi: float = parameter(0.0, minimum=0.0, maximum=50000.0)
-    """Dots per inch on the ground, required for a picture. For a material they replace texels,
-    and the period is rounded up to a multiple of 32 texels; 0 to use texels"""
+    """Dots per inch on the ground, required for a picture. For a material, this value replaces the
+    parameter texels, and the period is rounded up to a multiple of 32 texels; 0 to use texels"""
 
     def check_consistency(self) -> None:
-        """Check that a picture has a scale and is used, and that there are not too many texels.
+        """Check that a picture has a resolution and is used, and that the texels are not too many.
 
         Raises:
-            ConfigurationError: a value is invalid; the message names the key.
+            ConfigurationError: a value is invalid; the message names the parameter.
         """
         if self.kind != PICTURE:
             if self.picture:
@@ -67,19 +67,19 @@ class TextureConfiguration(Configuration):
             if self.dpi > 0.0 and not FEWEST_TEXELS <= self.extent[0] <= MOST_TEXELS:
                 raise ConfigurationError(
                     "dpi",
-                    f"{self.dpi:g} dpi give {self.extent[0]} texels over {self.size:g} m, must be "
+                    f"{self.dpi:g} dpi give {self.extent[0]} texels over {self.size:g} m, not "
                     f"{FEWEST_TEXELS} to {MOST_TEXELS}",
                 )
         elif not self.picture:
             raise ConfigurationError("picture", f"the kind {PICTURE} needs the name of a file")
         elif self.dpi <= 0.0:
             raise ConfigurationError(
-                "dpi", "a picture needs its dots per inch on the ground, such as 2400 of a scan"
+                "dpi", "a picture needs its dots per inch on the ground, such as 2400 for a scan"
             )
 
     @property
     def extent(self) -> tuple[int, float]:
-        """Texels per period of a material, and the period [m]."""
+        """Number of texels per period of a material, and the period [m]."""
         if self.dpi == 0.0:
             return self.texels, self.size
         texel = INCH / self.dpi

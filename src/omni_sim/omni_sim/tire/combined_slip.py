@@ -1,16 +1,16 @@
 """Combined slip of the TMeasy tire: longitudinal and lateral slip added as vectors.
 
-Source: W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy", Vehicle System Dynamics
-45(S), 2007, the generalized slip that section 2.3.1 of the dissertation refers to. The slips of
-Eqs. (1), (2) are normalized by factors for the two directions and added as vectors,
+Source: the generalized slip in W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy",
+Vehicle System Dynamics 45(S), 2007, to which section 2.3.1 of the dissertation refers. The slips of
+Eqs. (1), (2) are normalized by one factor for each direction and added as vectors,
 
     s = |(s_x / n_x, s_y / n_y)|,   q = (cos phi, sin phi) = (s_x / n_x, s_y / n_y) / s,
 
 where ``s`` is the combined slip and ``phi`` its direction. One curve in the direction ``q`` gives
 the force ``(F cos phi, F sin phi)``. The five numbers of this curve change smoothly with ``q`` from
-those of the curve ``x`` to those of ``y``, so no further parameters are needed. Along an axis, the
-result is exactly the curve of that axis. A friction factor scales both curves and therefore the
-result.
+those of the longitudinal curve to those of the lateral curve, so no further parameters are needed.
+Along either axis, the result is exactly the curve of that axis. A friction factor scales both
+curves and therefore the result.
 """
 
 import math

@@ -30,7 +30,7 @@ def _root(
         curve: curve of any tire model.
         low: lower end of the bracket [1].
         high: upper end of the bracket [1].
-        start: initial slip; outside the bracket, its middle is used [1].
+        start: initial slip; if it is outside the bracket, the bracket's middle is used [1].
     """
     slip = start if low < start < high else 0.5 * (low + high)
     force, gradient = force_at(curve, slip)
@@ -84,9 +84,9 @@ def solve_contact(
         damping: ``D``, damping of the tire with its stiffness over a step [N s/m].
         gain: ``kappa``, effect of the wheel's mobility within the step [1].
         speed: ``V``, denominator of the slip [m/s].
-        curve: a curve with two fields more than `model.Curve`: ``steepest_slip`` [1], at which the
+        curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], at which the
             force falls fastest beyond its peak, and ``steepest_fall`` [N], the value of ``-dF/ds``
-            there.
+            at this slip.
         sliding: whether the patch slid in the previous step.
     """
     if curve.peak_force <= 0.0:

@@ -26,7 +26,7 @@ from omni_platform.quantities import FloatArray
 
 
 class Curve(Protocol):
-    """Numbers that every model's curve provides: slope and forces in [N], slip in [1]."""
+    """Properties that every model's curve provides: slope and forces in [N], slip in [1]."""
 
     @property
     def slope(self) -> float:
@@ -34,7 +34,7 @@ class Curve(Protocol):
 
     @property
     def peak_slip(self) -> float:
-        """Smallest slip of the largest force [1]."""
+        """Smallest slip at which the force is largest [1]."""
 
     @property
     def peak_force(self) -> float:
@@ -46,7 +46,7 @@ class Curve(Protocol):
 
 
 class Landmarks(NamedTuple):
-    """Properties of measured curves at two loads, each of shape (2,), from which a fit starts.
+    """Properties of measured curves at two loads, from which a fit starts; each has shape (2,).
 
     Attributes:
         load: half of the largest load in the data, and the largest load [N].
@@ -67,8 +67,8 @@ class FitRecipe:
 
     Attributes:
         keys: dotted keys of the P values in the model's configuration.
-        lower: smallest unknowns, shape (P,).
-        upper: largest unknowns, shape (P,).
+        lower: lower bounds of the unknowns, shape (P,).
+        upper: upper bounds of the unknowns, shape (P,).
         loads: number of distinct loads that the fit requires.
         start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
         parameters: function that returns the constants of the kernels; arguments as for `scale`.
@@ -102,7 +102,7 @@ class TireModel:
         parameters_type: NamedTuple of its constants in kernels.
         curve_type: NamedTuple of its curve at one load; a `Curve`.
         parameters: function that returns the constants for a configuration.
-        largest_load: function that returns the largest load [N] of the model for a configuration.
+        largest_load: function that returns the largest valid load [N] for a configuration.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
         force_at: kernel ``(curve, slip >= 0) -> (F [N], dF/ds [N])``.
         contact: kernel with the arguments of `contact_friction`; `contact.solve_contact` is
@@ -151,7 +151,7 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
 
     Args:
         parameters: constants of a model.
-        load: wheel load [N], clamped by the caller to the range from 0 to the model's largest one.
+        load: wheel load [N], clamped by the caller to the model's range, which starts at 0.
         friction: ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)
@@ -184,7 +184,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Broadcast arguments; return their common shape, and each of them flattened."""
+    """Broadcast the arguments; return their common shape and the flattened arrays."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 

@@ -1,9 +1,9 @@
 """Tire of a vehicle: a force-slip model chosen by name, with a spring and a damper.
 
 The spring and the damper are those of Eq. (4) of the dissertation. `TireConfiguration` contains the
-parameters common to all models, the name of the chosen model, and a section with the parameters of
-each model under the model's name. Only the section of the chosen model is used. `Tire` evaluates
-the steady characteristic for plots, fits and tests.
+parameters common to all models, the name of the chosen model, and for each model a section with the
+model's name and parameters. Only the section of the chosen model is used. `Tire` evaluates the
+steady characteristic for plots, fits and tests.
 """
 
 from typing import Any

@@ -27,13 +27,13 @@ class DriveConfiguration(Configuration):
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position at which the clutch opens"""
     stiffness: float = parameter(5000.0, unit="N m s/rad", minimum=0.0, maximum=1.0e6)
-    """Torque of the engaged clutch per speed difference"""
+    """Torque of the engaged clutch divided by its speed difference"""
     max_torque: float = parameter(1500.0, unit="N m", minimum=0.0, maximum=1.0e6)
-    """Largest torque of the engaged clutch"""
+    """Limit on the torque of the engaged clutch"""
 
 
 class WheelCondition(Configuration):
-    """Difference of one wheel from the others: a worn or oily tire, or a faulty brake."""
+    """Difference of one wheel from the others, for example a worn tire or a faulty brake."""
 
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Factor on the friction between this wheel and the ground"""
@@ -42,12 +42,12 @@ class WheelCondition(Configuration):
     mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
     """Mounting height of this wheel relative to the others; requires a suspension"""
     open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Smallest share of the pedal's pressure that the valve of this brake passes; 1 for a valve
+    """Share of the pedal's pressure that the valve of this brake passes at least; 1 for a valve
     that cannot release the brake"""
     stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of its full torque that this brake exerts even when the pedal is up"""
+    """Share of its full torque that this brake exerts even when the pedal is not pressed"""
     onset: float = parameter(0.0, unit="s", minimum=0.0, maximum=3600.0)
-    """Time from which on the faults brake, open_valve and stuck_brake are present"""
+    """Time at which the faults brake, open_valve and stuck_brake begin"""
 
 
 _SOUND = WheelCondition()

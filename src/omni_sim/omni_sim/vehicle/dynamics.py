@@ -9,8 +9,8 @@ the step. This velocity is predicted from all forces of the previous step and co
 F_before)``, where ``F`` and ``F_before`` are the forces of the wheel in this step and in the
 previous one, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels. A
 single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
-coupling between wheels lags by one step. This is a second-order error, which tests of the energy
-balance show only with very stiff tires. On uneven ground the motion is in the path plane of
+coupling between wheels lags by one step. This second-order error is visible in tests of the energy
+balance only with very stiff tires. On uneven ground the motion is in the path plane of
 `uneven_ground`, and gravity is an additional force.
 
 Kernels with one caller are inlined, because passing their many arguments would take more than a
@@ -35,7 +35,7 @@ from omni_sim.wheel.drivetrain import Drive, Hub, Spin, limited, ramped_speed, w
 from omni_sim.wheel.passive_losses import passive_force
 from omni_sim.wheel.single import Patch, TireConstants
 
-# Smallest normal force per mass in the load transfer, for ground that falls away [m/s^2].
+# Lower limit on the normal force per mass in the load transfer, for ground that falls away [m/s^2].
 _LEAST_PRESSING = 0.1
 
 
@@ -79,7 +79,7 @@ def move(
 def advance(
     state: layout.State, control: layout.Control, steps: int, trajectory: FloatArray
 ) -> None:
-    """Advance the vehicle by the steps of a call, in place.
+    """Advance the state of the vehicle by `steps` physics steps, in place.
 
     Args:
         state: state of the vehicle.
@@ -141,7 +141,7 @@ def advance(
 
 @lean_inline
 def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair) -> bool:
-    """Distribute the weight over the wheels; return whether fewer than three carry load.
+    """Distribute the weight over the wheels; return whether fewer than three wheels carry load.
 
     Args:
         state: state of the vehicle, including the loads, which are written.
@@ -234,7 +234,7 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the attitude on the ground at the position that the vehicle reaches after a time.
+    """Return the attitude of the vehicle at the position that it reaches after the time `ahead`.
 
     Args:
         state: state of the vehicle, whose velocity is assumed to stay constant.
@@ -339,7 +339,7 @@ def _step_wheels(
         state: state of the vehicle.
         rollers: rollers of the state, or None; the kernel is compiled for both cases.
         step: quantities common to all wheels.
-        brake: largest torque of each brake in this step [N m], shape (N,).
+        brake: torque that each brake can exert in this step [N m], shape (N,).
         loads: wheel loads [N], shape (N,).
     """
     plant = state.plant

@@ -19,7 +19,7 @@ _MAXIMUM_ITERATIONS = 100
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
-    """Put the weight on the nearest point of the polygon if the zero-moment point is outside."""
+    """Carry the weight at the polygon's nearest point if the zero-moment point is outside of it."""
     outside = False
     nearest = np.inf
     first, second, share = 0, 0, 0.0
@@ -44,10 +44,10 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return the potential energy of wheel springs of stiffness 1, which is least in balance.
+    """Return the potential energy of wheel springs of stiffness 1, which is smallest in balance.
 
-    It is half the sum of the squared loads, minus the work of a unit weight at the zero-moment
-    point.
+    The energy is half the sum of the squared loads, minus the work of a unit weight at the
+    zero-moment point.
     """
     energy = -(a + b * z_x + c * z_y)
     for i in range(position.shape[0]):
@@ -88,7 +88,7 @@ def _newton_step(
             s_xx += x * x
             s_xy += x * y
             s_yy += y * y
-    # Residual of the balance: weight and its moments minus those of the wheels.
+    # Residual of the balance: the weight and its moments minus the wheel loads and their moments.
     r_a = 1.0 - (s * a + s_x * b + s_y * c)
     r_b = z_x - (s_x * a + s_xx * b + s_xy * c)
     r_c = z_y - (s_y * a + s_xy * b + s_yy * c)
@@ -115,11 +115,12 @@ def _newton_step(
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Find the loaded wheels and their loads; return their number, 0 without convergence.
+    """Write the wheel loads; return the number of loaded wheels, or 0 without convergence.
 
-    The balance is the minimum of a convex function of the plane: the energy of the springs minus
-    the work of the weight. Newton's method with a line search finds it from any initial value. It
-    ends when the wheels with a positive load are those for which the plane was computed.
+    In balance, the energy of the springs minus the work of the weight is smallest. This difference
+    is a convex function of the coefficients of the load plane, so Newton's method with a line
+    search finds the minimum from any initial value. The method ends when the wheels with a positive
+    load are those for which the plane was computed.
     """
     n = position.shape[0]
     a, b, c = 1.0 / n, 0.0, 0.0

@@ -2,14 +2,15 @@
 
 Body and load are separate rigid masses. The wheels are modeled as equal vertical springs under a
 rigid chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the
-load plane. It balances the weight and the moments, including those of inertia at the height of the
-center of gravity: the resultant of the loads acts at the zero-moment point ``r_g - h v_dot / g``,
-with the position ``r_g`` and height ``h`` of the center of gravity and its acceleration ``v_dot``.
+load plane. The loads balance the weight and the moments, including those of inertia at the height
+of the center of gravity: the resultant of the loads acts at the zero-moment point
+``r_g - h v_dot / g``, where ``r_g`` is the position, ``h`` the height and ``v_dot`` the
+acceleration of the center of gravity.
 Loads cannot be negative: wheels with a negative load in the plane lift off, and the others carry
 the weight. If the zero-moment point leaves the support polygon, no such balance exists, and a real
 vehicle would tip over. The nearest edge of the polygon then carries the vehicle, and `tipping` is
-reported, because the planar model is no longer valid. Neglected: the product of inertia of masses
-at different heights under yaw acceleration.
+reported, because the planar model is no longer valid. The product of inertia of masses at different
+heights under yaw acceleration is neglected.
 
 Above the largest permissible load of the tire, the parabola of Eq. (3) has no physical meaning
 (dissertation, section 2.3.1), so the dynamics use the force at this limit; `Overload` reports it.
@@ -31,7 +32,7 @@ GRAVITY = 9.81
 """Acceleration of gravity [m/s^2]."""
 
 MAXIMUM_WHEELS = 32
-"""Largest number of wheels of a vehicle; `lifted_wheels` stores sets of wheels as bits."""
+"""Limit on the number of wheels of a vehicle; `lifted_wheels` stores sets of wheels as bits."""
 
 
 class MassConfiguration(Configuration):
@@ -44,7 +45,7 @@ class MassConfiguration(Configuration):
     y: float = parameter(0.0, unit="m", minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
     """Center of gravity, left of the platform center"""
     height: float = parameter(unit="m", minimum=0.0, maximum=20.0)
-    """Center of gravity above the ground"""
+    """Height of the center of gravity above the ground"""
     yaw_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
     """Moment of inertia about the vertical axis through the mass's own center of gravity"""
 
@@ -67,7 +68,7 @@ class MassProperties:
 
     @classmethod
     def of(cls, *masses: MassConfiguration) -> MassProperties:
-        """Combine masses by Steiner's rule; their sum must not be zero."""
+        """Combine masses by the parallel-axis theorem; the total mass must not be zero."""
         mass = np.array([part.mass for part in masses])
         position = np.array([[part.x, part.y] for part in masses])
         total = float(mass.sum())
@@ -181,7 +182,7 @@ class Overload:
         self._largest = np.zeros(len(self._names))
 
     def update(self, load: FloatArray, overloaded_steps: int) -> bool:
-        """Update the monitor with a control period.
+        """Update the monitor after a control period.
 
         Args:
             load: wheel loads at the end of the period [N], shape (N,).
@@ -197,7 +198,7 @@ class Overload:
 
     @property
     def largest_load(self) -> dict[str, float]:
-        """Largest load of each overloaded wheel at the end of a control period [N]."""
+        """Largest load of each wheel that was overloaded at the end of a control period [N]."""
         loads = zip(self._names, self._largest.tolist(), strict=True)
         return {name: load for name, load in loads if load > self._limit}
 

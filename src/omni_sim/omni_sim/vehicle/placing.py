@@ -101,7 +101,7 @@ def _place_rollers(state: State) -> None:
 
 
 def _lean_on_ground(state: State, x: float, y: float) -> None:
-    """Find the path plane for a position of base_link; the wheel positions depend on the plane."""
+    """Find the path plane for a position of base_link by iteration over the wheel positions."""
     body = state.body[0]
     g_x, g_y = body["x"] - x, body["y"] - y
     for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):

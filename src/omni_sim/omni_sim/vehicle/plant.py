@@ -86,13 +86,13 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return the passive losses, and the plant with their coupling to its forces.
+    """Return the passive losses, and a plant with mobilities that include their forces.
 
     Args:
         configuration: configuration of the vehicle.
         kinematics: kinematics of the wheels.
         masses: body and load together.
-        plant: plant from `build_plant`; returned unchanged without losses.
+        plant: plant from `build_plant`; if there are no losses, it is returned unchanged.
     """
     losses = configuration.passive_losses
     if not losses.active or configuration.wheel_model == "rollers":
@@ -119,7 +119,7 @@ def build_losses(
 
 
 def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
-    """Return the individual rollers of a vehicle, if its wheels have them.
+    """Return the individual rollers of a vehicle; None if its wheels have none.
 
     Args:
         configuration: configuration of the vehicle.
@@ -173,7 +173,7 @@ def static_loads(plant: state.Plant) -> FloatArray:
 
 
 def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
-    """Combine columns of numbers, shape (N,) or (N, k), into a structured array, shape (N,)."""
+    """Combine columns, each of shape (N,) or (N, k), into a structured array of shape (N,)."""
     rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     return rows.view(kind)[:, 0]
 

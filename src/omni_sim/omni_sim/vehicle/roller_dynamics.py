@@ -3,7 +3,7 @@
 Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points,
 Eqs. (10), (11), so their levers about the center of gravity vary with the wheel angles. The loads
 are computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
-ground, the spin of the wheel is solved together with the lower roller, and the force of the other
+ground, the equations of wheel and lower roller are solved together, and the force of the other
 roller is that of the last step.
 """
 
@@ -75,7 +75,7 @@ def _step_contact(
 
     Args:
         plant: constants.
-        rollers: rollers; the state of one is changed, and its force is added to that of the wheel.
+        rollers: rollers; the state of this roller is changed, and its force is added to the wheel.
         step: quantities common to all wheels.
         touch: the roller.
         spin: spin of the wheel under all torques except that of this roller.
@@ -164,7 +164,7 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
-    """Advance the speed of a wheel, but not its angle, by one step, on one or two rollers.
+    """Advance the speed, but not the angle, of a wheel on one or two rollers by one step.
 
     Args:
         plant: constants.

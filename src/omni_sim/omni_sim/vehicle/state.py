@@ -21,7 +21,7 @@ Record = Any
 
 
 def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
-    """Return a record type of doubles, with a bool at the end if `flag` is given."""
+    """Return a record type of doubles; if `flag` is given, a bool of this name is appended."""
     flags = [(flag, np.bool_)] if flag else []
     return np.dtype([*((name, np.float64) for name in names), *flags], align=True)
 
@@ -69,7 +69,7 @@ CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "lef
 and ``r`` [1], and their time derivatives [m/s, 1/s, 1/s]."""
 
 COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
-"""Number of steps with tipping, and number of overloaded wheels summed over the steps."""
+"""Number of steps in which the vehicle tips, and number of overloaded wheels, summed over steps."""
 
 
 class Plant(NamedTuple):
@@ -92,8 +92,8 @@ class Plant(NamedTuple):
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
         drive_limit: largest torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
-        ramp: rate at which a velocity drive reduces its speed command, per brake torque [rad/s^2
-            per N m]; 0 for friction brakes, shape (N,).
+        ramp: rate at which a velocity drive reduces its speed command, divided by the demanded
+            brake torque [rad/s^2 per N m]; 0 for friction brakes, shape (N,).
         tire: constants of the tire model; their type determines the model.
         largest_load: load to which higher wheel loads are limited [N].
         stiffness: horizontal stiffness c_x of a tire [N/m].
@@ -146,7 +146,7 @@ class Losses(NamedTuple):
 
     Attributes:
         wheel: constants of each wheel, records of `LOSS`, shape (N,); shape (0,) without losses.
-        constant: friction per load that does not depend on the load [1].
+        constant: part of the ratio of friction to load that does not depend on the load [1].
         growing: increase of the friction per load with the load, Eq. (19) [1/N].
         inertia: effective mass of a roller for its surface speed [kg].
     """
@@ -166,7 +166,8 @@ class Rollers(NamedTuple):
         stiffness: stiffness of a roller's tread [N/m].
         damping: damping of a roller's tread [N s/m].
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
-        constant: friction at a roller's surface per load that does not depend on the load [1].
+        constant: part of the ratio of friction at a roller's surface to load that does not depend
+            on the load [1].
         growing: increase of the friction per load with the load, Eq. (19) [1/N].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,

@@ -10,14 +10,16 @@ according to
 where ``F_i`` is the load of wheel i, ``e_i`` the compression of its spring, ``c`` and ``d`` are
 stiffness and damping, ``(x_i, y_i)`` is the position of the wheel, ``z`` is the height of the
 center of gravity, ``p`` and ``r`` are the small gradients of the chassis forward and to the left,
-``f`` is the force of the wheels along the ground, and ``h`` is the height at which inertia opposes
-it. ``s_i`` is the height of the road under a wheel above the plane that the vehicle follows
-(`uneven_ground`), minus the mounting height of the wheel and the depth by which it sinks into a gap
-between two rollers. The wheel loads therefore depend on the mounting heights and on twisted ground,
-for which the loads of a rigid vehicle are indeterminate. Rollers with gaps excite vibrations.
+``f`` is the force of the wheels along the ground, and ``h`` is the height at which the inertial
+force opposes ``f``. ``s_i`` is the height of the road under a wheel above the plane that the
+vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which the
+wheel sinks into a gap between two rollers. The wheel loads therefore depend on the mounting heights
+and on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers with gaps
+excite vibrations.
 
-Neglected: the separate mass of the wheels, gyroscopic moments, the displacement of the center of
-gravity by a tilt of the chassis, and the work of the forces along the ground on pitch and roll.
+The model neglects the separate mass of the wheels, gyroscopic moments, the displacement of the
+center of gravity due to a tilt of the chassis, and the work of the forces along the ground on pitch
+and roll.
 """
 
 import math
@@ -30,23 +32,23 @@ from omni_platform.quantities import FloatArray
 from omni_sim.vehicle.state import Plant, Structured, Suspension
 from omni_sim.wheel.roller_geometry import nearest_roller
 
-_BALANCES = 100  # largest number of iterations for a chassis at rest
+_BALANCES = 100  # limit on the number of iterations for a chassis at rest
 
 
 class SuspensionConfiguration(Configuration):
     """Springs between ground and chassis, one for each wheel; none by default."""
 
     stiffness: float = parameter(0.0, unit="N/m", minimum=0.0, maximum=1.0e8)
-    """Vertical stiffness of each wheel with its suspension; with 0, the loads follow the
-    acceleration within load_transfer_time like those of equal springs"""
+    """Vertical stiffness of each wheel with its suspension; with 0, the loads are those of equal
+    springs and follow the acceleration with the time constant load_transfer_time"""
     damping_ratio: float = parameter(0.3, minimum=0.0, maximum=2.0)
     """Damping ratio of the chassis in heave"""
     pitch_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
     """Moment of inertia of body and load about the lateral axis through their center of gravity;
-    with 0, that of a homogeneous box as long as the chassis"""
+    0 to use that of a homogeneous box as long as the chassis"""
     roll_inertia: float = parameter(0.0, unit="kg m^2", minimum=0.0, maximum=1.0e9)
-    """Moment of inertia about the longitudinal axis; with 0, that of a homogeneous box as wide as
-    the chassis"""
+    """Moment of inertia of body and load about the longitudinal axis through their center of
+    gravity; 0 to use that of a homogeneous box as wide as the chassis"""
 
 
 def fastest_motion(plant: Plant, suspension: Suspension) -> float:
@@ -57,9 +59,9 @@ def fastest_motion(plant: Plant, suspension: Suspension) -> float:
 
 
 def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: float) -> FloatArray:
-    """Place a chassis on its springs at rest and return the wheel loads [N], shape (N,).
+    """Place a chassis at rest on its springs and return the wheel loads [N], shape (N,).
 
-    A vehicle on fewer than three wheels is not balanced, and moves at first.
+    If fewer than three wheels carry load, the vehicle is not balanced and starts to move.
 
     Args:
         plant: constants.
@@ -92,7 +94,7 @@ def _lever_arms(plant: Plant) -> FloatArray:
 def gap_depth(plant: Plant, half_gap: float, wheel: int, angle: float) -> float:
     """Return the depth by which a wheel sinks into the gap between two rollers [m].
 
-    In the gap, the wheel rests on the end of a roller, which is on the circle of the envelope.
+    In the gap, the wheel rests on the end of a roller. This end is on the circle of the envelope.
 
     Args:
         plant: constants.

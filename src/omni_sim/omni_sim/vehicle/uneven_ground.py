@@ -1,4 +1,4 @@
-"""Motion on uneven ground: heave, roll, pitch, tilt of the path, and gravity along it.
+"""Motion on uneven ground: heave, roll, pitch, tilt of the path, and gravity along the path.
 
 The vehicle does not leave the ground. Under each wheel is a road plane (`plane_of_points`) with the
 height ``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`),
@@ -7,23 +7,25 @@ heights ``z_i``. The ground under the center of gravity has the height ``Z = sum
 center of gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path
 plane* and has the unit normal ``n``.
 
-The planar dynamics are computed in the path plane, in the world frame after the smallest rotation
-that turns the vertical to ``n``. On an even slope this frame is constant, and the motion is exactly
-that on flat ground with the component ``g (n_x, n_y)`` of gravity and the load ``m g n_z``. On
-curved ground the frame moves without rotation about ``n``; the normal force is ``m (g n_z - n_dot .
-v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g Z`` with the kinetic
-energy ``T``. Yaw is the angle about ``n`` in this frame, whereas positions are in the horizontal
-plane of the world. If the vehicle would take off, the normal force is zero and the vehicle counts
-as tipping.
+The planar dynamics are computed in a frame of the path plane, which results from the world frame by
+the smallest rotation that aligns the vertical with ``n``. On an even slope this frame is constant,
+and the motion is exactly that on flat ground with the component ``g (n_x, n_y)`` of gravity and the
+load ``m g n_z``. On curved ground the frame moves without rotation about ``n``; the normal force is
+``m (g n_z - n_dot . v)``, and the moment of gravity is ``-m g dZ/dyaw``. This conserves ``T + m g
+Z`` with the kinetic energy ``T``. Yaw is the angle about ``n`` in this frame, whereas positions are
+in the horizontal plane of the world. If the vehicle would take off, the normal force is zero and
+the vehicle counts as tipping.
 
-Neglected are:
+The model neglects:
 
 - the shorter projection of a tilted vehicle in the computation of the ground under its wheels,
-- the kinetic energy of roll and pitch, and the height of the center of gravity in its path, which
-  affects only load transfer,
-- the difference between a wheel's own road plane and the path plane in the direction of its force,
-  which is of second order in the angle between them,
-- without a `suspension`, the change of the loads by twisted ground, as if the frame were flexible.
+- the kinetic energy of roll and pitch,
+- the height of the center of gravity in the computation of its path; the height affects only the
+  load transfer,
+- the difference between the road plane of a wheel and the path plane in the direction of the
+  wheel's force, which is of second order in the angle between the planes,
+- without a `suspension`, the change of the loads due to twisted ground, as if the chassis were
+  flexible.
 
 Source of the road plane, Eq. (5): V. Kalman, "On modeling and control of omnidirectional wheels",
 BME Budapest 2013, section 2.3.2, after the contact model of TMeasy (Figure 8). The ground ``z(x,
@@ -103,8 +105,7 @@ def frame_turn(tilt_x: float, tilt_y: float, new_x: float, new_y: float) -> floa
     """Return the rotation of a fixed direction relative to the frame of the path plane [rad].
 
     If the normal ``n`` changes by ``dn``, the frame rotates about ``n`` by ``-(n_x dn_y - n_y dn_x)
-    / (1 + n_z)``. A direction that does not rotate turns relative to the frame by the opposite
-    angle.
+    / (1 + n_z)``. A fixed direction therefore rotates relative to the frame by the opposite angle.
 
     Args:
         tilt_x: ``n_x`` before the change [1].

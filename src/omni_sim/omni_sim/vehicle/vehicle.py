@@ -25,15 +25,15 @@ class VehicleInputError(ValueError):
 
 
 class Vehicle:
-    """A vehicle that moves in the plane, or on uneven ground without taking off (`uneven_ground`).
+    """A vehicle that moves in the plane, or on uneven ground that it never leaves.
 
     The option ``wheel_model`` selects the model of the wheels. With individual rollers, the force
-    of a wheel is the sum of its rollers' forces along the nominal active direction, and its limit
-    is the sum of their limits. Its slip, its deflection and whether it slides are those of its
-    lower roller. Its slip velocity is that of an ideal contact.
+    of a wheel is the sum of the forces of its rollers along the nominal active direction, and the
+    force limit of the wheel is the sum of the rollers' limits. Slip, deflection and sliding state
+    of the wheel are those of its lower roller. The slip velocity is that of an ideal contact.
 
-    Like a calibrated drive, the drive uses the inverse kinematics with the rolling radii under the
-    static loads.
+    The drive is calibrated: it uses the inverse kinematics with the rolling radii under the static
+    loads.
 
     Attributes:
         configuration: configuration of the vehicle.
@@ -119,11 +119,11 @@ class Vehicle:
         """Return heave [m] and gradients [1] at rest with equal mounting heights, shape (3,).
 
         Args:
-            largest: largest phase by which an oscillation on the springs may advance in a physics
-                step [rad].
+            largest: limit on the phase by which an oscillation on the springs may advance in a
+                physics step [rad].
 
         Raises:
-            VehicleInputError: the fastest oscillation advances by more.
+            VehicleInputError: the fastest oscillation exceeds this limit.
         """
         plant, suspension = self.state.plant, self.state.suspension
         fastest = fastest_motion(plant, suspension)
@@ -177,7 +177,7 @@ class Vehicle:
                 frame at the start of the call [m/s, m/s, rad/s], shape (3,).
             hold_world_direction: whether the commanded velocity keeps its direction in the world
                 while the body turns during the call.
-            traced: whether the steps are returned, which takes time.
+            traced: whether the trajectory is returned, which takes time.
 
         Returns:
             x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of base_link in the world frame
@@ -295,7 +295,7 @@ class Vehicle:
         return state
 
     def clearance(self, x: float, y: float) -> float:
-        """Return how the ground clearance of a point differs from that on flat ground [m].
+        """Return by how much the ground clearance of a point exceeds that on flat ground [m].
 
         Args:
             x: coordinate x of the point, forward of base_link [m].
@@ -356,7 +356,7 @@ class Vehicle:
 
     @property
     def energies(self) -> layout.Energies:
-        """Energies of motion, of the tires' deflection and of the height [J]."""
+        """Kinetic energies, elastic energy of the tires and potential energy [J]."""
         return dynamics.energies(self.state)
 
     @property
@@ -366,7 +366,7 @@ class Vehicle:
 
     @property
     def tipping_steps(self) -> int:
-        """Number of steps with tipping since the vehicle was placed."""
+        """Number of steps since the vehicle was placed in which it tips."""
         return int(self.state.counters["tipping_steps"][0])
 
 

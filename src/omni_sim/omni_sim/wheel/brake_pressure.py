@@ -1,17 +1,17 @@
 """Pressure in the brakes, which follows the valves after a dead time and with a lag.
 
-The demand ``c`` of a brake is the pedal's share of the largest torque times the share that the
-valve of the brake passes: all or nothing, or a share with a resolution. It reaches the cylinder
-after a dead time ``t_d``. The torque ``p`` that the brake can exert then rises and falls with a
-first-order lag:
+The demand ``c`` of a brake is the torque that corresponds to the pedal position, times the share of
+the pressure that the brake's valve passes. This share is 0 or 1, or a multiple of a resolution. The
+demand reaches the cylinder after a dead time ``t_d``. The torque ``p`` that the brake can exert
+then rises and falls with a first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
 Within a physics step ``dt`` the demand ``c`` is constant, so the solution at its end is exact:
 ``p' = c + (p - c) exp(-dt/T)``.
 Each step uses the mean of ``p`` over the step, so the impulse of the brake is exact too. The dead
-time is rounded to whole physics steps. If a brake releases more slowly than it applies, after
-``t_r``, it uses the largest demand between ``t - t_r`` and ``t - t_d``.
+time is rounded to whole physics steps. If a brake releases with a longer dead time ``t_r``, the
+largest demand between ``t - t_r`` and ``t - t_d`` is used.
 """
 
 import math
@@ -24,7 +24,7 @@ from omni_platform.quantities import FloatArray, IntArray
 
 
 class BrakePressure(NamedTuple):
-    """Pressure in the brakes of N wheels, as the largest torque of each brake.
+    """Pressure in the brakes of N wheels, expressed as the torque that each brake can exert.
 
     Attributes:
         remainder: share of the difference to the demand that remains after a step [1].
@@ -34,7 +34,7 @@ class BrakePressure(NamedTuple):
         acting: torque that each brake can exert on average over the step [N m], shape (N,).
         delayed: demanded torques of the last D steps, D being the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: smallest share that each valve passes [1], shape (N,).
+        open: share of the pressure that each valve passes at least [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
         pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
@@ -64,12 +64,12 @@ def build_brake_pressure(
     """Return the state of brakes without pressure.
 
     Args:
-        time_constant: ``T`` [s], 0 for no lag.
+        time_constant: ``T`` [s]; 0 for no lag.
         dead_time: ``t_d`` [s].
         wheels: number of wheels.
         physics_step: length of a step [s].
         pressure_step: resolution of a valve [1].
-        release_time: ``t_r`` [s], 0 for ``t_d``.
+        release_time: ``t_r`` [s]; 0 to use ``t_d``.
     """
     remainder = mean_remainder = 0.0
     if time_constant > 0.0:

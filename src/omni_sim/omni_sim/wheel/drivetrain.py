@@ -12,9 +12,9 @@ omega')``; for a disengaged clutch, ``k = 0``. The brake is Coulomb friction: it
 with its full torque, and holds the wheel at exactly zero speed if a smaller torque suffices. It
 never reverses a wheel.
 
-A velocity drive without friction brake brakes by reducing ``omega_cmd`` to zero along a ramp. Like
-a speed controller, it also accelerates a wheel that is slower than its command, so it does not lock
-the wheel.
+If a velocity drive without friction brake slows the vehicle down, it reduces ``omega_cmd`` to zero
+along a ramp. Like any speed controller, it also accelerates a wheel that is slower than the
+command, so it does not lock the wheel.
 """
 
 import math
@@ -26,7 +26,7 @@ from omni_sim.wheel.single import Patch, TireConstants, tire_force
 
 
 class Hub(NamedTuple):
-    """Coupling of tire and wheel in a step.
+    """Coupling of the tire force to the motion of wheel and vehicle in a step.
 
     Attributes:
         lever: lever ``g`` by which the tire turns the wheel [m].
@@ -60,7 +60,7 @@ class Drive(NamedTuple):
     Attributes:
         stiffness: ``k`` of the clutch [N m s/rad], 0 when disengaged.
         speed: commanded wheel speed [rad/s].
-        limit: largest torque of the clutch [N m].
+        limit: limit on the torque of the clutch [N m].
     """
 
     stiffness: float
@@ -129,7 +129,7 @@ def _braked(
 
 @lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m], limited so that it does not exceed a power [W] at a speed [rad/s]."""
+    """Return a torque [N m], limited so that its power at a speed [rad/s] is at most `power`."""
     return power / abs(speed) if torque * abs(speed) > power else torque
 
 

@@ -7,9 +7,10 @@ this direction,
     w = u_w . v_i - omega r_D (u_w . u_i),
 
 with the velocity ``v_i``, speed ``omega``, rolling radius ``r_D`` and rolling direction ``u_i`` of
-the wheel. If a wheel with rollers at 0 deg rolls in its own direction, or a Mecanum wheel rolls
-straight ahead, no roller turns and there are no losses. The force ``f`` along ``u_w`` acts on the
-vehicle at the wheel, and with the torque ``-r_D (u_w . u_i) f`` on the spin of the wheel:
+the wheel. If a wheel with a roller angle of 0 deg moves in its rolling direction, or the wheels of
+a Mecanum platform roll straight ahead, no roller turns and there are no losses. The force ``f``
+along ``u_w`` acts on the vehicle at the wheel, and the torque ``-r_D (u_w . u_i) f`` acts on the
+spin of the wheel:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt,
 
@@ -17,8 +18,8 @@ with the parts ``f_r`` (rolling resistance) and ``f_b`` (bearing friction) of th
 that do not depend on the load, the wheel load ``F_z``, the mass ``m_r`` of the roller, and the part
 of Eq. (19) that grows with the load: elasticity ``C``, roller diameter ``D``, height ``h_t`` and
 width ``w_t`` of the tread. Rolling resistance and bearing friction hold a roller at rest up to the
-same force. The roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter.
-Neglected are the acceleration of a roller that comes into contact, and the rolling resistance of
+same force. The roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. The
+model neglects the acceleration of a roller that comes into contact, and the rolling resistance of
 the wheel as a whole. Individual rollers (`vehicle.roller_dynamics`) have their own inertia, and
 each loaded roller has the same resistance.
 """
@@ -33,22 +34,23 @@ class PassiveLossConfiguration(Configuration):
     """Resistance of the rollers of every wheel; none by default."""
 
     rolling_resistance: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Rolling resistance of the rollers per load: the part that does not depend on the load,
-    about 0.015 for car tires on concrete"""
+    """Rolling resistance of the rollers divided by the load: the part that does not depend on the
+    load, about 0.015 for car tires on concrete"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
-    """C of Eq. (19): resistance that grows with the load"""
+    """C of Eq. (19), elasticity, which determines how the resistance per load grows with the
+    load"""
     roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
-    """D of Eq. (19)"""
+    """D of Eq. (19), diameter of the rollers"""
     section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
     """h_t / w_t of Eq. (19), height divided by width of the rollers' tread"""
     bearing_friction: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Friction of the rollers' bearings per load, at the rollers' surface"""
+    """Friction force of the rollers' bearings at the rollers' surface, divided by the load"""
     roller_mass: float = parameter(0.0, unit="kg", minimum=0.0, maximum=1.0e3)
-    """Mass of the roller in contact, a solid cylinder"""
+    """Mass of the roller in contact, which is a solid cylinder"""
 
     @property
     def constant_share(self) -> float:
-        """Part of the friction per load that does not depend on the load [1]."""
+        """Part of the ratio of friction to load that does not depend on the load [1]."""
         return self.rolling_resistance + self.bearing_friction
 
     @property
@@ -88,8 +90,8 @@ def passive_force(
         now: surface speed of the roller at the start of the step [m/s].
         before: force in the last step [N].
         mobility: change of the surface speed per force [m/s per N].
-        capacity: largest sum of rolling resistance and bearing friction [N].
-        inertia: inertia of the roller against its surface speed [kg].
+        capacity: limit on the sum of rolling resistance and bearing friction [N].
+        inertia: effective mass of the roller for its surface speed [kg].
         dt: length of the step [s].
     """
     rate = inertia / dt

@@ -1,20 +1,21 @@
 """Omni-wheel with individual rollers, in which each roller is a small tire.
 
-Section, table and equations are those of the dissertation, which describes this wheel in section
-2.4.1.
+The numbers of tables and equations are those of the dissertation, which describes this wheel in
+section 2.4.1.
 
 Contact: the envelope of the wheel is a circle, so the wheel's axis keeps its height, and the lowest
-roller carries the wheel (`roller_geometry`). Rollers overlap: with n rollers, from the angle ``(1 -
-overlap) pi/n`` of a roller from its lowest position on, the load passes smoothly to the neighbor,
-half of it at ``pi/n``, so forces are continuous. A roller that leaves the ground keeps its spin and
-loses its deflection.
+roller carries the wheel (`roller_geometry`). The contacts of neighboring rollers overlap: in a
+wheel of n rollers, as soon as a roller is ``(1 - overlap) pi/n`` beyond its lowest position, its
+load passes smoothly to the next roller. At ``pi/n`` each of the two carries half of the load, so
+forces are continuous. A roller that leaves the ground keeps its spin and loses its deflection.
 
 Tire: the curve ``x`` of Table 1 acts along the roller's axis, as in the single-roller wheel, so
 that the two wheels can be compared. The curve ``y`` acts along the roller's own rolling direction.
-The slips of both directions are normalized and added as vectors. They give one force against the
-sliding velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle System
-Dynamics 45 (S), 2007). The denominator of Eqs. (1), (2), ``r |Omega|`` for an ordinary tire,
-becomes the speed of the rubber through the contact, to which wheel and roller contribute:
+The slips of both directions are normalized and added as vectors. The sum determines one force
+against the sliding velocity (W. Hirschberg, G. Rill, H. Weinfurter, "Tire model TMeasy", Vehicle
+System Dynamics 45 (S), 2007). The denominator of Eqs. (1), (2), which is ``r |Omega|`` for an
+ordinary tire, becomes the speed of the rubber through the contact, to which wheel and roller
+contribute:
 
     V = |R omega u + h omega_r u_w| + v_num,
 
@@ -23,12 +24,12 @@ radius ``h`` at the contact, spin ``omega_r`` and rolling direction ``u_w``, and
 ``v_num``.
 
 Solution: along the unit vector ``q`` of the friction, the contact is a single-roller wheel whose
-levers and mobilities are projected on ``q``. Each step therefore calls `drivetrain.wheel_step` and
-repeats it a few times until ``q`` agrees with the direction of the remaining sliding. The initial
-value is the direction of the last step. The deflection has two components, and the spin of the
-roller is solved together with them.
+levers and mobilities are projected on ``q``. Each step therefore calls `drivetrain.wheel_step` a
+few times until ``q`` agrees with the direction of the remaining sliding. The initial value of ``q``
+is the direction in the last step. The deflection has two components, and the equations of these
+components and of the spin of the roller are solved together.
 
-Neglected: the change of a roller's angular momentum as its axis rotates with the wheel.
+The model neglects the change of a roller's angular momentum as its axis rotates with the wheel.
 """
 
 import math
@@ -41,7 +42,7 @@ from omni_sim.wheel.drivetrain import Drive, Hub, Spin, wheel_step
 from omni_sim.wheel.single import Patch, TireConstants
 
 _MAXIMUM_ITERATIONS = 20
-_TOLERANCE = 1e-16  # largest squared change of direction of a solution
+_TOLERANCE = 1e-16  # squared change of direction below which the iteration ends
 
 
 @lean
@@ -109,7 +110,7 @@ class RollerStep(NamedTuple):
         sliding: whether the patch slides.
         direction: unit vector of the friction, along the roller's axis and across it [1].
         slip: slip in the direction of the friction [1].
-        limit: largest friction in this direction [N].
+        limit: limit on the friction in this direction [N].
     """
 
     force: Pair
@@ -169,7 +170,7 @@ def roller_step(
         curve, norms = curve_in_direction(curves[0], curves[1], q)
         stretch = norms[0] * q[0] * q[0] + norms[1] * q[1] * q[1]
         bent = deflection[0] * q[0] + deflection[1] * q[1]
-        # The speed is stretched to use the curve at its normalized slip.
+        # The speed is scaled so that the slip of the curve is the normalized slip.
         along = Patch(bent, patch.speed * stretch, patch.sliding)
         mobility = hub.mobility + passive_mobility * q[1] * q[1]
         pulled = Hub(lever[0] * q[0] + lever[1] * q[1], hub_a * q[0] + hub_p * q[1], mobility)

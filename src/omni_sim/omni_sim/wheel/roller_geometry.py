@@ -4,13 +4,14 @@ Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Buda
 section 2.3.2, after A. Gfrerrer, "Geometry and kinematics of the Mecanum wheel", Computer Aided
 Geometric Design 25 (2008) 784-791.
 
-The wheel axis ``a`` is horizontal at the angle ``alpha``. The axis ``b`` of a roller is inclined to
-``a`` by ``delta`` and passes it at the distance ``d``. The wheel angle ``gamma`` is zero when the
+The wheel axis ``a`` is horizontal and has the direction ``alpha``. The axis ``b`` of a roller is at
+the angle ``delta`` and the distance ``d`` from ``a``. The wheel angle ``gamma`` is zero when the
 roller is lowest. The roller touches the ground below the point at which ``b`` crosses the vertical
 plane through ``a``. While the wheel turns, this point moves along ``a`` from one edge of the wheel
 to the other, and jumps back when the next roller takes over the load. The rollers are barrels that
 fill the wheel's envelope, a circle of radius ``r``, so the wheel axis keeps its height. The
-dissertation uses ``a_x`` for two quantities; in Eq. (10) it is the wheel center.
+dissertation uses ``a_x`` for two quantities; in Eq. (10) it is the x coordinate of the wheel
+center.
 
 With the roller angle of `omni_platform.geometry`, ``delta = 90 deg + roller_angle``.
 """
@@ -35,7 +36,7 @@ roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller; counting continues after a full turn [1].
+    """Return the number of the lowest roller [1], which keeps counting after a full turn.
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].
@@ -102,7 +103,7 @@ class RollerGeometry:
         if not 0.0 < self.distance < self.radius * math.cos(self.half_pitch):
             raise ValueError(
                 f"distance {self.distance:g} m: the rollers' axes must stay above the ground, "
-                f"so below {self.radius * math.cos(self.half_pitch):g} m"
+                f"so d must be below {self.radius * math.cos(self.half_pitch):g} m"
             )
 
     @property
@@ -180,8 +181,8 @@ class RollerConfiguration(Configuration):
 
     A roller is undeflected when it reaches the ground. It develops its full force only if its
     relaxation length, the slope dF/ds at zero slip divided by the stiffness, is short compared with
-    the distance that it rolls under the wheel. The default stiffness is that of solid rubber: with
-    the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length of a
+    the distance over which it rolls under the wheel. The default stiffness is that of solid rubber:
+    with the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length of a
     roller's contact patch. The relaxation length of the single-roller wheel's tire is 250 mm.
     """
 
@@ -197,8 +198,8 @@ class RollerConfiguration(Configuration):
     damping: float = parameter(5000.0, unit="N s/m", minimum=0.0, maximum=1.0e7)
     """Damping of a roller's tread against horizontal deflection"""
     overlap: float = parameter(0.1, minimum=0.01, maximum=0.5)
-    """Share of half a pitch, before and after a change of rollers, in which both rollers carry
-    load"""
+    """Share of half the pitch angle between rollers, before and after a change of rollers, in which
+    both rollers carry load"""
     gap: float = parameter(0.0, unit="m", minimum=0.0, maximum=1.0)
     """Gap between the ends of two neighboring rollers, measured along the rim, into which the
     wheel sinks; requires a suspension. With 0, the rollers fill the wheel's circle"""

@@ -17,7 +17,7 @@ The rim velocity changes with the force within the step, ``v_s = v_free + m F``,
 per N] is the mobility of wheel and vehicle. The equation becomes ``|A| = D w + kappa F(w / V)``
 with ``kappa = 1 + D m``. With it, a wheel's step is stable and passive for any stiffness and
 inertia. Because friction falls beyond its peak, two solutions may exist near standstill. The patch
-then keeps its state, adhering or sliding (`sliding`). Each tire model solves this equation for its
+then keeps its state, adhering or sliding (`sliding`). Each tire model solves the equation for its
 own curve (`tire.model.contact_friction`). Unlike in the dissertation, ``v_num`` may be very small.
 A locked wheel then sticks or slides as with Coulomb friction, but does not creep.
 """

@@ -217,10 +217,9 @@ def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
     A coarse texel loses the distribution of gray levels within it. This loss matters only where the
     edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast. On
     most grounds, the errors of different texels are independent. The error of a pixel is therefore
-    proportional to the
-    ratio of texel size to pixel pitch, and to the inverse square root of the number of texels
-    across the footprint. On wood, a line across the grain has the error of a single texel. This
-    case determines the smallest number of texels per pixel.
+    proportional to the ratio of texel size to pixel pitch, and to the inverse square root of the
+    number of texels across the footprint. On wood, a line across the grain has the error of a
+    single texel. This case determines the smallest number of texels per pixel.
     """
     rules = _COARSENING
     coarsest = max(

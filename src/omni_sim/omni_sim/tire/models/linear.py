@@ -3,8 +3,8 @@
 The force at a slip ``s`` and a load ``F_z`` is ``F(s) = min(stiffness s, friction mu/mu_0) F_z``,
 with the two parameters of `LinearConfiguration` and the friction factor ``mu/mu_0`` of the ground.
 The force does not fall beyond the peak, so the contact patch has no second stable state: it slides
-if and only if the force is saturated. This is the simplest tire. It serves as a reference for the
-effects of the falling part and of the load dependence in the other models.
+if and only if the force is saturated. This simplest tire model is a reference for the effects of
+the falling part and of the load dependence in the other models.
 """
 
 from typing import NamedTuple
@@ -23,9 +23,9 @@ class LinearConfiguration(Configuration):
     largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
     stiffness: float = parameter(50000.0 / 3000.0, above=0.0, maximum=1000.0)
-    """Slope dF/ds at zero slip per wheel load"""
+    """Slope dF/ds at zero slip, divided by the wheel load"""
     friction: float = parameter(1.0, above=0.0, maximum=10.0)
-    """Largest force per wheel load"""
+    """Ratio of the largest force to the wheel load"""
 
 
 class LinearParameters(NamedTuple):

@@ -37,15 +37,15 @@ class MagicFormulaConfiguration(Configuration):
     largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
     friction: float = parameter(1.25, above=0.0, maximum=10.0)
-    """Largest force per wheel load at small loads, a_2"""
+    """Ratio of the largest force to the wheel load at small loads, a_2"""
     friction_gradient: float = parameter(-0.25 / 3000.0, unit="1/N", minimum=-0.01, maximum=0.01)
-    """Change of the largest force per load with the load, a_1"""
+    """Derivative of the ratio of largest force to load with respect to the load, a_1"""
     stiffness: float = parameter(62500.0 / 3000.0, above=0.0, maximum=1000.0)
-    """Slope dF/ds at zero slip per wheel load at small loads, a_4"""
+    """Slope dF/ds at zero slip, divided by the wheel load, at small loads, a_4"""
     stiffness_gradient: float = parameter(
         -12500.0 / 3000.0**2, unit="1/N", minimum=-1.0, maximum=1.0
     )
-    """Change of the slope per load with the load, a_3"""
+    """Derivative of the ratio of slope to load with respect to the load, a_3"""
     shape: float = parameter(1.23, minimum=_SHAPE_RANGE[0], maximum=_SHAPE_RANGE[1])
     """Shape C; the force at unlimited slip is sin(C 90 deg) of the peak"""
     curvature: float = parameter(-1.3, minimum=_CURVATURE_RANGE[0], maximum=_CURVATURE_RANGE[1])
@@ -72,8 +72,8 @@ _KEYS = ("friction", "friction_gradient", "stiffness", "stiffness_gradient", "sh
 class MagicFormulaParameters(NamedTuple):
     """Constants of the kernels: a_1 to a_4, C, E, and properties of the unit curve in ``x``.
 
-    ``peak`` is the ``x`` of the peak; ``steepest`` is the ``x`` of the steepest descent beyond it,
-    and ``fall`` is its slope; ``slide`` is the height at unlimited slip.
+    ``peak`` is the ``x`` of the peak. ``steepest`` is the ``x`` beyond the peak at which the curve
+    falls most steeply, and ``fall`` is ``-dy/dx`` there. ``slide`` is the height at unlimited slip.
     """
 
     friction: float
@@ -121,7 +121,7 @@ def curve_at(parameters: MagicFormulaParameters, load: float, friction: float) -
     p = parameters
     peak_force = (p.friction + p.friction_gradient * load) * load * friction
     slope = (p.stiffness + p.stiffness_gradient * load) * load
-    # The load is canceled from B, which would otherwise be 0 / 0 for an unloaded wheel.
+    # The load is canceled in B, which would otherwise be 0 / 0 for an unloaded wheel.
     scale = (p.stiffness + p.stiffness_gradient * load) / (
         p.shape * (p.friction + p.friction_gradient * load) * friction
     )

@@ -8,9 +8,9 @@ The curve of each direction has five numbers: the slope ``dF0`` at zero slip [N]
 [1] and force ``F_max`` [N] of the peak, and the slip ``s_slide`` [1] and force ``F_slide`` [N] at
 which full sliding begins. They depend on the wheel load: slope and forces by the parabola (3), and
 the slips linearly, as in the source of the model. The dissertation interpolates all parameters by
-the parabola. This is not done here for the slips, because they would vanish with the load, and the
-curve of a light wheel would begin with a smaller slope than the chord to its own peak. At the
-nominal loads both interpolations agree; at 1 kN the forces differ by up to 26 %. Above the second
+the parabola. The slips would then vanish at zero load, and the initial slope of the curve of a
+lightly loaded wheel would be smaller than the slope of the chord to the peak. At the nominal loads
+both interpolations agree; at 1 kN the forces differ by up to 26 %. Above the second
 nominal load the parabola has no physical meaning, so the load is limited there and the caller
 reports the overload.
 """
@@ -98,7 +98,7 @@ class TMeasyConfiguration(Configuration):
     """Lateral curve"""
 
     def check_consistency(self) -> None:
-        """Check that curves stay positive and do not cross at any load up to the largest."""
+        """Check that curves are positive and do not cross at any load up to the largest one."""
         if self.nominal_load_2 <= self.nominal_load_1:
             raise ConfigurationError(
                 "nominal_load_2",
@@ -111,7 +111,7 @@ class TMeasyConfiguration(Configuration):
                 if linear <= 0.0:
                     raise ConfigurationError(
                         f"{name}.{word}_2",
-                        f"with {word}_1 the parabola (3) turns negative at small loads; "
+                        f"with this {word}_1, the parabola (3) becomes negative at small loads; "
                         f"make {word}_2 smaller",
                     )
             if c[4] > c[2]:
@@ -122,8 +122,8 @@ class TMeasyConfiguration(Configuration):
             if not 0.0 < c[6] < c[8]:
                 raise ConfigurationError(
                     f"{name}.peak_slip_1",
-                    "interpolated to zero load the slips must be positive and "
-                    "peak_slip below slide_slip",
+                    "extrapolated to zero load, the slips must be positive, and "
+                    "peak_slip must be below slide_slip",
                 )
 
 
@@ -266,7 +266,7 @@ def _parameters(configuration: TMeasyConfiguration) -> TMeasyParameters:
 
 
 def _fitted_parameters(values: FloatArray, largest_load: float) -> TMeasyParameters:
-    # Has the attributes of a TMeasyCurve but not its checks, which an unfinished fit may violate.
+    # This has the attributes of a TMeasyCurve but not its checks, which an unfinished fit may fail.
     nominal: Any = SimpleNamespace(**dict(zip(_FITTED, values.tolist(), strict=True)))
     return TMeasyParameters(curve_coefficients(nominal, 0.5 * largest_load, largest_load))
 
