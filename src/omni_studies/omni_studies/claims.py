@@ -1,10 +1,11 @@
-"""Claims about the metrics of a study, and the limits of these metrics.
+"""Claims about the metrics of a study, and the limits on these metrics.
 
-``limits.yaml`` contains the limits by study and name, ``claims.yaml`` the claims by study. A claim
-has a sentence, an expression and a comparison. In an expression ``quantity.case`` is a metric,
-``quantity`` is the values of all cases, and ``of(quantity, "pattern")`` those of the cases whose
-names match. The functions ``min``, ``max``, ``mean``, ``abs`` and ``zip`` are available. A claim
-about metrics that a run does not have, such as those of another ground, is omitted.
+``limits.yaml`` contains the limits by study and metric, and ``claims.yaml`` contains the claims by
+study. A claim consists of a sentence, an expression and a comparison. In an expression,
+``quantity.case`` is a metric, ``quantity`` stands for the values of all cases, and ``of(quantity,
+"pattern")`` for the values of the cases whose names match the pattern. The functions ``min``,
+``max``, ``mean``, ``abs`` and ``zip`` are available. A claim about metrics that a run does not
+have, such as those of another ground, is omitted.
 """
 
 import dataclasses
@@ -87,7 +88,7 @@ def _read(name: str) -> Any:
 
 
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return a study's metrics with their limits; arguments as in `evaluate`."""
+    """Return a study's metrics with their limits; the arguments are those of `evaluate`."""
     limits = _read("limits.yaml").get(study, {})
     chosen: dict[str, Any] = {
         name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})

@@ -19,14 +19,14 @@ the parts of an entry before and after its comma; inside braces the same rule fo
     | $1 at $2 | {loads.$1_mean:.0f} N |
 
 ``docs/numbers.json`` stores the numbers that the templates use. This program reads them from the
-given ``summary.json`` files and fills the pages. If a study was run with other options, put its own
-NAME before the file::
+given ``summary.json`` files and fills the pages. If a study was run with other options, put a NAME
+of its own before the file::
 
     ./omni exec python -m omni_studies.page_numbers results/*/summary.json NAME=other/summary.json
 
-With ``--check`` the program changes nothing. Its exit code is 1 if a page differs from
-``docs/numbers.json``, or if a stored number differs from that in a given file by more than 2 % and
-one unit of the last printed digit.
+With ``--check``, the program changes nothing. Its exit code is 1 if a page differs from
+``docs/numbers.json``, or if a stored number differs from the number in a given file by more than 2
+% and by more than one unit of the last printed digit.
 """
 
 import argparse
@@ -174,7 +174,7 @@ def _cells(table: Path) -> Iterator[tuple[str, float]]:
 
 
 def outdated(place: Place, old: float | None, new: float | None, tolerance: float = 0.02) -> bool:
-    """Return whether stored and measured number differ by more than a relative tolerance [1]."""
+    """Return whether stored and measured number differ by more than a relative tolerance."""
     if old is None or new is None:
         return old is not new
     digits = re.search(r"\.(\d+)f", place.form)

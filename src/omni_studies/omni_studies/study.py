@@ -1,7 +1,7 @@
 """Interface of a study, and loading of studies by name.
 
-A study is a module of `omni_studies.studies`. It has a docstring that describes it, a
-`Configuration` called ``Options`` that becomes its command-line options, and a function
+A study is a module of `omni_studies.studies`. It contains a docstring that describes the study, a
+`Configuration` called ``Options`` that defines the command-line options, and a function
 ``run(options, study) -> StudyResult``. A module with several studies lists them in ``CASES``, a
 literal dictionary of their names and descriptions. ``study.case`` is then the name of the study
 that runs, and ``OPTIONS`` and ``RUNS`` may contain other options and functions for some of them. A
@@ -66,7 +66,7 @@ class StudyRun:
     def table(
         self, name: str, header: Iterable[str], rows: Iterable[Sequence[Any]], digits: int = 9
     ) -> None:
-        """Write a table; arguments as in `data_table.write_table`."""
+        """Write a table; the arguments are those of `data_table.write_table`."""
         self.written.append(data_table.write_table(self.folder / name, header, rows, digits))
 
     def campaign(

@@ -23,7 +23,7 @@ from omni_studies.campaign.random_braking import ALLOWED, RandomBraking, draw, w
 _KINDS = (PROPORTIONAL, ON_OFF)
 _ALL_ON = ""  # name of the case with all brakes on
 _LARGEST_DEAD_TIME, _LARGEST_TIME_CONSTANT = 0.05, 0.1  # limits of the drawn brake lag [s]
-_LARGEST_ERROR = 1.6  # largest ratio between true and nominal torque, mass or inertia [1]
+_LARGEST_ERROR = 1.6  # limit on the ratio of true to nominal torque, mass or inertia [1]
 _SETS = ("first", "second")  # independent sets of stops of an ablation
 
 NEUTRAL = {
@@ -42,7 +42,8 @@ class LawTrial(NamedTuple):
     """Result of one stop.
 
     Attributes:
-        seed: number of the trial; each seed of the draws has `LawTrials.cases` trials.
+        seed: number of the trial; for each seed of the draws, there is one trial of each of
+            `LawTrials.cases`.
         distance: stopping distance [m].
         rotation: change of orientation while braking [deg].
         stopped: whether the vehicle came to rest, 0 or 1.
@@ -55,7 +56,7 @@ class LawTrial(NamedTuple):
 
 
 class LawTrials:
-    """Runs single trials by their numbers; an instance is sent to the workers.
+    """Runs the trial with a given number; an instance is sent to the workers.
 
     Args:
         library: library with the vehicles.
@@ -125,7 +126,7 @@ def ablations() -> dict[str, str]:
 
 
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return the changes of distance and rotation against the first law, in two sets of stops.
+    """Return the changes of distance and rotation from the first law, in two sets of stops.
 
     Args:
         trials: trials of an even number of whole seeds, in the order of `LawTrials`.
@@ -140,7 +141,7 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
 
 
 def removable(metrics: Mapping[str, Metric]) -> list[str]:
-    """Return the parameters that can be removed without a worse result in either set of stops."""
+    """Return the parameters whose removal does not worsen the result in either set of stops."""
 
     def worse(key: str) -> bool:
         return metrics[key].value > 2.0 * metrics[key.replace("_change", "_change_error")].value

@@ -25,8 +25,8 @@ from omni_sim.vehicle.loads import MassConfiguration
 from omni_sim.velocity_sensor import FAILURES, VelocitySensorConfiguration
 from omni_tools.campaign.runner import digest
 
-# By vehicle file: largest load [kg] and speed [m/s], and largest offset of the load from the
-# center, forward and sideways [m].
+# By vehicle file: limits on the load [kg], on the speed [m/s], and on the offset of the load from
+# the center, forward and sideways [m].
 VEHICLES = {
     "mecanum_forklift": (500.0, 10.0, 0.6, 0.45),
     "three_wheel_robot": (500.0, 4.0, 0.25, 0.25),
@@ -43,14 +43,14 @@ _LAW = {"weighting": "enhanced", "k": 7}
 # Keys that an override must not contain, because their values are drawn.
 _DRAWN = ("seed", "vehicle=", "vehicle.load", "ground.friction", "ground.patches", "maneuver",
           "velocity_sensor", "feedback", "brake_assist.enabled")  # fmt: skip
-# Limits of the assistant for a noisy sensor, as in config/experiments/ice_patch_noisy.yaml.
+# Parameters of the assistant for a noisy sensor, as in config/experiments/ice_patch_noisy.yaml.
 _TOLERANT = {"maximum_speed_deviation": 1.0, "speed_noise": 3.0}
 
 Tree = dict[str, Any]
 
 
 class RandomBraking:
-    """Draws and runs the stops of a campaign from their seeds.
+    """Draws and runs the stop of each seed of a campaign.
 
     Args:
         library: library with the vehicles.
@@ -112,7 +112,7 @@ class RandomBraking:
 
 
 def draw(seed: int) -> Tree:
-    """Draw a run; return the keys in which its configuration differs from ``straight_line``.
+    """Draw a run; return the values in which its configuration differs from ``straight_line``.
 
     Args:
         seed: seed of the run; the same seed gives the same run.
@@ -202,12 +202,13 @@ class Allowed(NamedTuple):
     """Limits of an assisted stop.
 
     Attributes:
-        orientation: largest excess of the orientation change over that of the unassisted stop
+        orientation: limit on the excess of the orientation change over that of the unassisted stop
             [deg].
-        distance: largest ratio of the stopping distance to the unassisted one [1], which allows for
-            the release of half of the wheels.
-        energy: largest rise of the energy during braking, relative to the start of braking [1].
-        shortest: smallest stopping distance that is used in comparisons [m].
+        distance: limit on the ratio of the stopping distance to the unassisted one [1], which
+            permits the release of half of the wheels.
+        energy: limit on the rise of the energy during braking, relative to the start of braking
+            [1].
+        shortest: lower limit on the stopping distances that are used in comparisons [m].
     """
 
     orientation: float = 5.0

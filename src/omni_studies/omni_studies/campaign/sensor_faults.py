@@ -3,8 +3,8 @@
 The seed draws the law, whether the vehicle has an IMU, the vehicle and its braking maneuver
 (`CASES`), and the fault. A `single` fault affects one channel. A `pair` affects two channels with
 the same kind and onset, like a failure of a shared supply, clock or calibration. A `brake` fault
-affects the brake of one wheel, before or during the stop. Every eighth seed searches for the worst
-similar fault by changing one entry of the fault at a time.
+affects the brake of one wheel, before or during the stop. For every eighth seed, a search for a
+worse fault changes one entry of the fault at a time.
 
 Stops with sensor faults are compared with the longer distance and the larger rotation of two stops
 without the fault, unassisted and assisted. Stops with brake faults are compared with unassisted
@@ -43,7 +43,7 @@ LAWS: dict[str, tuple[str, ...]] = {
 EXTENTS = ("single", "single", "pair", "brake")
 """Extents of a fault; repeated entries are drawn more often."""
 
-# Smallest and largest size of a fault, in the unit of the channel; "rate" is for the yaw rate of
+# Smallest and largest size of a fault, in the unit of the channel; "rate" denotes the yaw rate of
 # the twist.
 _SIZES = {
     "twist": (0.1, 5.0),
@@ -71,7 +71,7 @@ class Fault(NamedTuple):
         channel: faulty channel, two channels joined by ``+``, or ``brake``.
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
         axis: index of the faulty axis or wheel; -1 for all.
-        onset: time of the fault after the pedal is pressed [s].
+        onset: time from pressing the pedal to the fault [s].
         amplitude: size of the fault in the unit of the first channel; the size in a second channel
             is at the same relative position in the range of that channel.
         period: period of a ramp, sine or delay [s].
@@ -121,7 +121,8 @@ class Stop(NamedTuple):
         distance: ratio of the stopping distance to that of the reference stop [1].
         rotation: rotation minus that of the reference stop [deg].
         all_on_rotation: rotation if all brakes act from the onset of a brake fault on, as after a
-            detection without delay, minus that of the reference stop [deg]; 0 for other faults.
+            detection without delay, minus the rotation of the reference stop [deg]; 0 for other
+            faults.
         assisting: 1 if brakes were still released 0.5 s after the onset, or if the stop had already
             ended; otherwise 0.
     """
@@ -151,13 +152,13 @@ class Stop(NamedTuple):
 
 
 class FaultyStops:
-    """Draws and runs stops from their seeds.
+    """Draws and runs the stop of each seed.
 
     Args:
         library: library of experiments and vehicles.
         changes: ``dotted.key=value`` changes of all assistants and vehicles; if they name a law,
             only this law is run.
-        searched: n; every n-th seed searches for the worst similar fault.
+        searched: n; for every n-th seed, a search for a worse fault is run.
         steps: number of faults that a search tries.
     """
 
@@ -353,12 +354,12 @@ def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: 
 
 
 class Limits(NamedTuple):
-    """Limits of a kind of fault; None without a limit.
+    """Limits on the stops with faults of one extent; None if there is no limit.
 
     Attributes:
-        distance: largest ratio of the distance to that of the reference [1].
-        rotation: largest excess of the rotation over that of the reference [deg].
-        assisting: smallest share of stops with continued assistance [%].
+        distance: limit on the ratio of the distance to that of the reference [1].
+        rotation: limit on the excess of the rotation over that of the reference [deg].
+        assisting: lower limit on the share of stops with continued assistance [%].
     """
 
     distance: float | None
@@ -376,7 +377,7 @@ def limits(extent: str, *, imu: bool) -> Limits:
 
 
 def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
-    """Return the change of orientation on ``straight_line`` if the twist is permanently lost [deg].
+    """Return the change of orientation in ``straight_line`` after a lasting loss of twist [deg].
 
     Args:
         stops: campaign that runs the stop, with the law that rotates more.

@@ -1,9 +1,9 @@
 """Error models of the sources of a body twist.
 
 A model samples and delays the true twist, and adds white noise and a constant scale error. Above
-its largest speed, and for lost samples, it has no measurement. Each model states where its numbers
-come from. Wheel odometry and dead reckoning are not error models: they use the simulated encoders
-and IMU.
+its maximum speed, and for lost samples, it gives no measurement. A comment at each model names the
+source of its numbers. Wheel odometry and dead reckoning are not error models: they use the
+simulated encoders and IMU.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ class Source:
         period: period of the samples [s].
         latency: time from the measurement to the message [s].
         lost: share of the samples that have no measurement [1].
-        maximum_speed: largest measurable speed [m/s].
+        maximum_speed: limit on the measurable speed [m/s].
         cameras: file in ``config/sensors/`` with line cameras that can be rendered instead.
     """
 
@@ -58,7 +58,7 @@ _CHIPS = {
     # Data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed.
     "PMW3901": (0.02, 0.03, 0.74),
 }
-"""By chip type: standard deviation [m/s], noise and scale error per speed [1], largest speed
+"""By chip type: standard deviation [m/s], noise and scale error per speed [1], maximum speed
 [m/s]."""
 
 
@@ -70,7 +70,8 @@ def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
     return Source(f"{count} x {chip}", MODEL, *noise, maximum_speed=fastest)
 
 
-# Numbers without a name: deviation of v_x and v_y, of the yaw rate, per speed, of the scale.
+# Numbers without a name: standard deviation of v_x and v_y, of the yaw rate, per speed, and of the
+# scale.
 SOURCES = {
     "ideal": Source("ideal, 100 Hz"),
     # Studies integrity (1024 px), accuracy and covariance (fewer): RMSE and availability.

@@ -1,10 +1,10 @@
-"""Identification of the vehicle of Table 2, whose parameters the dissertation does not state.
+"""Identification of the vehicle of Table 2, whose parameters are not given in the dissertation.
 
 A candidate is a vector of the `QUANTITIES`: masses and their positions, distances of the wheels,
 brake torque, motion at the start of braking, and friction. Other values, such as the tire of Table
 1, are assumed. `measure` runs the five cases of Table 2 with a candidate in the fast loop. The cost
-is the sum of the squared deviations from Table 2 in tolerances. If it is below 1, all ten numbers
-are within their tolerance.
+is the sum of the squared deviations from Table 2, in multiples of their tolerances. If it is below
+1, all ten numbers are within their tolerance.
 
 The vehicle moves along the world's y axis, which points up in Figure 43. Braking starts with
 `base_link` at the origin.
@@ -35,8 +35,8 @@ class Quantity:
     Attributes:
         name: name of the parameter.
         unit: SI symbol, ``deg``, ``deg/s`` or ``1``.
-        low: smallest value, in `unit`.
-        high: largest value, in `unit`.
+        low: lower limit, in `unit`.
+        high: upper limit, in `unit`.
         step: step for the sensitivity analysis, in `unit`.
         decimals: number of decimals in a configuration file.
     """
@@ -58,7 +58,7 @@ QUANTITIES = (
     Quantity("height", "m", 0.2, 0.6, 0.01, 3),  # centers of gravity above the ground
     Quantity("wheelbase", "m", 1.1, 1.9, 0.01, 3),  # distance of front and rear wheels
     Quantity("track", "m", 0.7, 1.3, 0.01, 3),  # distance of left and right wheels
-    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0),  # largest torque of a brake
+    Quantity("brake_torque", "N m", 800.0, 2000.0, 10.0, 0),  # maximum torque of a brake
     Quantity("speed", "m/s", 5.8, 7.0, 0.05, 3),  # when braking starts
     Quantity("direction", "deg", -60.0, -30.0, 1.0, 2),  # from forward, when braking starts
     Quantity("yaw_rate", "deg/s", 60.0, 90.0, 1.0, 2),  # when braking starts
@@ -92,7 +92,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
     """Return an experiment with the vehicle, the ground and the motion of a candidate.
 
     Args:
-        base: a variant of ``turn_while_translate``, which gives all other values.
+        base: a variant of ``turn_while_translate``, from which all other values are taken.
         parameters: parameters by the names of `QUANTITIES`.
 
     Raises:
@@ -202,7 +202,8 @@ def cost(
 ) -> float:
     """Return the sum of powers of the deviations from Table 2, in tolerances [1].
 
-    After a case with a very large deviation, the remaining cases are skipped at a higher cost.
+    After a case with a very large deviation, the remaining cases are skipped, and each adds a high
+    cost.
 
     Args:
         bases: variants of ``turn_while_translate``, by case.
@@ -258,12 +259,12 @@ def search(
         bases: variants of ``turn_while_translate``, by case.
         start: candidate near which the second search begins; if given, the first search is omitted.
         seed: seed of all random numbers.
-        generations: largest number of generations of each search. The first search ends at a cost
-            below 1, the second when no deviation exceeds 0.7 tolerances.
-        refinement: largest number of generations of the second search.
+        generations: limit on the number of generations of each search. The first search ends at a
+            cost below 1, the second when no deviation exceeds 0.7 tolerances.
+        refinement: further limit on the number of generations of the second search.
         sound: whether to exclude vehicles with an `assumption_violation`.
-        on_generation: called after each generation with its number in the present search and the
-            lowest cost so far.
+        on_generation: called after each generation with the number of this generation in the
+            current search, and with the lowest cost so far.
 
     Returns:
         The best candidate found, by the names of `QUANTITIES`.

@@ -1,7 +1,7 @@
 """Sensitivity of the numbers of Table 2 to the identified parameters and to assumptions.
 
 Each parameter is varied by a few steps in both directions while the others are fixed, and a
-straight line is fitted to each number of the table. Its slope is the sensitivity. The scatter about
+straight line is fitted to each number of Table 2. Its slope is the sensitivity. The scatter about
 the line is caused by the switching of the brakes and by wheels at the edge of the patch. Tire,
 wheels and shape of the patch are assumed; `ASSUMPTIONS` changes these one at a time.
 """
@@ -60,7 +60,7 @@ class Sensitivity:
 def sensitivities(
     bases: Mapping[str, ExperimentConfiguration], parameters: identification.Parameters
 ) -> Sensitivity:
-    """Return the sensitivities at a candidate, by fits of straight lines to varied parameters.
+    """Return the sensitivities at a candidate, from straight lines fitted over varied parameters.
 
     Args:
         bases: the variants of ``turn_while_translate`` by case.
@@ -109,7 +109,7 @@ class Assumption(NamedTuple):
         name: name of the change.
         overrides: overrides of the experiment that make the change.
         sought: pairs of identified parameters; the first parameter of a pair is set to the value of
-            the second.
+            the second one.
         patch_width: factor on the width of the slippery patch [1].
     """
 

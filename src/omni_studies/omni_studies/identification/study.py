@@ -28,16 +28,16 @@ class Options(Configuration):
     """consider only vehicles whose load is between the wheels and whose wheel loads are within
     the range of the tire model"""
     assumptions: bool = parameter(False)
-    """also vary the assumptions on tires, wheels and patches, one at a time, for this vehicle
-    and two others that reproduce the table"""
+    """also vary the assumptions on tires, wheels and patches, one at a time, for this vehicle and
+    two others that reproduce Table 2"""
     seed: int = parameter(1, minimum=0)
     """seed of the search"""
     generations: int = parameter(250, minimum=1, maximum=100_000)
-    """largest number of generations of the search"""
+    """limit on the number of generations of the search"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Compute the ten numbers of the table and their sensitivities."""
+    """Compute the ten numbers of Table 2 and their sensitivities."""
     bases = {
         case: study.experiments.load(sensitivity.EXPERIMENT, case, [table_2.TWIST_ALONE])
         for case in table_2.CASES
@@ -81,7 +81,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the numbers of all vehicles and assumptions; return the first vehicle's ranges."""
+    """Write the numbers for all vehicles and assumptions; return the first vehicle's ranges."""
     vehicles = {"identified": parameters, **sensitivity.OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

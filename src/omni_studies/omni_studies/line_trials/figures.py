@@ -40,7 +40,7 @@ def draw_error_maps(
     levels: Sequence[float] = (0.4, 0.6, 0.8),
     grounds: Mapping[str, GroundTexture] | None = None,
 ) -> Figure:
-    """Draw mean errors versus two parameters, with contour lines of the overlap; white is no error.
+    """Draw mean errors versus two parameters, with contours of the overlap; white means no error.
 
     Args:
         title: title of the figure.
@@ -94,7 +94,7 @@ def _draw_map(
 
 
 def _draw_ground(axes: Axes, name: str, ground: GroundTexture, shown: float = 0.02) -> None:
-    """Draw a square of the ground with an edge of `shown` [m], as in Figure 59."""
+    """Draw a square of the ground with the edge length `shown` [m], as in Figure 59."""
     texels = min(len(ground.gray), round(shown / ground.texel))
     edge = 1e3 * texels * ground.texel
     gray = ground.gray[:texels, :texels]

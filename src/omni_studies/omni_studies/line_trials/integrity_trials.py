@@ -1,7 +1,8 @@
-"""Drives over grounds with faulty line cameras, with the error of each batch of each camera.
+"""Motions of faulty line cameras over grounds, and the error of each batch of each camera.
 
-A drive is rendered once and converted to the lines of each faulty camera. A new odometry processes
-each drive, so that its estimates of camera properties come from this drive only.
+The motion of fault-free cameras over a ground, called a drive here, is rendered once. The rendered
+lines are converted to those of faulty cameras for each fault. The odometry estimator is reset for
+each drive and fault, so that its estimates of camera properties depend only on this drive.
 """
 
 import dataclasses
@@ -42,7 +43,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the time in which the initial twist would cover the path up to each `time` [s]."""
+        """Return the times in which the initial twist would cover the paths up to `time` [s]."""
         return time + 0.5 * self.growth * time**2
 
 
@@ -73,7 +74,8 @@ class Fault:
         rate: ratio of the configured to the true line rate [1].
         lost: interval between missing lines [lines]; 0 for none.
         swapped: interval between batches that arrive in the wrong order [batches]; 0 for none.
-        repeated: interval between batches that replace the next one [batches]; 0 for none.
+        repeated: interval between batches that are repeated in place of the next batch [batches]; 0
+            for none.
         repeats: whether the ground repeats within the field of view.
     """
 
@@ -114,7 +116,8 @@ class Ground:
 
     Attributes:
         kind: kind from `omni_sim.texture.texture.KINDS`, or the file of a picture.
-        angle: direction of driving relative to the texture's x axis (the grain) [rad]; NaN for any.
+        angle: direction of motion relative to the texture's x axis (the direction of the fibers)
+            [rad]; NaN for a random direction.
         dpi: dots per inch of a picture on the ground.
         seed: seed of the pattern.
         texels: number of texels per period of 0.2 m; 8192 texels are two per pixel of a camera with
@@ -164,7 +167,7 @@ def drive_over(
     motions: Sequence[Motion] = MOTIONS,
     **settings: Any,
 ) -> dict[str, Tally]:
-    """Drive over a ground with each of the faults.
+    """Return the errors of all drives over a ground, by fault.
 
     Args:
         ground: the ground.
@@ -208,7 +211,8 @@ class _Exposed(NamedTuple):
 
     Attributes:
         time: times of the lines from the start of the drive [s], shape (t,).
-        path: time in which the initial twist would cover the path up to each line [s], shape (t,).
+        path: time in which the constant initial twist would cover the path up to each line [s],
+            shape (t,).
         exposures: exposures of each camera [gray levels of 8 bit], shape (t, pixels).
     """
 
@@ -221,7 +225,7 @@ class _Exposed(NamedTuple):
 def _exposed(
     ground: Ground, seed: int, motion: Motion, number: int, batches: int, repeats: bool
 ) -> _Exposed:
-    """Render a drive from a random start; faults one after the other share it."""
+    """Render a drive from a random start; the result is reused for all faults."""
     line_rate = SENSORS["left"].line_rate
     generator = np.random.default_rng((seed, 7, number))
     time = np.arange(rig.batch_lines(line_rate) * batches + 1) / line_rate
@@ -259,7 +263,7 @@ def _measure(
     motion: Motion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
-    """Process a drive with a new odometry; return normalized errors, errors and reasons."""
+    """Return normalized error, error and rejection reason of each batch, from a reset odometry."""
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in SENSORS.items()
     }

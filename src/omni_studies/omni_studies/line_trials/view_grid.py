@@ -1,7 +1,7 @@
 """Trials of sideways motion with many fields of view (Figures 63, 64 and 71).
 
-`sideways_motions` returns one motion for each length and width of the view. `matches_table` makes a
-table of the displacements that were matched in these motions, and of their errors.
+`sideways_motions` returns one motion for each length and width of the view. `matches_table` returns
+a table of the matched displacements of these motions and of their errors.
 """
 
 import math
@@ -36,15 +36,15 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the smallest overlap above which all views reach the required share of right pairs.
+    """Return the smallest overlap above which all views reach the required share of correct pairs.
 
     Args:
         overlap: overlap of each view, 0 to 1, any shape.
-        right: share of right pairs of each view, 0 to 1, same shape.
+        right: share of correct pairs of each view, 0 to 1, same shape.
         share: required share, 0 to 1.
 
     Returns:
-        The smallest overlap; NaN if there is none.
+        The smallest overlap; NaN if no overlap is sufficient.
     """
     failing = overlap[right < share]
     passing = overlap[overlap > (failing.max() if len(failing) else -1.0)]
@@ -56,7 +56,7 @@ def matches_table(
     motions: Sequence[trials.Motion],
     cases: Mapping[Any, Sequence[trials.Matches]],
 ) -> tuple[tuple[str, ...], Iterator[tuple[str | float, ...]]]:
-    """Return header and one row for every case and motion.
+    """Return the header of a table, and one row for every case and motion.
 
     Args:
         names: column names for the parts of a case.

@@ -5,10 +5,10 @@ errors are compared with the Cramer-Rao bound of each pair, the smallest varianc
 estimator. The bias toward integer shifts ("pixel locking") is fitted as a function of the fraction.
 
 In ``covariance``, three line cameras are mounted tangentially on a circle. If the covariance of the
-twist is correct, its squared error divided by its expectation has the mean 1. Speeds are shares of
-the largest sideways speed at 60 % overlap (Table 4), so that different cameras can be compared. In
-a cross-validation over grounds, a factor on the variances is fitted on all grounds except one, and
-evaluated on this one. The odometry itself has no such factor.
+twist is correct, the squared error of the twist, divided by its expectation, has the mean 1. Speeds
+are given as shares of the sideways speed at 60 % overlap (Table 4), so that different cameras can
+be compared. In a cross-validation over grounds, a factor on the variances is fitted on all grounds
+except one, and evaluated on this one. The odometry itself has no such factor.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ _NOISES = (1, 2, 5)  # gray levels
 _DRAWN_NOISE = 2  # gray levels, in the panels that show the mean error
 _GROUNDS = ("cork", "asphalt", "stone")
 _FRACTIONS = 16
-_FARTHEST = 0.25  # largest displacement as a share of the line
+_FARTHEST = 0.25  # limit on the displacement, as a share of the line
 _LARGEST_LOCKING = 0.02  # px, as in limits.yaml
 
 
@@ -50,7 +50,7 @@ _LARGEST_LOCKING = 0.02  # px, as in limits.yaml
 class Case:
     """Errors of one resolution, noise and ground.
 
-    Like the odometry, it excludes pairs whose refinement leaves the peak; `wrong` includes them.
+    As in the odometry, pairs whose refinement leaves the peak are excluded; `wrong` includes them.
 
     Attributes:
         pixels: number of pixels per line.
@@ -74,7 +74,7 @@ class Case:
 
     @property
     def over_bound(self) -> float:
-        """RMS of the errors, each divided by its smallest possible standard deviation [1]."""
+        """RMS of the errors, each divided by the smallest possible standard deviation [1]."""
         return math.sqrt(float(np.mean(self.error**2 / self.bound)))
 
     @property
@@ -234,8 +234,8 @@ _CAMERAS = {
     ),
     "s3901": LineSensor(x=0.0, y=0.0, heading_deg=0.0, pixels=128, width=0.0195, line_rate=15600.0),
 }
-# v_x, v_y, and the speed that the yaw rate causes at the cameras, as shares of the largest sideways
-# speed.
+# v_x, v_y, and the speed that the yaw rate causes at the cameras, as shares of the sideways speed
+# at 60 % overlap.
 _MOTIONS = {
     "at rest": (0.0, 0.0, 0.0),
     "creeping": (0.001, 0.0, 0.0005),
@@ -301,8 +301,8 @@ class _Drives(Configuration):
     """Extent of the drives, and noise."""
 
     starts: int = parameter(12, minimum=2, maximum=10_000)
-    """number of random positions and directions, each with 8 batches of 10 ms, for each camera,
-    ground and motion"""
+    """number of random positions and directions for each camera, ground and motion; from each, 8
+    batches of 10 ms are measured"""
     noise: float = parameter(1.0, minimum=0.0, maximum=50.0)
     """standard deviation of the noise in gray levels"""
     seed: int = parameter(1, minimum=0)
@@ -310,7 +310,7 @@ class _Drives(Configuration):
 
 
 def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
-    """Drive every case; write figure, data and metrics."""
+    """Simulate every case; write figure, data and metrics."""
     driven = [(name, kind) for kind in _GROUNDS for name in _CAMERAS]
     driven += [(_EVALUATED, kind) for kind in _HARDER]
     cases = [case for name, kind in driven for case in _drive(name, kind, options)]
@@ -319,7 +319,7 @@ def _covariance(options: _Drives, study: StudyRun) -> StudyResult:
 
 
 def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, float]]:
-    """Return the cross-validation of each ground, whose factor is fitted on all other grounds.
+    """Return the cross-validation on each ground, with a factor fitted on all other grounds.
 
     Returns:
         By ground, the factor on the variances [1], the mean ratio of single cameras' squared errors
@@ -344,7 +344,7 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, floa
 def _drive(
     name: str, kind: str, options: _Drives, radius: float = 0.6, batches: int = 8
 ) -> list[DriveCase]:
-    """Drive all motions over one ground with three equal cameras on a circle of `radius` [m]."""
+    """Simulate all motions of three equal cameras on a circle of `radius` [m] over one ground."""
     camera = _CAMERAS[name]
     sensors = tangential(radius, camera)
     configuration = OdometryConfiguration(sensors=sensors)

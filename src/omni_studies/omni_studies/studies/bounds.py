@@ -54,10 +54,10 @@ class BoundTrial(NamedTuple):
         path_allocation: path of the center of gravity with `allocation` on proportional brakes [m].
         kept_unassisted: stopping distance with all brakes on [m]; NaN if the heading changed, or
             the path left the line of motion, by more than half a degree.
-        kept_sliding_mode: stopping distance with `sliding_mode` [m], NaN as for `kept_unassisted`.
-        kept_allocation_on_off: stopping distance with `allocation` on on-off brakes [m], NaN as for
+        kept_sliding_mode: stopping distance with `sliding_mode` [m]; NaN as for `kept_unassisted`.
+        kept_allocation_on_off: stopping distance with `allocation` on on-off brakes [m]; NaN as for
             `kept_unassisted`.
-        kept_allocation: stopping distance with `allocation` on proportional brakes [m], NaN as for
+        kept_allocation: stopping distance with `allocation` on proportional brakes [m]; NaN as for
             `kept_unassisted`.
     """
 
@@ -139,7 +139,7 @@ def _braking(run: FastRun, experiment: ExperimentConfiguration) -> FloatArray:
 
 
 def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuver:
-    """Return the motion at the start of braking, without the residual yaw rate of the drive."""
+    """Return the motion at the start of braking; a residual yaw rate is set to zero."""
     scripted, pose = experiment.maneuver, _braking(run, experiment)
     twist = run.twist[-len(pose)].copy()
     if scripted.yaw_rate_deg == 0.0:
@@ -182,7 +182,7 @@ class Options(CampaignOptions):
     runs: int = parameter(10_000, minimum=4, maximum=10**7)
     """number of runs: four laws for each random stop"""
     seed: int = parameter(0, minimum=0)
-    """seed of the first stop; the others follow"""
+    """seed of the first stop; the seeds of the other stops follow it"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
@@ -207,7 +207,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
-    """Return the ratio of the runs to a bound, NaN where it does not apply, shape (R, laws)."""
+    """Return the ratio of each run to a bound, NaN where it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
     return np.asarray(taken / np.array([[getattr(one, bound)] for one in stops]))

@@ -2,8 +2,8 @@
 
 A figure of the dissertation is written to ``figure_<number>.png``, and its data to
 ``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas this assistant
-also compares the twist with IMU and wheel speeds. If an experiment uses these sensors, the assisted
-variant is repeated without them, as ``<variant>_twist_alone``.
+also compares the twist with IMU and wheel speeds. If an experiment uses IMU and wheel speeds, the
+assisted variant is repeated without them, as ``<variant>_twist_alone``.
 
 ``table2`` brakes the identified vehicle of ``config/``. ``--identify`` repeats the search for this
 vehicle; ``--assumptions`` changes one assumption at a time.
@@ -156,7 +156,7 @@ class _StraightLine(LoopOptions):
     """Options of ``straight_line``: vehicle and overrides of the experiment."""
 
     vehicle: str = parameter(table_2.VEHICLE)
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
 
 
 class _Optical(Configuration):
@@ -189,7 +189,7 @@ odometry as ``optical``."""
 
 
 def _optical(options: _Optical, study: StudyRun) -> StudyResult:
-    """Run every assisted variant with both kinds of feedback and report the differences."""
+    """Run every assisted variant with both sources of feedback, and report the differences."""
     pairs = {}
     for experiment in options.experiment:
         for variant in study.experiments.variants(experiment):
@@ -248,7 +248,7 @@ def _case_in_words(case: tuple[str, str]) -> str:
 
 
 def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figure:
-    """Draw the stops of all cases with both kinds of feedback, and their differences."""
+    """Draw the stops of all cases with both sources of feedback, and their differences."""
     title = "Assisted braking with both kinds of feedback"
     inches = (10.0, 1.6 + 0.45 * len(comparisons))
     x = ("orientation change [deg]", "stopping distance [m]")
@@ -273,7 +273,7 @@ def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figu
 
 
 def _draw_orientations(comparisons: Comparisons, most: int = 4) -> Figure:
-    """Draw the orientation over time, for all cases with both kinds of feedback."""
+    """Draw the orientation over time, for all cases with both sources of feedback."""
     columns = min(most, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
@@ -374,7 +374,7 @@ def _over_one_another(
 
 
 def _stop(first: int) -> dict[int, Drawing]:
-    """Return the three figures of a stop, from the number of the first one on."""
+    """Return the three figures of a stop, numbered consecutively from the given first number."""
     drawings = _from_above("unassisted", "assisted"), *map(_over_time, ("unassisted", "assisted"))
     return dict(enumerate(drawings, first))
 

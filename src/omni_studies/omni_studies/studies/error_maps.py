@@ -1,10 +1,11 @@
 """Errors of one line camera in straight motion, as functions of speed, field of view and ground.
 
-Every motion is uniform, with 2500 lines/s. Sideways motion is 12 m/s at 89 deg to the camera's
-axis. ``overlap`` also draws the displacement of a vehicle between two lines for any line rate.
-``texture_direction`` also counts the batches that the odometry measures with the camera of the
-standard experiment. Along the fibers of wood, the lines hardly change. Across the fibers, the
-contrast along the axis is low and the lines change quickly.
+Every motion is uniform, and the camera exposes 2500 lines/s. Sideways motion is a motion with 12
+m/s at 89 deg to the camera's axis. ``overlap`` also draws the displacement of a vehicle between two
+lines as a function of the line rate. ``texture_direction`` also counts the batches that the
+odometry measures with the camera of the standard experiment. In motion along the fibers of wood,
+the lines hardly change. In motion across the fibers, the contrast along the axis is low and the
+lines change quickly.
 """
 
 import dataclasses
@@ -98,7 +99,7 @@ OPTIONS = {
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """Condition in addition to the ground: title of its maps, axis [rad], noise [gray levels]."""
+    """Condition besides the ground: title of the maps, axis [rad], noise [gray levels]."""
 
     title: str = ""
     axis: float = 0.0
@@ -278,7 +279,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
 def _median_metrics(case: str, found: Found) -> dict[str, Metric]:
     raw = np.array([np.mean(m.right) for _, m in found])
     filtered = np.array([m.right_medians(GROUP) for _, m in found])
-    points = (raw >= 0.6) & (raw < 1.0)  # where single pairs fail
+    points = (raw >= 0.6) & (raw < 1.0)  # views in which single pairs fail
     corrected = float(np.mean(filtered[points] == 1.0)) if points.any() else 1.0
     return {
         f"right_share_raw.{case}": Metric(float(raw.mean()), "1"),
@@ -305,7 +306,7 @@ def _odometry(
     library: ExperimentLibrary,
     key: tuple[str, ...],
 ) -> dict[str, Metric]:
-    """Return the shares of batches that the odometry measures and whose error is undetected."""
+    """Return the share of measured batches, and the share of batches with an undetected error."""
     configuration = library.load("straight_line").odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
     odometry = SensorOdometry(sensor, configuration)

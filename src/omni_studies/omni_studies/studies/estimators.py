@@ -1,4 +1,4 @@
-"""Comparison of estimators for a line camera with each other, their bound, and an image patch.
+"""Comparison of estimators for a line camera with each other, with their bound, and with a patch.
 
 A camera with 1024 px and 2500 lines/s records batches of 10 ms. Both methods of the odometry
 process the same lines, with and without camera faults. With OpenCV (``requirements/opencv.lock``),
@@ -45,7 +45,7 @@ _PIXELS, _FRAMES = 64, 7  # pixels along an edge of the patch, and frames per ba
 _FRAME_RATE = _EYE.pixels * _EYE.line_rate / _PIXELS**2
 _FINE = 8  # ground samples per pixel of the patch, in each direction
 _SMOOTH, _ROUNDS = 0.8, 5  # Lucas-Kanade: standard deviation of the Gaussian [px], iterations
-_SPANNED = 24.0  # largest displacement at which first and last frame are compared [px]
+_SPANNED = 24.0  # limit on the displacement up to which first and last frame are compared [px]
 
 Frame = NDArray[np.float32]
 
@@ -64,7 +64,7 @@ class Scene(NamedTuple):
         Args:
             kind: kind of the ground.
             seed: seed of all scenes.
-            number: number of the scene; each one has another pose.
+            number: number of the scene; each scene has another pose.
         """
         texture = trials.Ground(kind).texture()
         generator = np.random.default_rng((seed, number))
@@ -82,7 +82,7 @@ class Options(Configuration):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Drive over every ground; write figure, data and metrics."""
+    """Simulate the motions over every ground; write figure, data and metrics."""
     cells = list(itertools.product(_GROUNDS, _ANGLES, _SPEEDS))
     rows, metrics = [], {}
     bounds: dict[str, list[float]] = {}
@@ -149,8 +149,8 @@ def batch_bound(kind: str, speed: float, options: Options) -> float:
     """Return the Cramer-Rao bound of the velocity of one batch, as a standard deviation [mm/s].
 
     A point of the ground that appears in K consecutive lines contributes the information of one
-    pixel on a known ground, times K (K^2 - 1) / 12. This factor is the sum of the squared distances
-    of the K lines from their mean, in line periods.
+    pixel on a known ground, multiplied by K (K^2 - 1) / 12. This factor is the sum of the squared
+    differences between the times of the K lines and their mean, in line periods.
     """
     _, rig, start = Scene.of(kind, options.seed, 0)
     lines, shift = batch_lines(_EYE.line_rate) + 1, speed / _SCALE

@@ -1,9 +1,9 @@
 """Stopping distance and rotation with different sources of the body twist.
 
 The same random stops are run without the assistant, and with each combination of law and source,
-with or without an IMU. The sources are an ideal one, line cameras, optical-flow chips, wheel
-odometry, dead reckoning, and sources with delay or a low rate. The table shows where assistance
-does more harm than good.
+with or without an IMU. The sources are an ideal sensor, line cameras, optical-flow chips, wheel
+odometry, dead reckoning, and ideal sensors with delay or a low rate. The table shows the sources
+with which assistance does more harm than good.
 
 Camera lines are rendered in the stops of the named experiments and in the first random stops. In
 all other stops, an error model replaces the cameras.
@@ -48,20 +48,20 @@ class Options(CampaignOptions):
     """Vehicles, sources and number of stops."""
 
     vehicle: tuple[str, ...] = parameter(_VEHICLES)
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
     source: tuple[str, ...] = parameter(tuple(SOURCES), choices=tuple(SOURCES))
     """source of the twist"""
     runs: int = parameter(200, minimum=1, maximum=10000)
     """number of random stops of each vehicle"""
     rendered: int = parameter(20, minimum=0, maximum=10000)
-    """number of these stops in which camera lines are rendered"""
+    """number of random stops of each vehicle in which camera lines are rendered"""
     speed: float = parameter(2.0, unit="m/s", above=0.1, maximum=20.0)
-    """largest speed of the random stops"""
+    """maximum speed of the random stops"""
     named: bool = parameter(False)
     """also run the named experiments, each with its own vehicle and speed"""
     without_imu: bool = parameter(False)
-    """remove the IMU, with which the assistant estimates the motion while the twist is missing, and
-    detects faults"""
+    """remove the IMU, which the assistant uses to estimate the motion while the twist is missing,
+    and to detect faults"""
 
 
 class Stop(NamedTuple):
@@ -251,7 +251,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
-    """Return statistics of distance and rotation, relative to the same stops without assistant."""
+    """Return statistics of distance and rotation, and of the same stops without the assistant."""
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
         (row, own[row.stop])
@@ -277,13 +277,14 @@ def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[
 def _harms(
     found: Mapping[str, float], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
 ) -> bool:
-    """Return whether assistance increases rotation, or distance without a smaller rotation.
+    """Return whether assistance increases rotation, or lengthens stops without reducing rotation.
 
     Args:
         found: `_results` of a source.
-        longer: largest median of the ratio of the distance to that without assistant [1].
-        worst: largest 95th percentile of this ratio [1].
-        turn: largest increase of the rotation's 95th percentile compared with no assistant [deg].
+        longer: limit on the median of the ratio of the distance to that without the assistant [1].
+        worst: limit on the 95th percentile of this ratio [1].
+        turn: limit on the increase of the 95th percentile of the rotation, compared with that
+            without the assistant [deg].
     """
     ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
     turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]
@@ -306,7 +307,7 @@ def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -
 
 
 def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
-    """Return by vehicle a sentence if assistance does more harm than good, otherwise an empty text.
+    """Return a sentence by vehicle: a warning if assistance does more harm than good, else empty.
 
     Args:
         summary: ``summary.json`` of this study, with or without the IMU of the vehicle.
@@ -319,7 +320,7 @@ def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
     try:
         metrics = json.loads(summary.read_text(encoding="utf-8"))["metrics"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"is no result of ./omni study feedback, which you must run first: {error}"
+        problem = f"is no result of ./omni study feedback, which must be run first: {error}"
         raise ConfigurationError(str(summary), problem) from None
     vehicles: dict[str, dict[str, float]] = {}
     for key, metric in metrics.items():

@@ -5,11 +5,11 @@ computes the contrast of the lines, which average 20 mm across the axis, and the
 which half of the power is found.
 
 In the other studies, the camera moves with 20 m/s at 45 deg to its axis. The lines are 50 mm long
-and are read with 2500 lines/s. ``correlation_functions`` has a view of 50
-x 20 mm, 1024 px and noise of 5 gray levels. It evaluates the distance measures with
+and are read with 2500 lines/s. In ``correlation_functions``, the camera has a field of view of 50 x
+20 mm, 1024 px and noise of 5 gray levels. This study evaluates the distance measures with
 `scipy.spatial.distance` at every shift, independently of the search in the odometry. ``contrast``
-varies the width of the view. A wider view averages more of the texture and has a larger overlap
-from line to line.
+varies the width of the field of view. A wider field of view averages more of the texture, and
+consecutive lines have a larger overlap.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ CASES = {
 
 _SPEED, _ANGLE = 20.0, math.radians(45.0)
 _VIEW = View()
-_PROMINENCE = 0.1  # smallest depth of a minimum, as a share of the curve's range
+_PROMINENCE = 0.1  # lower limit on the depth of a minimum, as a share of the curve's range
 
 _DISTANCES: Mapping[str, Callable[[FloatArray, FloatArray], float]] = {
     "pearson": distance.correlation,  # Eq. (81)
@@ -174,7 +174,7 @@ def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit
         new: next line [gray levels], shape (n,).
         truth: displacement between them [px].
         metric: name of the distance measure.
-        limit: largest shift [px].
+        limit: limit on the shift [px].
     """
     n = len(new)
     shifts = np.arange(-limit, limit + 1)
@@ -386,7 +386,7 @@ def _appearance(
 def _panels(
     title: str, count: int, size: tuple[float, float], columns: int = 6, **look: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with a number of panels of a size [in]."""
+    """Return a figure with `count` panels, each with a given size [in]."""
     rows = math.ceil(count / columns)
     whole = size[0] * columns, size[1] * rows + 0.6
     figure, grid = style.panels(title, rows, columns, size=whole, **look)

@@ -3,9 +3,9 @@
 An undetected error is a batch of one camera that is reported as measured although the error of its
 velocity exceeds both 4 of its stated standard deviations and 0.05 m/s. `availability` is the share
 of batches that are measured, and `normalized_error` is the mean ratio of squared error to stated
-variance. Every drive starts with a new odometry that has no estimates of its cameras.
+variance. The odometry is reset at the start of every drive and has no estimates of cameras then.
 
-Each run of the campaign is one drive with one fault. Runs that differ in the fault share the
+Each run of the campaign is one drive with one fault. Runs that differ only in the fault share the
 rendered drive.
 """
 
@@ -45,7 +45,7 @@ _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 
 
 class Options(CampaignOptions):
-    """Grounds, faults and extent of the drives."""
+    """Grounds, faults, and number of batches."""
 
     grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
     faults: str = parameter(
@@ -76,9 +76,10 @@ class Drive(NamedTuple):
         batches: number of batches of all cameras.
         undetected: number of batches with an undetected error.
         measured: number of measured batches.
-        squares: sum of squared errors divided by variances, of measured batches [1].
-        covered: number of errors within 1.96 standard deviations.
-        energy: sum of errors squared [m^2/s^2].
+        squares: sum of the squared errors of measured batches, each divided by its stated variance
+            [1].
+        covered: number of errors within 1.96 stated standard deviations.
+        energy: sum of the squared errors [m^2/s^2].
     """
 
     seed: int
@@ -108,7 +109,7 @@ class Drive(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Runs the drives of a campaign by their numbers; consecutive drives share a ground."""
+    """Runs the drive with a given number; consecutive drives share a ground."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -129,7 +130,7 @@ class _Drives:
 
     @property
     def cells(self) -> list[tuple[str, int, str]]:
-        """Ground, motion and fault of every drive; consecutive drives share a rendered one."""
+        """Ground, motion and fault of every drive; consecutive drives share a rendered motion."""
         return [
             (name, motion, fault)
             for name in self.grounds
@@ -152,7 +153,7 @@ class _Drives:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Drive over every ground with every fault; write figure, data and metrics."""
+    """Simulate all drives over every ground with every fault; write figure, data and metrics."""
     grounds = _chosen("--grounds", options.grounds, tuple(GROUNDS))
     faults = _chosen("--faults", options.faults, tuple(trials.FAULTS))
     work = _Drives(
@@ -174,7 +175,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
-    """Return the sums of the drives with every ground and fault."""
+    """Return the sum of the drives for each ground and fault."""
     tallies: dict[tuple[str, str], Drive] = {}
     for drive in drives:
         cell = drive.ground, drive.fault

@@ -39,7 +39,7 @@ _NEVER = (
     1.05,
     5.0,
 )  # limits in unknown conditions: ratio to the unassisted distance [1], rotation [deg]
-# Changes of vehicle, ground and pedal. Of these, the assistant only knows the pedal, and the kind
+# Changes of vehicle, ground and pedal. The assistant is informed only of the pedal, and of the kind
 # and the lag of the brakes.
 _UNKNOWN: Mapping[str, tuple[str, ...]] = {
     **{f"damping_{d}": (f"vehicle.tire.damping={d}",) for d in (0, 50, 500, 20000)},
@@ -87,12 +87,12 @@ class Options(CampaignOptions):
     """Runs of the study, and workers."""
 
     without_optical: bool = parameter(False)
-    """leave out the stop with line cameras, which takes the longest time"""
+    """omit the stops with line cameras, which take the longest time"""
     law: tuple[str, ...] = parameter(())
     """your own law as module:Class, which is compared with the built-in laws in every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)
     """number of random stops to run instead of the experiments; each --law is compared with the
-    first one (default: only allocation)"""
+    first --law (default: only allocation)"""
     seed: int = parameter(0, minimum=0)
     """seed of the first random stop"""
     ablate: bool = parameter(False)
@@ -111,7 +111,7 @@ class Options(CampaignOptions):
 
 
 class _Case(NamedTuple):
-    """A run given by experiment, variant and overrides, or a bound of such runs.
+    """A run with a given experiment, variant and overrides, or a bound for such runs.
 
     The name of a case consists of the maneuver, the law or bound, and the condition, if any.
     """
@@ -135,7 +135,7 @@ class LawStop(NamedTuple):
     Attributes:
         seed: number of the case.
         case: name of the case.
-        distance: stopping distance, or the bound of it [m].
+        distance: stopping distance, or its bound [m].
         rotation: change of orientation [deg], NaN for a bound.
         note: reason why a number is missing, or tolerance of a bound.
     """
@@ -173,7 +173,7 @@ def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
     yield _Case(patch, "sliding_mode_on_off", patch, "noisy", _SENSOR)
     yield _Case(patch, "allocation_proportional", patch, "noisy", noisy)
     turn = "turn_while_translate"
-    for rotation in _ROTATIONS:  # allowed rotations in the turn of Table 2
+    for rotation in _ROTATIONS:  # limits on the rotation in the turn of Table 2
         spent = (*IDEAL, *_ALLOCATION, _PROPORTIONAL, f"brake_assist.max_rotation={rotation}")
         yield _Case(turn, "allocation_proportional", turn, "k7", spent, f"{rotation:g}_deg")
     for word, changes in _UNKNOWN.items():
@@ -197,7 +197,7 @@ def _label(law: str) -> str:
 
 
 class LawStops:
-    """Runs single cases by their numbers; an instance is sent to the workers."""
+    """Runs the case with a given number; an instance is sent to the workers."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.

@@ -3,11 +3,11 @@
 ``robustness`` writes a table of all runs, a table of violations with their causes, and experiment
 files of the worst runs, which ``./omni run`` can repeat over the ROS graph.
 
-In ``faults``, both laws brake several vehicles, with and without an IMU. The faults are faults of
-one sensor, faults that two sensors share, and brakes that fail before or during the stop. Every
-eighth stop is the worst result of a local search. The reference for sensor faults is the longer
-distance and the larger rotation of two stops: unassisted, and assisted without the fault. The
-reference for brake faults is the stop with all other brakes on.
+In ``faults``, several vehicles are braked under both laws, with and without an IMU. The faults are
+faults of one sensor, faults that two sensors share, and faults of a brake before or during the
+stop. Every eighth stop is the worst result of a local search. The reference for sensor faults is
+the longer distance and the larger rotation of two stops: unassisted, and assisted without the
+fault. The reference for brake faults is unassisted braking with the same fault.
 """
 
 import itertools
@@ -55,9 +55,10 @@ class Options(CampaignOptions, LoopOptions):
     runs: int = parameter(1000, minimum=1, maximum=10_000_000)
     """number of runs"""
     seed: int = parameter(0, minimum=0)
-    """seed of the first run; the others follow"""
+    """seed of the first run; the seeds of the other runs follow it"""
     worst: int = parameter(3, minimum=0, maximum=1000)
-    """number of worst runs written as experiments, for orientation and for distance each"""
+    """number of runs written as experiments: the worst by orientation, and as many of the worst by
+    distance"""
 
 
 class _Faults(Options):
@@ -66,7 +67,7 @@ class _Faults(Options):
     runs: int = parameter(4000, minimum=1, maximum=10_000_000)
     """number of stops"""
     worst: int = parameter(20, minimum=0, maximum=1000)
-    """number of stops in each table of the worst stops, one by distance and one by rotation"""
+    """number of stops in the table of the worst stops by distance, and in that by rotation"""
 
 
 OPTIONS = {"faults": _Faults}
@@ -224,7 +225,7 @@ def _pairs(results: Sequence[Outcome], quantity: str) -> tuple[np.ndarray, np.nd
 
 
 def _faults(options: _Faults, study: StudyRun) -> StudyResult:
-    """Run the stops, write their table, the worst of them and a figure."""
+    """Run the stops; write their table, the tables of the worst stops, and a figure."""
     work = FaultyStops(study.experiments, options.changes)
     seeds = range(options.seed, options.seed + options.runs)
     stops = study.campaign(work, seeds, Stop, options, work.fingerprint)

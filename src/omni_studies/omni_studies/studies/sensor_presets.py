@@ -4,9 +4,9 @@ Table 4 assumes 60 % overlap: ``v = 0.4 w f`` with the width w of the field of v
 rate f. Each sensor moves sideways over grounds of fine texture at increasing speeds. A speed counts
 as measurable if, at this speed and all lower speeds, the median of ten consecutive displacements
 (section 4.6) is within 1.5 px of the true value at 95 % of random positions. The highest speed is
-the speed at 60 % overlap if the simulation confirms it on every ground. On difficult grounds, the
-study reports the share of correct medians at this speed, and on all grounds the share of usable
-pairs.
+the speed at 60 % overlap if the simulation confirms it on every ground. The study also reports the
+share of correct medians at this speed on difficult grounds, and the share of usable pairs on all
+grounds.
 
 The whole odometry is then tested with three cameras of each type at their highest speed, in forward
 and in sideways motion.
@@ -65,7 +65,7 @@ class Options(line_options.TextureOptions):
     runs: int = line_options.runs_option(40)
     noise: float = line_options.noise_option()
     needed: float = parameter(0.95, minimum=0.0, maximum=1.0)
-    """share of correct medians at which a speed counts as measurable"""
+    """share of correct medians from which on a speed counts as measurable"""
     method: str = parameter(OdometryConfiguration.method, choices=METHODS)
     """value of the parameter odometry.method"""
 
@@ -119,14 +119,14 @@ def _speeds(
     right: Mapping[str, FloatArray],
     needed: float,
 ) -> dict[str, Metric]:
-    """Return the largest speeds of a camera: computed, confirmed and measurable ones.
+    """Return the computed, the confirmed and the measurable maximum speed of a camera.
 
     Args:
         name: name of the camera.
         sensor: the camera.
         speeds: simulated sideways speeds [m/s], shape (V,).
         right: share of correct medians at each speed, 0 to 1, by ground, shape (V,) each.
-        needed: share from which a speed counts as measurable [1].
+        needed: share from which on a speed counts as measurable [1].
     """
     preset, computed = _PRESETS[name], sensor.sideways_speed
     limits = {ground: _highest(speeds, share, needed) for ground, share in right.items()}
@@ -171,7 +171,7 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Drive three cameras at their largest sideways speed; return availability and error.
+    """Simulate three cameras at their maximum sideways speed; return availability and error.
 
     Args:
         case: name of sensor and ground.
@@ -204,7 +204,7 @@ def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
-    """Return the highest speed up to which all shares suffice [m/s]; 0 if there is none."""
+    """Return the highest speed up to which all shares are sufficient [m/s]; 0 if none is."""
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0

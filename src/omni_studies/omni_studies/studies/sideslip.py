@@ -1,7 +1,7 @@
 """Sideslip angle of a wheel, measured by one line camera along its axis (section 4.6).
 
 A wheel rolls over two grounds with constant sideslip angles from -15 to 15 deg at several speeds.
-The camera measures the sideways velocity. The forward velocity is either the true one, or the
+The camera measures the sideways velocity. The forward velocity is either the true velocity or the
 rim speed of a wheel with 1 % longitudinal slip.
 """
 
@@ -37,7 +37,8 @@ class Angles:
 
     Attributes:
         speed: speed of the wheel over ground [m/s].
-        overlap: overlap of consecutive lines across the camera's axis at the angle 0, 0 to 1.
+        overlap: overlap of consecutive lines across the camera's axis at zero sideslip angle, 0 to
+            1.
         truth: sideslip angles [rad], shape (A,).
         angle: measured angles [rad], NaN if unmeasured, shape (A, batches).
         sideways: measured sideways velocities [m/s], NaN if unmeasured, shape (A, batches).
@@ -56,7 +57,7 @@ class Angles:
 
     @property
     def measured_share(self) -> float:
-        """Share of the batches that gave an angle, 0 to 1."""
+        """Share of the batches with a measured angle, 0 to 1."""
         return float(np.mean(np.isfinite(self.angle)))
 
     @property
@@ -101,12 +102,12 @@ class RollingWheel:
     """A wheel with a camera along its axis of rotation, over one ground."""
 
     def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
-        """Place the camera.
+        """Place the camera over the ground.
 
         Args:
             sensor: the camera; its position and heading are those of the wheel.
             texture: the ground.
-            noise: standard deviation [gray levels].
+            noise: standard deviation of the camera noise [gray levels].
             seed: seed of the noise.
         """
         self._configuration = camera_at_a_wheel(_CAMERA, sensor)

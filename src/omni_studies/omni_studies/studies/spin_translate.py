@@ -1,14 +1,14 @@
-"""Combined rotation and translation of both platforms by inverse kinematics, Figures 19 to 22.
+"""Combined rotation and translation by inverse kinematics, Figures 19 to 22.
 
-This study repeats the validation of section 2.5.3. A constant velocity along x of the world, a
-sinusoidal velocity along y and a constant yaw rate are converted to wheel speeds by Eqs. (34) and
-(35). The commands depend on the reference alone, without feedback of position or heading. The
-tracking error is therefore the accumulated slip of the tires. The vehicle starts in motion without
-slip, with its configured load.
+This study repeats the validation of section 2.5.3 with a Mecanum forklift and a three-wheeled
+robot. A constant velocity along x of the world, a sinusoidal velocity along y and a constant yaw
+rate are converted to wheel speeds by Eqs. (34) and (35). The commands depend on the reference
+alone, without feedback of position or heading. The tracking error is therefore the accumulated slip
+of the tires. The vehicle starts in motion without slip, with its configured load.
 
 The motion is also measured by two ideal area sensors, Eqs. (73)-(75), or by the first of them and
-the forward displacement of the second, Eqs. (76)-(78). In the turn, the straight-line approximation
-of section 4.3.1 has an error that accumulates; `along_arc` removes it.
+the forward displacement of the second, Eqs. (76)-(78). While the platform rotates, the
+straight-line approximation of section 4.3.1 has an error that accumulates; `along_arc` removes it.
 """
 
 import dataclasses
@@ -80,10 +80,10 @@ class SpinTranslate:
 
 @dataclasses.dataclass(frozen=True)
 class Tracking:
-    """A driven maneuver and its reference, with T stamps and N wheels.
+    """A simulated maneuver and its reference, with T stamps and N wheels.
 
     Attributes:
-        history: the drive, without brakes and odometry.
+        history: time history of the motion; enables and odometry estimates are NaN.
         reference: reference x, y [m], yaw [rad] of `base_link` in the world frame, shape (T, 3).
         wheel_command: wheel speeds from inverse kinematics [rad/s], shape (T, N).
     """
@@ -112,7 +112,7 @@ class Tracking:
 def track(
     configuration: VehicleConfiguration, maneuver: SpinTranslate, duration: float
 ) -> Tracking:
-    """Drive the maneuver by inverse kinematics and record the tracking.
+    """Simulate the maneuver, commanded by inverse kinematics, and record the motion.
 
     Args:
         configuration: the vehicle.
@@ -125,7 +125,7 @@ def track(
     start = maneuver.twist(time[:1], reference[:1, 2])[0]
     vehicle = Vehicle(configuration, pose=reference[0], twist=start)
     steps = round(_PERIOD / vehicle.physics_step)
-    # In each period, the drive keeps the reference velocity of the middle of the period.
+    # In each period, the command is the reference velocity in the middle of the period.
     command = maneuver.twist(time[:-1] + 0.5 * _PERIOD, reference[:-1, 2])
     released = np.zeros(len(configuration.wheels))
     pose, twist, speed = [vehicle.pose], [vehicle.twist], [vehicle.wheels["speed"]]
@@ -161,11 +161,11 @@ class Options(Configuration):
     yaw_rate_deg: float = parameter(36.0, unit="deg/s", minimum=-180.0, maximum=180.0)
     """constant yaw rate"""
     duration: float = parameter(10.0, unit="s", minimum=0.1, maximum=600.0)
-    """duration of the drive"""
+    """duration of the maneuver"""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Drive both platforms and write snapshots, commands, data and tracking errors."""
+    """Simulate both platforms; write snapshots, commands, data and tracking errors."""
     maneuver = SpinTranslate(
         options.speed, options.amplitude, options.period, math.radians(options.yaw_rate_deg)
     )

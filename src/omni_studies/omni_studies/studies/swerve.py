@@ -1,9 +1,9 @@
 """Cause of the rotation: forces of locked wheels, and the sliding manifold that prevents it.
 
-A simulated vehicle slides straight ahead on locked wheels, with its load in the middle and at the
-configured position, and the study draws the wheel forces. It also draws the manifold of section
-3.4: the weighting functions (Figure 28), and the wheels that may brake as a function of sideways
-velocity and yaw rate.
+A simulated vehicle slides straight ahead on locked wheels, first with its load in the middle and
+then with its load at the configured position. The study draws the wheel forces. It also draws the
+manifold of section 3.4: the weighting functions (Figure 28), and the wheels that may brake as a
+function of sideways velocity and yaw rate.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ class Options(Configuration):
     """Vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
     speed: float = parameter(5.0, unit="m/s", minimum=1.0, maximum=50.0)
     """speed straight ahead"""
     k: int = parameter(3, minimum=1, maximum=99)

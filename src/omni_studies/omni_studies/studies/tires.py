@@ -36,7 +36,7 @@ class Options(Configuration):
     tire: tuple[str, ...] = parameter(_TIRES)
     """a file of config/tires/, or a path that ends in .yaml"""
     vehicle: str = parameter("mecanum_forklift")
-    """vehicle that brakes, drives and parks on these tires"""
+    """vehicle that is simulated on these tires"""
     slope: float = parameter(0.05, minimum=0.0, maximum=0.5)
     """grade of the slope on which the vehicle is parked"""
 
@@ -150,7 +150,7 @@ def _load_figure(tire: Tire, loads: FloatArray) -> Figure:
 
 
 def _parabola(tire: tmeasy.TMeasyConfiguration, load: FloatArray) -> FloatArray:
-    """Return the parabola (3) of the longitudinal slope [N], also at loads [N] above the limit."""
+    """Return the longitudinal slope [N] by the parabola (3), also at loads [N] above the limit."""
     c = tmeasy.direction_coefficients(tire)
     return np.asarray((c[0] + c[1] * load) * load, dtype=np.float64)
 
@@ -252,7 +252,7 @@ def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) 
 def slope_creep(
     vehicle: VehicleConfiguration, slope: float, settling: float = 2.0
 ) -> tuple[float, float]:
-    """Return how far a vehicle moves that is parked with its brakes on a slope.
+    """Return how far a vehicle moves while its brakes hold it on a slope.
 
     Args:
         vehicle: the vehicle.
@@ -278,7 +278,7 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
 def zero_crossing(
     vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
 ) -> FloatArray:
-    """Return the speed of a vehicle whose commanded speed decreases linearly through zero.
+    """Return the speed of a vehicle while its commanded speed decreases linearly through zero.
 
     Args:
         vehicle: the vehicle.

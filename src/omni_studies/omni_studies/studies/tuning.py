@@ -1,6 +1,6 @@
 """Trade-off between rotation and distance, with recommended settings for a vehicle.
 
-Each weighting and k is run with each dwell time, with the vehicle's own brakes and with slower
+Each combination of weighting, k and dwell time is run with the vehicle's own brakes and with slower
 brakes. It is evaluated by its worst result in several situations (`omni_studies.tuning.trials`).
 """
 
@@ -35,22 +35,23 @@ _QUANTITIES = (
 
 
 class Options(CampaignOptions, LoopOptions):
-    """Settings to try, and limits of the recommendation."""
+    """Settings to try, and limits for the recommendation."""
 
     vehicle: str | None = parameter(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)"""
     experiment: str = parameter("turn_while_translate")
     """experiment whose maneuver and ground are used"""
     max_rotation: float | None = option(None, metavar="DEG", above=0.0, maximum=360.0)
-    """recommend the setting with the shortest stop among those that rotate by at most this angle"""
+    """recommend the setting with the shortest stop among those with at most this rotation"""
     max_distance: float | None = option(None, metavar="M", above=0.0, maximum=1.0e4)
-    """recommend the setting that rotates least and stops within this distance"""
+    """recommend the setting with the smallest rotation among those that stop within this
+    distance"""
     k: tuple[int, ...] = option((1, 3, 5, 7, 11, 31), metavar="K", minimum=1, maximum=999)
-    """tuning constant of the enhanced weighting to try"""
+    """values to try for the tuning constant of the enhanced weighting"""
     dwell: tuple[float, ...] = option(
         (0.0, 0.02, 0.05, 0.1, 0.2), metavar="S", minimum=0.0, maximum=1.0
     )
-    """minimum dwell time of the valves to try"""
+    """values to try for the minimum dwell time of the valves"""
     brakes: tuple[str, ...] = option(("0.005:0.01", "0.02:0.05"), metavar="DEAD:LAG")
     """dead time and time constant [s] of other brakes for comparison"""
     situations: int = parameter(8, minimum=1, maximum=10_000)
@@ -169,7 +170,7 @@ def trade_off(
         trials: trials of all settings and lags.
         unassisted: trials without the assistant, one per lag, in the order of the panels.
         choice: recommended trial; None if there is none.
-        limits: limits of rotation [deg] and distance [m]; None for no limit.
+        limits: limits on rotation [deg] and distance [m]; None for no limit.
         title: title of the figure.
     """
     size, x = (1.2 + 4.4 * len(unassisted), 5.6), "stopping distance [m]"

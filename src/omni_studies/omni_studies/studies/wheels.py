@@ -1,11 +1,11 @@
 """Comparison of wheel models with each other and with MuJoCo.
 
-In ``wheels``, both platforms drive, brake and are pushed sideways with three wheel models: the
-single-roller wheel (section 2.4.2), the single-roller wheel with the moving contact of rollers
-(section 2.3.2), and individual rollers (section 2.4.1). Forces and motions on individual rollers
-are compared with those on the single-roller wheel, as means over the wheel angles. The study also
-refines the time step, measures how far a vehicle moves while parked on a slope and after a stop,
-and measures the computing time per wheel.
+In ``wheels``, a Mecanum forklift and a three-wheeled robot drive, brake and are pushed sideways
+with three wheel models: the single-roller wheel (section 2.4.2), the single-roller wheel with the
+moving contact of rollers (section 2.3.2), and individual rollers (section 2.4.1). Forces and
+motions on individual rollers are compared with those on the single-roller wheel, as means over the
+wheel angles. The study also refines the time step, determines how far a vehicle moves while parked
+on a slope and after a stop, and measures the computing time per wheel.
 
 In ``mujoco``, the same vehicle brakes fully from the same motion on single-roller wheels, on
 individual rollers, and in MuJoCo, both unassisted and with the brake assistant, whose feedback is
@@ -98,7 +98,7 @@ class _Mujoco(Configuration):
     """Options of ``mujoco``: vehicle and speed."""
 
     vehicle: str = parameter("mecanum_forklift")
-    """a file of config/vehicles/, a path, or the folder of a vehicle"""
+    """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
     speed: float = parameter(10.0, unit="m/s", above=0.5, maximum=20.0)
     """speed before braking"""
 
@@ -179,7 +179,7 @@ def _agreement(rows: Sequence[Difference]) -> dict[str, Metric]:
         if row.rollers == _COMPARED:
             metrics[f"force_difference.{case}"] = Metric(row.force, "1")
             metrics[f"motion_difference.{case}"] = Metric(row.motion, "1")
-        # The largest difference for any wheel with at least as many rollers.
+        # The largest difference for any wheel with at least `_COMPARED` rollers.
         if row.rollers >= _COMPARED:
             name = f"worst_difference.{case}"
             before = metrics[name].value if name in metrics else 0.0
@@ -368,7 +368,7 @@ def _mujoco(options: _Mujoco, study: StudyRun) -> StudyResult:
 
 
 def _engine_differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return the differences between the simulator's wheel models and MuJoCo, and the largest."""
+    """Return the differences between the simulator's wheel models and MuJoCo, and their maximum."""
     found: dict[str, Metric] = {}
     pairs = [(case, engine) for case in _MOTIONS for engine in ("single", "rollers")]
     for variant, quantity in itertools.product(_VARIANTS, _QUANTITIES):

@@ -31,7 +31,7 @@ class Setting:
     Attributes:
         weighting: ``zero``, ``cosine``, ``enhanced``, or ``off`` for no assistant.
         k: odd constant k of the enhanced weighting; other weightings ignore it.
-        dwell_time: shortest time between two switchings of a valve [s].
+        dwell_time: minimum time between two switching operations of a valve [s].
     """
 
     weighting: str
@@ -82,9 +82,9 @@ class Trial:
     Attributes:
         setting: setting of the trial.
         lag: lag of the brakes.
-        rotation: change of orientation [deg], infinite without a stop, shape (S,).
-        distance: stopping distance [m], infinite without a stop, shape (S,).
-        switchings: switchings of all valves together [1], shape (S,).
+        rotation: change of orientation [deg], infinite if the vehicle does not stop, shape (S,).
+        distance: stopping distance [m], infinite if the vehicle does not stop, shape (S,).
+        switchings: number of switching operations of all valves together [1], shape (S,).
     """
 
     setting: Setting
@@ -116,7 +116,8 @@ def situations(
         base: undisturbed maneuver, the first situation.
         count: number of situations.
         seed: seed of the deviations.
-        largest: largest deviations of speed [1], direction [deg], yaw rate [1] and friction [1].
+        largest: limits on the deviations of speed [1], direction [deg], yaw rate [1] and friction
+            [1].
     """
     random = np.random.default_rng(seed)
     result = [base]
@@ -163,9 +164,9 @@ class Numbers(NamedTuple):
 
     Attributes:
         seed: number of the run; situations vary fastest, then settings, then lags.
-        rotation: change of orientation [deg], infinite without a stop.
-        distance: stopping distance [m].
-        switchings: switchings of all valves together [1].
+        rotation: change of orientation [deg], infinite if the vehicle does not stop.
+        distance: stopping distance [m], infinite if the vehicle does not stop.
+        switchings: number of switching operations of all valves together [1].
     """
 
     seed: int
@@ -226,7 +227,8 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
     """Return the Pareto front of worst rotation and worst distance.
 
     Returns:
-        Trials sorted by distance, with decreasing rotation; trials that do not stop are omitted.
+        Trials sorted by distance, with decreasing rotation; trials in which the vehicle does not
+        stop are omitted.
     """
     best: list[Trial] = []
     for trial in sorted(trials, key=lambda t: (t.worst_distance, t.worst_rotation)):
@@ -237,11 +239,11 @@ def front(trials: Iterable[Trial]) -> tuple[Trial, ...]:
 
 
 def distance_at(trials: Iterable[Trial], rotation: float) -> float:
-    """Return the stopping distance at an allowed change of orientation.
+    """Return the stopping distance for a limit on the change of orientation.
 
     Args:
         trials: trials whose Pareto front is interpolated linearly between settings.
-        rotation: allowed change of orientation [deg].
+        rotation: limit on the change of orientation [deg].
 
     Returns:
         Stopping distance [m], NaN if every setting rotates more.
@@ -262,13 +264,13 @@ def recommended(
     """Choose a setting that meets the limits in every situation.
 
     If the rotation is limited, this is the setting with the shortest stop, otherwise the one with
-    the smallest rotation. Among settings that are about equally good, the one with the fewest valve
-    switchings is chosen.
+    the smallest rotation. Among settings that are about equally good, the one with the fewest
+    switching operations is chosen.
 
     Args:
         trials: trials to choose from, at least one.
-        max_rotation: largest change of orientation [deg].
-        max_distance: longest stopping distance [m].
+        max_rotation: limit on the change of orientation [deg].
+        max_distance: limit on the stopping distance [m].
         equal: relative difference up to which settings count as equally good [1].
 
     Returns:

@@ -25,7 +25,7 @@ DURATION = sum(trial.duration for trial in _TRIALS)
 def processor_times(
     configurations: Mapping[str, VehicleConfiguration], repeats: int
 ) -> dict[str, FloatArray]:
-    """Return the CPU time for each vehicle, which drives a curve and then brakes.
+    """Return the CPU time of simulating each vehicle, which drives along a curve and then brakes.
 
     Args:
         configurations: the vehicles by name.

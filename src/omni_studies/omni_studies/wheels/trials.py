@@ -24,7 +24,7 @@ class Trial:
     Attributes:
         title: title for figures.
         twist: initial body twist, without slip [m/s, m/s, rad/s].
-        command: body twist that the drive follows as long as the pedal is up [m/s, m/s, rad/s].
+        command: commanded body twist as long as the pedal is up [m/s, m/s, rad/s].
         pedal: position of the brake pedal, 0 to 1.
         released: whether the brakes are released.
         push: force at the center of gravity, as a multiple of the vehicle's weight [1], in the
@@ -165,7 +165,7 @@ def motion_difference(one: Outcome, other: Outcome) -> float:
 
 
 def force_difference(one: Outcome, other: Outcome) -> float:
-    """Return the difference of the mean forces relative to the larger of force and push [1]."""
+    """Return the difference of the mean forces, relative to `force_scale` of `other` [1]."""
     difference = one.force.mean(axis=0) - other.force.mean(axis=0)
     return float(np.linalg.norm(difference) / other.force_scale)
 
@@ -192,11 +192,11 @@ def movement(
     settling: float,
     wheel_angle: FloatArray | float = 0.0,
 ) -> tuple[float, float]:
-    """Return how far a braked vehicle moves.
+    """Return how far a vehicle moves with its brakes on.
 
     Args:
         configuration: the vehicle.
-        trial: inputs, without its duration.
+        trial: inputs; the duration of the trial is ignored.
         settling: time until the vehicle has come to rest [s].
         wheel_angle: initial angle of the wheels [rad], a number or shape (N,).
 
@@ -213,7 +213,7 @@ def movement(
 def force_trace(
     configuration: VehicleConfiguration, wheel: int, turns: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a wheel's force at 1 m/s against a push of a fifth of the weight.
+    """Return a wheel's force at 1 m/s against a push of a fifth of the vehicle's weight.
 
     Args:
         configuration: the vehicle.
