@@ -88,7 +88,7 @@ class BrakeAssistConfiguration(Configuration):
     """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
     """Limit on the age of the twist, the IMU reading and the wheel speeds that are used; with an
-    older twist and a current IMU reading the state is dead_reckoning"""
+    older twist all brakes are on, unless a current IMU reading allows dead reckoning"""
     maximum_time_step: float = parameter(0.25, unit="s", above=0.0, maximum=60.0)
     """Limit on the time between two demands; after a longer gap in the feedback the heading is
     unknown and a new line of motion is stored"""

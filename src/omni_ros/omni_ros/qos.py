@@ -1,6 +1,7 @@
 """Quality of service of the topics, with parameters to override it."""
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 from rclpy import qos as policies
@@ -36,7 +37,8 @@ def advertise(node: Node, kind: Any, topic: str, qos: policies.QoSProfile = RELI
     depth, reliability, deadline and liveliness_lease_duration [ns], liveliness.
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
-    return node.create_publisher(kind, topic, qos, qos_overriding_options=overridable)
+    # rclpy writes the parameters into the profile, which other topics share.
+    return node.create_publisher(kind, topic, copy(qos), qos_overriding_options=overridable)
 
 
 def subscribe(
@@ -54,5 +56,5 @@ def subscribe(
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
     return node.create_subscription(
-        kind, topic, take, qos, qos_overriding_options=overridable, raw=raw
+        kind, topic, take, copy(qos), qos_overriding_options=overridable, raw=raw
     )

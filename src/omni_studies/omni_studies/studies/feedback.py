@@ -293,7 +293,7 @@ def _harms(
 
 def _findings(table: Table) -> list[str]:
     return [_sentence(*key, found) for key, found in table.items() if _harms(found)] or [
-        "With no source, assistance does more harm than good"
+        "Assistance does more harm than good with none of these sources"
     ]
 
 
