@@ -112,8 +112,8 @@ class LineScanOdometry:
         """Estimate the twist from the measurements since the last update.
 
         Args:
-            batches: camera batches and flow measurements by sensor name; a sensor without an entry
-                has not measured.
+            batches: camera batches and flow measurements by sensor name; without an entry, a sensor
+                counts as unmeasured.
 
         Raises:
             LineBatchError: a name is not that of a configured camera (for lines) or flow sensor.
@@ -255,7 +255,7 @@ class LineScanOdometry:
         )
 
     def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
-        """Return the sensor with the largest residual and a description, if it can be isolated."""
+        """Return the sensor with the largest residual, and a description, if it can be isolated."""
         limit = self._configuration.contradiction_limit
         worst = int(np.argmax(solution.scores))
         score = float(solution.scores[worst])

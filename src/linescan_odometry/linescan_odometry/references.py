@@ -1,6 +1,6 @@
 """Reference tables of one camera: dark signal, gain of each pixel, fixed pattern of an earlier run.
 
-Lines of a covered camera give the dark signal; lines of an evenly lit white surface give the gains.
+The dark signal is measured with a covered camera, and the gains with an evenly lit white surface.
 Both are used to correct lines before a measurement. Pixels that receive hardly any light are
 interpolated. Dirt, shadows and mud are not part of the references; they are estimated together with
 the displacement. The file may also contain such an estimate from an earlier run, which then is the

@@ -68,7 +68,7 @@ class SimulationConfiguration(Configuration):
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
                 "control_period",
-                f"{self.control_period:g} s is no multiple of the physics step of "
+                f"{self.control_period:g} s is not a multiple of the physics step of "
                 f"{self.physics_step:g} s",
             )
 

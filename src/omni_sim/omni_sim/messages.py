@@ -138,7 +138,7 @@ def _point(coordinates: Sequence[float]) -> Point:
 
 
 def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
-    """Return the rotation by yaw, then the smallest rotation with the tilt of roll and pitch."""
+    """Return the rotation by yaw, followed by the smallest one that gives the tilt in the body."""
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
     w = math.sqrt(0.5 * (1.0 + up))  # half the tilt angle, about (x, y, 0) in the body frame

@@ -37,7 +37,7 @@ from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfig
 from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.simulator import Observation, Simulator
 
-_INPUTS = 4  # largest number of subscribed topics
+_INPUTS = 4  # number of subscribed topics at most
 _LARGEST_LAG = 0.1  # s; limit on the delay that is made up while a person drives
 _MARKER_PERIOD = 5  # control periods between two updates of the markers
 
@@ -92,7 +92,7 @@ class SimulatorNode(Node):
         self._enable_stamp_ns = -1
         self._twist_stamp_ns = -1
         self._last_message: dict[str, float] = {}  # arrival time of each node's last message [s]
-        self.silence: dict[str, float] = {}  # real time: longest silence of each node [s]
+        self.silence: dict[str, float] = {}  # real time: longest time without messages [s]
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT

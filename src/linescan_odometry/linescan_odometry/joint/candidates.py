@@ -26,9 +26,9 @@ from linescan_odometry.joint.spectra import (
 )
 from omni_platform.kernels import kernel
 
-REACH = 0.5  # largest shift between two compared lines, as a share of a line
+REACH = 0.5  # limit on the shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
-APART = 8  # px per line; smallest distance of two peaks
+APART = 8  # px per line; smallest distance between two peaks
 _COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
 _COMPARED = 0.5 * HIGHEST  # cycles per pixel; highest frequency at which candidates are compared
 _LAGS = 4  # number of line spacings that are correlated
@@ -186,7 +186,7 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index of the largest spacing in `lags` at which enough lines still overlap."""
+    """Return the index of the largest spacing in `lags` at which lines overlap enough."""
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]

@@ -182,7 +182,8 @@ class JointEstimator:
         """
         evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
-        # A shift within the batch that is below the smallest distance of two peaks counts as rest.
+        # If the shift within the batch is below the smallest distance between two peaks, the
+        # candidate counts as rest.
         static = np.flatnonzero(abs(found) * (layout.lines - 1) < candidates.APART)
         # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
         if evidence[best] < _RATIO * _LIKELY and len(static):

@@ -102,7 +102,7 @@ def _noise(lines: Floats) -> float:
 
 @kernel
 def assess(lines: Floats, here: Expansion) -> Fit:
-    """Return variance and feature counts at a maximum of the likelihood.
+    """Return variance and quality measures of the displacement at a maximum of the likelihood.
 
     Args:
         lines: logarithm of the lines minus the pattern, shape (m, n).

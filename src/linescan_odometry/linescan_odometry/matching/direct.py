@@ -49,7 +49,7 @@ _UNDEFINED = math.inf
 
 
 class _Batch(NamedTuple):
-    """Lines to compare by a distance.
+    """Lines to compare, with tables for the distance measures.
 
     Attributes:
         kind: number of the distance measure.
@@ -84,14 +84,14 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search with any of the metrics; stores the displacement of the last pair."""
+    """Search with any of the metrics, which can use the displacement of the last pair."""
 
     def __init__(self, metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> None:
         """Prepare for one sensor.
 
         Args:
-            metric: similarity metric of the search.
-            limit: largest shift [px].
+            metric: distance measure of the search, one of `search.METRICS`.
+            limit: limit on the shift [px].
             window: half width of the search range around the last displacement [px]; 0 to search
                 all shifts always.
             prior_weight: relative increase of the distance at a shift that differs from the last

@@ -1,4 +1,4 @@
-"""Displacement of each line from the previous one, by a search and its refinement."""
+"""Displacement of each line from the previous one, by a search and a refinement of its result."""
 
 import dataclasses
 

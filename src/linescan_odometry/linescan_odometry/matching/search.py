@@ -50,11 +50,11 @@ METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
 
 
 def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:
-    """Return a search near the last displacement if a window or prior is given, else a full one.
+    """Return a search; if a window or prior is given, it uses the last displacement.
 
     Args:
         metric: one of `METRICS`.
-        limit: largest shift [px].
+        limit: limit on the shift [px].
         window: half width of the search range around the last displacement [px]; 0 to search all
             shifts always.
         prior_weight: relative increase of the distance at a shift that differs from the last

@@ -142,10 +142,10 @@ class TwistSolver:
         """Estimate the twist; `problem` must return an empty text for these sensors.
 
         Args:
-            velocity: velocities along the axes of the sensors [m/s], shape (R,); that of an axle is
-                the last and 0.
+            velocity: velocities along the axes of the sensors [m/s], shape (R,); if there is an
+                axle, the last velocity belongs to it and is 0.
             variance: variances of these velocities [m^2/s^2], positive, shape (R,), or their
-                covariance, shape (R, R), if those of flow sensors are correlated.
+                covariance, shape (R, R), if there are flow sensors.
             measured: whether to use each of the S sensors, then whether to use the axle, if there
                 is one.
 
@@ -160,7 +160,7 @@ class TwistSolver:
         return twist, covariance
 
     def _systematic(self, twist: FloatArray, dimensions: int) -> FloatArray:
-        """Return the variance, (R,), or the covariance, (R, R), of the calibration errors."""
+        """Return variance, (R,), or covariance, (R, R), of the errors caused by calibration."""
         along = self._matrix @ (twist / self._unit)
         motion = np.column_stack(
             (along, self._across @ twist, np.full(len(along), float(twist[2])))
@@ -233,8 +233,8 @@ class TwistSolver:
 
         Returns:
             Residual of each sensor, and of the axle, divided by its standard deviation [1],
-            shape (S,) or (S + 1,). It is 0 for a sensor that has not measured or that the others
-            cannot check. With four line cameras all four values are equal, so a fault can be
+            shape (S,) or (S + 1,). The value is 0 for a sensor that has not measured or that the
+            others cannot check. With four line cameras all four values are equal, so a fault can be
             detected but not isolated. A flow sensor has one value: the root of the sum of squares
             of its two residuals.
         """
@@ -305,6 +305,6 @@ def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | N
         return (
             f"the axes of {names} pass through one point, ({center_x:.2f}, {center_y:.2f}) m, "
             f"within {1e3 * lever:.0f} mm: a rotation about it cannot be measured; mount "
-            "them tangentially"
+            "the sensors tangentially"
         )
     return ""

@@ -25,8 +25,8 @@ Floats = NDArray[np.float32]
 
 _REACH = 0.5  # share of a line; larger shifts of a view are not compared
 _REMEMBERED = 128  # number of twists that are stored
-_GAP_NS = 50_000_000  # longest time without a twist over which the motion is extrapolated
-_LONGEST = 1.0  # s; longest time for which a line is stored
+_GAP_NS = 50_000_000  # limit on the time without a twist over which the motion is extrapolated [ns]
+_LONGEST = 1.0  # s; limit on the time for which a line is stored
 _LEAST_SHIFT = 8.0  # px; at smaller shifts, a fixed pattern looks like an oblique texture
 _SEARCHED = 3  # px searched on each side of the expected shift, in addition to a share of it
 _SEARCHED_SHARE = 0.01
@@ -213,7 +213,7 @@ class ObliqueTextures:
 
         Args:
             stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras by name, too few for a twist.
+            readings: readings of all cameras by name; too few are valid for a twist.
 
         Returns:
             Rejected readings, marked as unmeasured, by the names of their cameras.
@@ -283,7 +283,7 @@ class ObliqueTextures:
                 # A single excess may be chance, because a line contains few independent texture
                 # values.
                 before, excess_before = self._before.get(name, (0.0, 0.0))
-                if reading.persistence != before:  # not the same reading in a second solution
+                if reading.persistence != before:  # skip a reading that is solved again
                     self._excess[name] = min(excess, excess_before)
                     self._before[name] = reading.persistence, excess
                 least = self._excess.get(name, 0.0)

@@ -143,7 +143,7 @@ class ScriptedDriver:
 
     @property
     def first_change_ns(self) -> int:
-        """Time up to which pedal and command are those of the start [ns]."""
+        """Time until which pedal and command do not change after the start [ns]."""
         return 0 if self._times.size else self._brake_ns
 
     @property

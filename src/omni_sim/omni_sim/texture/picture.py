@@ -22,7 +22,7 @@ _KEY = "picture"
 _FORMATS = ("PNG", "TIFF", "JPEG", "BMP", "PPM", "WEBP")
 _MOST_PIXELS = 1 << 29  # 58 cm square at 1000 dpi, 24 cm at 2400 dpi; in color 1.6 GB
 _LEAST_SIZE = 0.02  # smallest edge length of the square [m]
-_LEAST_CONTRAST = 0.3  # gray levels; rounding gives a plain picture this standard deviation
+_LEAST_CONTRAST = 0.3  # gray levels; standard deviation that rounding causes in a plain picture
 # Exceptions that the decoders raise for damaged files.
 _DAMAGE = (
     OSError, SyntaxError, ValueError, TypeError, EOFError, MemoryError, struct.error, zlib.error,

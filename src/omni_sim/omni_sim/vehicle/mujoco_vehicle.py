@@ -188,7 +188,7 @@ class MujocoVehicle(Vehicle):
         counters["overloaded_steps"] += steps * np.count_nonzero(loads > plant.largest_load)
 
     def _set_friction(self) -> FloatArray:
-        """Set the rollers' friction for each wheel; return the largest force [N], shape (N,)."""
+        """Set the rollers' friction for each wheel; return the friction limits [N], shape (N,)."""
         plant, (x, y, yaw) = self.state.plant, self.pose
         limits = np.empty(len(self._hinges))
         for i, (mount, load) in enumerate(
@@ -369,7 +369,7 @@ def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
 
 
 def _drives(n: int, limit: float) -> str:
-    """Return the disengaged velocity servos of the wheels, with their largest torque [N m]."""
+    """Return the disengaged velocity servos of the wheels; `limit` is the torque limit [N m]."""
     return "".join(
         f"<velocity joint='wheel_{i}' kv='0' forcerange='{-limit} {limit}'/>" for i in range(n)
     )

@@ -90,7 +90,7 @@ class Plant(NamedTuple):
         plane: load plane from `loads.load_plane`, shape (N, 3).
         hull: indices of the wheels from `loads.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
-        drive_limit: largest torque of a clutch [N m].
+        drive_limit: limit on the torque of a clutch [N m].
         drive_stiffness: stiffness of a velocity drive that brakes [N m s/rad].
         ramp: rate at which a velocity drive reduces its speed command, divided by the demanded
             brake torque [rad/s^2 per N m]; 0 for friction brakes, shape (N,).
@@ -104,7 +104,7 @@ class Plant(NamedTuple):
         patches: table of the patches from `friction.FrictionMap`, shape (P, 8).
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
-        brake_power: largest power of a wheel's brake [W].
+        brake_power: limit on the power of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
         roller_pitch: angle between two rollers [rad]; 0 if the contacts remain under the wheels.
     """
@@ -147,7 +147,7 @@ class Losses(NamedTuple):
     Attributes:
         wheel: constants of each wheel, records of `LOSS`, shape (N,); shape (0,) without losses.
         constant: part of the ratio of friction to load that does not depend on the load [1].
-        growing: increase of the friction per load with the load, Eq. (19) [1/N].
+        growing: derivative of this ratio with respect to the load, Eq. (19) [1/N].
         inertia: effective mass of a roller for its surface speed [kg].
     """
 
@@ -168,7 +168,7 @@ class Rollers(NamedTuple):
         overlap: overlap of the rollers, see `roller_geometry.RollerConfiguration`.
         constant: part of the ratio of friction at a roller's surface to load that does not depend
             on the load [1].
-        growing: increase of the friction per load with the load, Eq. (19) [1/N].
+        growing: derivative of this ratio with respect to the load, Eq. (19) [1/N].
         state: state of the n rollers of each wheel, `ROLLER`, shape (N, n).
         push: force [N] and moment about the center of gravity [N m] of each wheel in the last step,
             body frame, shape (N, 3).
@@ -189,7 +189,7 @@ class Suspension(NamedTuple):
     """Suspension of a chassis; see the module `suspension`.
 
     Attributes:
-        stiffness: vertical stiffness c of each wheel [N/m]; 0 without suspension.
+        stiffness: vertical stiffness c of each wheel [N/m]; 0 if there is no suspension.
         damping: vertical damping d of each wheel [N s/m].
         pitch_inertia: moment of inertia I_p about the lateral axis [kg m^2].
         roll_inertia: moment of inertia I_r about the longitudinal axis [kg m^2].

@@ -14,14 +14,15 @@ spin of the wheel:
 
     f = -(f_r + f_b + C F_z / D sqrt(h_t / w_t)) F_z sign(w) - m_r / 2 dw/dt,
 
-with the parts ``f_r`` (rolling resistance) and ``f_b`` (bearing friction) of the friction per load
-that do not depend on the load, the wheel load ``F_z``, the mass ``m_r`` of the roller, and the part
-of Eq. (19) that grows with the load: elasticity ``C``, roller diameter ``D``, height ``h_t`` and
-width ``w_t`` of the tread. Rolling resistance and bearing friction hold a roller at rest up to the
-same force. The roller is a solid cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. The
-model neglects the acceleration of a roller that comes into contact, and the rolling resistance of
-the wheel as a whole. Individual rollers (`vehicle.roller_dynamics`) have their own inertia, and
-each loaded roller has the same resistance.
+where ``f_r`` (rolling resistance) and ``f_b`` (bearing friction) are the parts of the ratio of
+friction to load that do not depend on the load, ``F_z`` is the wheel load, and ``m_r`` the mass of
+the roller. The remaining symbols belong to the part of Eq. (19) that grows with the load:
+elasticity ``C``, roller diameter ``D``, height ``h_t`` and width ``w_t`` of the tread. Rolling
+resistance and bearing friction hold a roller at rest up to the same force. The roller is a solid
+cylinder, ``I = m_r r^2 / 2``, so its radius does not matter. The model neglects the acceleration of
+a roller that comes into contact, and the rolling resistance of the wheel as a whole. Individual
+rollers (`vehicle.roller_dynamics`) have their own inertia, and each loaded roller has the same
+resistance.
 """
 
 import math
@@ -37,8 +38,8 @@ class PassiveLossConfiguration(Configuration):
     """Rolling resistance of the rollers divided by the load: the part that does not depend on the
     load, about 0.015 for car tires on concrete"""
     elasticity: float = parameter(0.0, unit="m/N", minimum=0.0, maximum=1.0e-3)
-    """C of Eq. (19), elasticity, which determines how the resistance per load grows with the
-    load"""
+    """C of Eq. (19), elasticity: the resistance divided by the load grows in proportion to C and
+    to the load"""
     roller_diameter: float = parameter(0.08, unit="m", minimum=1.0e-3, maximum=10.0)
     """D of Eq. (19), diameter of the rollers"""
     section_ratio: float = parameter(1.0, minimum=0.0, maximum=10.0)
@@ -55,7 +56,7 @@ class PassiveLossConfiguration(Configuration):
 
     @property
     def growing_share(self) -> float:
-        """Increase of the friction per load with the load, Eq. (19) [1/N]."""
+        """Derivative of the ratio of friction to load with respect to the load, Eq. (19) [1/N]."""
         return self.elasticity / self.roller_diameter * math.sqrt(self.section_ratio)
 
     @property

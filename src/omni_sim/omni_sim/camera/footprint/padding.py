@@ -173,7 +173,7 @@ def padded_levels(
     Args:
         sensors: the cameras by name.
         texture: the ground.
-        headroom: largest factor by which heave of the chassis lengthens the fields of view [1].
+        headroom: limit on the factor by which heave of the chassis lengthens the views [1].
 
     Raises:
         ConfigurationError: a footprint exceeds the period of the texture or is narrower than 10

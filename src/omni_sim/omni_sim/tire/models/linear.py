@@ -29,7 +29,7 @@ class LinearConfiguration(Configuration):
 
 
 class LinearParameters(NamedTuple):
-    """Constants of the kernels: slope at zero slip per load [1], largest force per load [1]."""
+    """Constants of the kernels: ratios of slope at zero slip and of largest force to load [1]."""
 
     stiffness: float
     friction: float

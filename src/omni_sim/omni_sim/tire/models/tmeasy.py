@@ -36,9 +36,9 @@ class TMeasyCurve(Configuration):
     slope_2: float = parameter(unit="N", above=0.0, maximum=1.0e10)
     """Slope dF/ds at zero slip and nominal load 2"""
     peak_slip_1: float = parameter(above=0.0, maximum=10.0)
-    """Slip of the largest force at nominal load 1"""
+    """Slip at which the force is largest, at nominal load 1"""
     peak_slip_2: float = parameter(above=0.0, maximum=10.0)
-    """Slip of the largest force at nominal load 2"""
+    """Slip at which the force is largest, at nominal load 2"""
     peak_force_1: float = parameter(unit="N", above=0.0, maximum=1.0e8)
     """Largest force at nominal load 1"""
     peak_force_2: float = parameter(unit="N", above=0.0, maximum=1.0e8)
