@@ -151,7 +151,7 @@ def test_the_noise_of_the_velocity_sensor_has_the_covariance_it_claims() -> None
 
 
 def test_a_period_that_is_no_multiple_of_the_step_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"control_period: 0\.0102 s is no multiple"):
+    with pytest.raises(ConfigurationError, match=r"control_period: 0\.0102 s is not a multiple"):
         SimulationConfiguration(control_period=0.0102)
 
 
