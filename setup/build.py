@@ -15,12 +15,12 @@ def build(workspace: places.Workspace, steps: Steps) -> None:
     """Build the packages from scratch."""
     state = places.files_state(
         places.build_inputs(workspace.root)
-    )  # taken first, so that an edit during the build causes another build
+    )  # before the build, so that an edit during it causes another build
     environment_stamp = places.read_stamp(workspace.venv)
     environment = places.venv_environment(workspace, environment_stamp["libraries"])
     packages = sorted(path.parent for path in (workspace.root / "src").glob("*/package.xml"))
     say(f"building {len(packages)} packages with colcon")
-    # Built from scratch, so that no file of a deleted package stays. The stamp is removed first.
+    # The stamp is deleted first. No file of a deleted package may remain.
     (workspace.install / "omni.json").unlink(missing_ok=True)
     for folder in (workspace.root / "build", workspace.install, workspace.cache / "colcon"):
         remove(folder)

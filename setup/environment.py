@@ -14,14 +14,14 @@ from setup import workspace as places
 from setup.pythons import find_python, say
 from setup.steps import Steps
 
-DISK_SPACE = 1.5e9  # bytes: the environment takes 0.9 GB, downloads and kernels the rest
+DISK_SPACE = 1.5e9  # bytes: 0.9 GB for the environment, the rest for downloads and kernels
 # Packages that compile the kernels, after a package that every index has; they are installed first,
 # as compilation takes the longest.
 COMPILER = ["setuptools", "llvmlite", "numba", "numpy", "pillow", "pyyaml", "rocket-fft", "scipy"]
 
 
 def make_environment(workspace: places.Workspace, steps: Steps) -> None:
-    """Fill the environment folder with the packages of the lock file."""
+    """Create the environment with the packages of the lock file."""
     python = choose_python(workspace)
     failures.check_venv_module(python)
     if not workspace.ros:
@@ -73,7 +73,7 @@ def make_environment(workspace: places.Workspace, steps: Steps) -> None:
 def choose_python(workspace: places.Workspace) -> str:
     """Return the Python for the environment: that of the sourced ROS, if there is one."""
     if not workspace.ros or workspace.ros.python == sys.version_info[:2]:
-        # The base Python, as an active environment may be the one that is about to be replaced.
+        # The base Python is used, as an active environment may be the one that is to be replaced.
         return str(getattr(sys, "_base_executable", sys.executable))
     python = find_python((workspace.ros.python,))
     if not python:
@@ -137,7 +137,7 @@ def compile_in_background(workspace: places.Workspace) -> None:
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
-            start_new_session=True,  # Ctrl-C ends the command, and not the compiler
+            start_new_session=True,  # Ctrl-C ends the command, but not the compilation
         )
     say(
         "compiling kernels in the background (about one minute); commands wait only for those "

@@ -13,7 +13,7 @@ class SetupError(Exception):
 
 
 def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
-    """Raise an error for a machine without ROS wheels.
+    """Raise an error if the ROS wheels do not support this machine.
 
     Args:
         system: Operating system, as returned by platform.system().
@@ -43,7 +43,7 @@ def check_platform(system: str, machine: str, libc: str, bits: int) -> None:
 
 
 def check_venv_module(python: str) -> None:
-    """Raise an error for a Python without venv (a separate package in Debian)."""
+    """Raise an error if a Python lacks the module venv, which is a separate package in Debian."""
     probe = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
     if subprocess.call(
         [python, "-I", "-c", probe], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -67,10 +67,10 @@ def check_space(folder: Path, needed: float) -> None:
 
 
 def explain_install(output: str, log: Path, step: str = "installing the packages") -> str:
-    """Return the sentence for a failed installation.
+    """Return a sentence that explains a failed installation.
 
     Args:
-        output: What pip has printed.
+        output: Output of pip.
         log: Log file, which the sentence names.
         step: Name of the failed step, used if the output does not contain the reason.
     """
@@ -103,7 +103,7 @@ def explain_install(output: str, log: Path, step: str = "installing the packages
 
 
 def explain_file_error(error: OSError, root: Path) -> str:
-    """Return the sentence for a file that cannot be written or read."""
+    """Return a sentence that explains why a file cannot be written or read."""
     place = error.filename or root
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return "the disk is full: make room and start again."

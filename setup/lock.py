@@ -1,4 +1,4 @@
-"""Lock that set-up holds exclusively and commands share."""
+"""Lock of the workspace, which set-up holds exclusively and running commands share."""
 
 import errno
 import fcntl
@@ -9,7 +9,7 @@ from setup.workspace import Workspace
 
 
 def open_lock(workspace: Workspace) -> int | None:
-    """Return the descriptor of the lock file of this folder."""
+    """Return the descriptor of the workspace's lock file."""
     path = workspace.cache / "lock"
     try:
         workspace.cache.mkdir(exist_ok=True)
@@ -21,7 +21,7 @@ def open_lock(workspace: Workspace) -> int | None:
 
 
 def take_lock(lock: int | None, mode: int) -> None:
-    """Take the lock in `mode`, and print a message before waiting."""
+    """Take the lock in `mode`; print a message if another process holds it."""
     if lock is None:
         return
     try:
@@ -31,4 +31,4 @@ def take_lock(lock: int | None, mode: int) -> None:
         fcntl.flock(lock, mode)
     except OSError as error:
         if error.errno not in (errno.ENOLCK, errno.ENOTSUP, errno.EINVAL, errno.EBADF):
-            raise  # on a file system without locks there is no lock
+            raise  # on a file system without locks, set-up runs without one

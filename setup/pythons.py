@@ -1,7 +1,7 @@
 """Finds a usable Python.
 
 Any Python 3 must parse this file and `omni`, so that an old Python prints a message instead of a
-syntax error. Therefore they use no f-strings, no annotated variables and no new modules.
+syntax error. These two files therefore use no f-strings, no annotated variables and no new modules.
 """
 
 # ruff: noqa: UP032

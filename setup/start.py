@@ -22,7 +22,7 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
 
     Args:
         words: the command and its arguments.
-        door: path of the started program, in the folder of the workspace.
+        door: path of the program `omni`, which is in the folder of the workspace.
         usage: help text of the program.
     """
     root = Path(door).parent
@@ -49,7 +49,7 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
 
 
 def start(words: Sequence[str], root: Path, usage: str) -> int:
-    """Make the workspace ready and hand over to the command."""
+    """Make the workspace ready, and replace this process by the command."""
     asks_help = not words or words[0] in ("-h", "--help", "help")
     workspace = places.Workspace(root, places.find_sourced_ros(os.environ, root))
     if asks_help:
@@ -59,7 +59,7 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
         print(flush=True)
         words = ["--help"]
     lock = None
-    # A start within a running command uses the same build, even if files were edited meanwhile.
+    # A start from a running command uses that command's build, even if files were edited meanwhile.
     within = os.environ.get("OMNI_RUNNING") == str(root)
     if not within:
         lock = open_lock(workspace)
@@ -72,7 +72,7 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
 
 
 def make_ready(workspace: places.Workspace, lock: int | None) -> None:
-    """Bring environment and build up to date; return with the lock shared.
+    """Bring environment and build up to date; on return the lock is shared.
 
     Commands keep the lock shared while they run, so that no other start rebuilds the packages
     under a running experiment.
@@ -110,11 +110,11 @@ def hand_over(
         if lock is not None:
             os.set_inheritable(lock, True)
         if words[0] == "test":
-            # Only the needed plugins are loaded, as those of a sourced ROS do not fit every pytest.
+            # Only required plugins are loaded, as those of a sourced ROS fail with some pytests.
             environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
             # Without named files, all tests run on all cores, file by file, because the tests of a
-            # file share its recorded runs. There are two workers more than cores, as workers often
+            # file share its recorded runs. There are two more workers than cores, as workers often
             # wait for other processes.
             named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
             if not named and not {"-n", "-k", "--pdb"} & set(words):

@@ -1,4 +1,4 @@
-"""Steps of the set-up: programs whose output goes to the log."""
+"""Steps of the set-up, each of which is a program whose output goes to the log."""
 
 import ctypes
 import shutil
@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from setup.workspace import Workspace
 
 _PR_SET_PDEATHSIG = 1  # <linux/prctl.h>
-_LIBC = ctypes.CDLL(None)  # loaded here, not between fork and exec
+_LIBC = ctypes.CDLL(None)  # loaded at import, because it must not happen between fork and exec
 
 
 def _end_with_parent() -> None:
@@ -26,7 +26,7 @@ class Steps:
 
         Args:
             workspace: workspace to make ready.
-            lock: descriptor of the lock that is held.
+            lock: descriptor of the lock that this process holds; None without a lock file.
         """
         self.workspace = workspace
         self.lock = lock
@@ -44,7 +44,7 @@ class Steps:
         Args:
             command: Program and arguments.
             environment: All environment variables of the program.
-            note: Function from a line of output to the progress that is shown, if any.
+            note: Function that returns the progress text for a line of output; None for no change.
         """
         words = [str(word) for word in command]
         output = []

@@ -16,7 +16,7 @@ from setup.pythons import SUPPORTED
 STAMP_FORMAT = 1
 OWN_FOLDERS = ("src", "build", "install")
 SOURCED_DISTRO = "jazzy"
-# Variables with which another Python, ROS or pip configuration would affect this environment.
+# Variables through which another Python, ROS or pip configuration would affect this environment.
 FOREIGN_VARIABLES = (
     *("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "AMENT_PREFIX_PATH", "COLCON_PREFIX_PATH"),
     *("ROS_DISTRO", "ROS_VERSION", "ROS_PYTHON_VERSION", "_ROS_WHEELS_BOOTSTRAP_COMPLETE"),
@@ -39,7 +39,7 @@ class Workspace:
     def __init__(self, root: Path, ros: SourcedRos | None) -> None:
         self.root = root
         self.ros = ros
-        # One environment for each kind of ROS, so that both can exist.
+        # There is one environment for each kind of ROS, so that both kinds can exist side by side.
         self.venv = root / (".venv-sourced" if ros else ".venv")
         self.python = self.venv / "bin" / "python"
         self.lock_file = root / "requirements" / ("sourced-ros.lock" if ros else "wheels.lock")
@@ -50,14 +50,14 @@ class Workspace:
 
 
 def find_sourced_ros(environ: Mapping[str, str], root: Path) -> SourcedRos | None:
-    """Return the sourced Jazzy with rclpy, or None if ROS from PyPI is to be used.
+    """Return the sourced Jazzy with rclpy; None if the ROS wheels from PyPI are to be used.
 
     Args:
         environ: The user's environment; OMNI_ROS forces the choice.
         root: Folder of the workspace, whose own prefixes do not count.
 
     Raises:
-        SetupError: OMNI_ROS demands a sourced Jazzy that is missing, or has an unknown value.
+        SetupError: OMNI_ROS has an unknown value, or demands a sourced Jazzy and none is found.
     """
     wanted = environ.get("OMNI_ROS", "")
     if wanted not in ("", "wheels", "sourced"):
@@ -120,8 +120,8 @@ def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[s
 def own_modules(environ: Mapping[str, str], workspace: Workspace) -> list[str]:
     """Return the entries of PYTHONPATH that contain the user's own modules.
 
-    Packages of another Python or ROS are incompatible: entries below its prefix and any folder of
-    site-packages are removed.
+    Packages of another Python or ROS are incompatible. Therefore the entries below the prefix of
+    such an installation and all folders of site-packages are removed.
     """
     foreign = [str(workspace.venv), *(f"{workspace.root}/{name}" for name in OWN_FOLDERS)]
     foreign += environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
@@ -151,7 +151,7 @@ def venv_environment(workspace: Workspace, libraries: Sequence[str]) -> dict[str
     environment["VIRTUAL_ENV"] = str(workspace.venv)
     prepend(environment, "PATH", workspace.venv / "bin")
     if not workspace.ros:
-        # The environment is an ament prefix of its own. Without the last two variables, the ROS
+        # The environment is also an ament prefix. Without the last two variables, the ROS
         # wheels would set them at import and restart every Python.
         prepend(environment, "AMENT_PREFIX_PATH", workspace.venv)
         prepend(environment, "LD_LIBRARY_PATH", *libraries)
@@ -185,8 +185,8 @@ def file_digest(path: Path) -> str:
 def build_inputs(root: Path) -> Iterator[Path]:
     """Yield the files that a build reads, in a fixed order.
 
-    Modules are imported from src, and tests are not installed. A folder of the configuration, which
-    is installed, changes with its list of files.
+    Modules are imported from src, and tests are not installed, so a build depends on neither. The
+    configuration is installed, so a build depends on the list of files in each of its folders.
     """
     yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
@@ -223,7 +223,7 @@ def environment_identity(workspace: Workspace) -> dict[str, object]:
 
 
 def build_identity(environment: Mapping[str, object]) -> dict[str, object]:
-    """Return the part of a build's stamp that does not depend on the files of the packages."""
+    """Return the part of a build's stamp that is independent of the packages' files."""
     return {"format": STAMP_FORMAT, "environment": environment.get("made")}
 
 

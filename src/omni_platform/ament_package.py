@@ -16,11 +16,11 @@ def install(
     """Install the package in this folder, by its ``package.xml``, as an ament_python package.
 
     Args:
-        requires: packages that pip installs for the core; the nodes need ROS too.
-        nodes: modules of nodes by executable, see `omni_ros.start`.
+        requires: packages that pip installs for the core; the nodes require ROS too.
+        nodes: module of each node by the name of its executable, see `omni_ros.start`.
         programs: entry points of other executables, as ``name = module:function``.
         data: patterns of files next to the modules.
-        shared: files by folder below ``share/<package>``.
+        shared: pairs of a folder below ``share/<package>`` and its files.
     """
     package = ElementTree.parse("package.xml").getroot()
     name = str(package.findtext("name"))
@@ -38,7 +38,7 @@ def install(
             (f"share/{name}", ["package.xml"]),
             *((f"share/{name}/{folder}", files) for folder, files in shared),
         ],
-        extras_require={"test": ["pytest"]},  # by which `colcon test` finds the tests
+        extras_require={"test": ["pytest"]},  # through this entry `colcon test` finds the tests
         zip_safe=False,
         entry_points={
             "console_scripts": [*programs, *(f"{name} = omni_ros.start:main" for name in nodes)],

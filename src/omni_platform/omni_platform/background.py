@@ -2,8 +2,8 @@
 
 A thread that waits for the GIL loses about ten microseconds. Background work should therefore be
 one kernel that takes a few tenths of a millisecond, with little Python code around it. Two
-processors then run two kernels in the time of one. With a single processor, the work is done when
-its result is needed.
+processors then run two such kernels in the time of one. With a single processor, the work is done
+when its result is needed.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class _Work(Generic[_T]):
         self._error: BaseException | None = None
 
     def do(self) -> None:
-        """Do the work unless another thread has started it."""
+        """Do the work, unless another thread has already started it."""
         if not self._begun.acquire(blocking=False):
             return
         work, self._work = self._work, None
-        assert work is not None  # since it has not begun
+        assert work is not None  # the work has not begun
         try:
             self._result = work()
         except BaseException as error:
@@ -77,11 +77,11 @@ def _queue() -> SimpleQueue[_Work[Any]] | None:
     return queue
 
 
-os.register_at_fork(after_in_child=_queue.cache_clear)  # the thread does not exist in a fork
+os.register_at_fork(after_in_child=_queue.cache_clear)  # a forked process does not have this thread
 
 
 def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
-    """Queue work for the background thread, and return a function that returns its result.
+    """Queue work for the background thread; return a function that returns the work's result.
 
     The returned function must be called once; it does the work itself if no thread has started it.
 

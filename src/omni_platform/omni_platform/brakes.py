@@ -20,14 +20,14 @@ TYPICAL: Mapping[str, Mapping[str, Any]] = {
     VELOCITY: {"kind": VELOCITY},
 }
 """Typical values for the section `brake`: on-off valves; spring-applied electromagnetic brakes,
-with 40 to 120 ms according to data sheets; proportional brakes; drives with a torque or a speed
-command"""
+which take 40 to 120 ms according to data sheets; proportional brakes; drives with a torque or a
+speed command"""
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
     """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`.
 
-    They replace kind and timing of the vehicle's brakes, and keep torque, power and ramp.
+    The overrides replace kind and timing of the vehicle's brakes; torque, power and ramp remain.
     """
     timing = ("dead_time", "release_time", "time_constant")
     values = {key: getattr(BrakeConfiguration, key) for key in timing}
@@ -47,8 +47,8 @@ class BrakeConfiguration(Configuration):
     max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
     """Torque of a wheel's brake when the pedal is fully down"""
     max_power: float = parameter(0.0, unit="W", minimum=0.0, maximum=1.0e9)
-    """Largest braking power of a wheel, above which the torque decreases with the speed, as with
-    a braking electric drive (0: no limit)"""
+    """Limit on the braking power of a wheel, above which the torque decreases with the speed, as
+    with a braking electric drive (0: no limit)"""
     ramp: float = parameter(3.0, unit="m/s^2", above=0.0, maximum=1000.0)
     """Deceleration of the rim that a velocity drive commands when the pedal is fully down"""
     dead_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
@@ -66,7 +66,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def settling_time(self) -> float:
-        """Time to 86 % of a pressure change: dead time and two time constants [s]."""
+        """Time until 86 % of a pressure change: dead time plus two time constants [s]."""
         return self.dead_time + 2.0 * self.time_constant
 
     @property
@@ -75,7 +75,7 @@ class BrakeConfiguration(Configuration):
         return self.settling_time + max(self.release_time - self.dead_time, 0.0)
 
     def limited(self, torque: FloatArray, speed: FloatArray) -> FloatArray:
-        """Return brake torques [N m], limited to the largest power.
+        """Return brake torques [N m] within the limit on the braking power.
 
         Args:
             torque: torques before the limitation [N m], shape (N,).

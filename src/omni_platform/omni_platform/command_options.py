@@ -43,11 +43,11 @@ def option(
     """Declare a field with further properties of its command-line option.
 
     Args:
-        default: value used if none is given; without it the option is required.
+        default: value used if none is given; without a default the option is required.
         flag: flag such as ``--set`` if it differs from the field's name.
         metavar: name of the value in the help.
         positional: whether the option is a positional argument without a flag.
-        many: whether one flag takes several values of a tuple.
+        many: whether one flag takes several values, which form a tuple.
         **declared: the other arguments of `parameter`.
     """
     field = configuration.parameter(default, **declared)
@@ -70,7 +70,7 @@ def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
 
 
 def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configuration]) -> None:
-    """Declare the parameters of `cls` as options; one that is not given is absent from the result.
+    """Declare the parameters of `cls` as options; the parsed result lacks options not given.
 
     Args:
         parser: parser of the command.
@@ -117,8 +117,8 @@ def parse_options(
         parser: parser without options; a new one by default.
 
     Raises:
-        ConfigurationError: a value does not fit; the key of the error is the option as typed.
-        SystemExit: the words are not options of `cls`; standard error gives the reason.
+        ConfigurationError: a value is invalid; the key of the error is the option as typed.
+        SystemExit: the words are not options of `cls`; the reason is printed to standard error.
     """
     parser = parser or argparse.ArgumentParser()
     add_options(parser, cls)
@@ -133,7 +133,7 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
         parsed: result of a parser with `add_options`.
 
     Raises:
-        ConfigurationError: a value does not fit; the key of the error is the option as typed.
+        ConfigurationError: a value is invalid; the key of the error is the option as typed.
     """
     given = {
         name: tuple(value) if isinstance(value, list) else value
@@ -157,7 +157,7 @@ def flags_of(cls: type[configuration.Configuration]) -> list[str]:
 
 
 def option_of(cls: type[configuration.Configuration], key: str) -> str:
-    """Return the option that a person gives for a field, such as ``--max-rotation``."""
+    """Return the option of a field as it is typed, such as ``--max-rotation``."""
     name = re.split(r"[.\[]", key)[0]
     for field in dataclasses.fields(cls):
         if field.name == name:

@@ -12,9 +12,9 @@ An option of a command (`omni_platform.command_options`) may also be a `Path`, o
 Invalid values are never corrected: they raise `ConfigurationError`, which names the key, the value
 and what is permitted.
 
-Every number but a seed has a smallest and a largest value. The range is that of wheeled vehicles
-and their sensors, widened by about a factor of ten: wider values are typing errors, and results
-computed from them could overflow.
+Every number except a seed has a smallest and a largest permitted value. The range is that of
+wheeled vehicles and their sensors, widened by about a factor of ten: values outside this range are
+typing errors, and results computed from them could overflow.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from typing import dataclass_transform
-else:  # Python 3.10 lacks it, and nothing reads it at run time
+else:  # Python 3.10 lacks this decorator, and nothing reads it at run time
 
     def dataclass_transform(**_: Any) -> Callable[[type], type]:
-        """Return a decorator without effect."""
+        """Return a decorator that has no effect."""
         return lambda cls: cls
 
 
@@ -51,14 +51,14 @@ C = TypeVar("C", bound="Configuration")
 
 
 class InputError(ValueError):
-    """Input is refused before anything starts; the message names the value and a remedy."""
+    """Input that is rejected before anything starts; the message names the value and a remedy."""
 
     def __init__(self, words: str) -> None:
         super().__init__(shortened(words))
 
 
 class WorkError(RuntimeError):
-    """Work has begun and cannot be finished; the message gives the reason."""
+    """Work that has begun and cannot be finished; the message gives the reason."""
 
 
 class ConfigurationError(InputError):
@@ -75,7 +75,7 @@ class ConfigurationError(InputError):
         self.problem = problem
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to pickle the error, which worker processes send to the command."""
+        """Return the constructor and its arguments, so that workers can pickle the error."""
         return type(self), (self.key, self.problem)
 
     def below(self, parent: str) -> ConfigurationError:
@@ -91,7 +91,7 @@ class ParameterInfo:
     which is read from the source when it is shown.
 
     Attributes:
-        given: description given in the declaration, None without one.
+        given: description given in the declaration; None if there is none.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
         minimum: smallest permitted value.
         maximum: largest permitted value.
@@ -110,7 +110,7 @@ class ParameterInfo:
 
     @property
     def description(self) -> str:
-        """The given description, or the string below the field, on one line."""
+        """Description from the declaration or from the string below the field, on one line."""
         if self.given is not None or self.field is None:
             return self.given or ""
         cls, name = self.field
@@ -145,7 +145,7 @@ def parameter(
     """Declare a configuration field.
 
     Args:
-        default: value used if none is given; without it the key is required.
+        default: value used if none is given; without a default the key is required.
         description: text shown by ``--help`` and ``ros2 param describe``; by default the string
             below the field.
         unit: SI symbol (or ``deg``), empty for names, flags and pure numbers.
@@ -190,13 +190,13 @@ class Configuration:
         for name, kind, info in declared_parameters(type(self)):
             value = getattr(self, name)
             if without_none(kind) is float and type(value) is int:
-                value = _convert(value, float, name)  # 1 where 1.0 is meant
+                value = _convert(value, float, name)  # an integer such as 1 is accepted as 1.0
                 object.__setattr__(self, name, value)
             _check_value(name, value, kind, info)
         self.check_consistency()
 
     def check_consistency(self) -> None:
-        """Raise `ConfigurationError` if valid values contradict each other."""
+        """Raise `ConfigurationError` if individually valid values are inconsistent."""
 
 
 def declared_parameters(cls: type[Configuration]) -> tuple[tuple[str, Any, ParameterInfo], ...]:
@@ -264,7 +264,7 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
         key: dotted path of `mapping` itself, for messages.
 
     Raises:
-        ConfigurationError: a key is unknown or missing, or a value does not fit.
+        ConfigurationError: a key is unknown or missing, or a value is invalid.
     """
     if not isinstance(mapping, Mapping):
         raise ConfigurationError(key, f"{_described(mapping)}, not a mapping of names to values")
@@ -293,7 +293,7 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
 
 
 def to_mapping(configuration: Configuration) -> dict[str, Any]:
-    """Return a configuration as nested dicts of plain values, ready for YAML."""
+    """Return a configuration as nested dicts of plain values that YAML can represent."""
     result: dict[str, Any] = {}
     for name, kind, _ in declared_parameters(type(configuration)):
         value = getattr(configuration, name)
@@ -309,15 +309,15 @@ def to_mapping(configuration: Configuration) -> dict[str, Any]:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return ``; did you mean ...?`` if one of the known names is close to the one given."""
+    """Return ``; did you mean ...?`` if a known name is similar to `name`."""
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
 def shortened(text: str, longest: int = 255) -> str:
-    """Return a text in which words of more than `longest` characters are cut.
+    """Return a text in which words of more than `longest` characters are shortened.
 
-    The default is the largest length of a file name.
+    The default is the maximum length of a file name.
     """
     return re.sub(
         rf"(\S{{60}})\S{{{longest - 59},}}",
@@ -327,10 +327,10 @@ def shortened(text: str, longest: int = 255) -> str:
 
 
 def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
-    """Refuse a value that is none of the known ones.
+    """Check that a value is one of the known values.
 
     Raises:
-        ConfigurationError: names the known values, and a similar one.
+        ConfigurationError: the value is unknown; the message names the known and a similar one.
     """
     names = list(known)
     if value not in names:
@@ -344,7 +344,7 @@ def _unknown_key(name: str, known: Mapping[str, Any]) -> str:
 
 
 def _convert(value: Any, kind: Any, key: str) -> Any:
-    """Convert a YAML value to the type of a field, without guessing."""
+    """Convert a YAML value to the type of a field; reject a value of another type."""
     if is_configuration(kind):
         return from_mapping(kind, value, key)
     element = element_configuration(kind)

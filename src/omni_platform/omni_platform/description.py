@@ -27,7 +27,7 @@ def urdf(
         name: name of the robot.
         wheels: wheels by name.
         sensors: line cameras and flow sensors by name.
-        size: length and width of the platform [m]; by default those of the wheels' positions.
+        size: length and width of the platform [m]; by default the extent of the wheel positions.
     """
     robot = ElementTree.Element("robot", name=name)
     radius = max(wheel.radius for wheel in wheels.values())

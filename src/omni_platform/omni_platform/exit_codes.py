@@ -1,4 +1,4 @@
-"""The exit codes of commands and nodes."""
+"""Exit codes of commands and nodes."""
 
 import enum
 
@@ -9,7 +9,7 @@ class ExitCode(enum.IntEnum):
     OK = 0
     FAILED = 1
     REFUSED = 2
-    """Refused before anything started, such as an invalid configuration"""
+    """Rejected before anything started, for example because of an invalid configuration"""
     INTERRUPTED = 130
     """Ended by Ctrl-C"""
     TERMINATED = 143

@@ -45,7 +45,7 @@ class PlatformGeometry:
 
     Attributes:
         names: wheel names, in the order of the rows below.
-        position: ``r_i``, wheel contact points [m], shape (N, 2).
+        position: ``r_i``, wheel contact points [m], in the body frame, shape (N, 2).
         axis: ``n_i``, unit vectors along the wheel axes, shape (N, 2).
         rolling: ``u_i = n_i x k``, unit rolling directions, shape (N, 2).
         active: ``n_wi``, unit roller axes (active directions), shape (N, 2).
@@ -93,17 +93,17 @@ class PlatformGeometry:
 
     @cached_property
     def lever(self) -> FloatArray:
-        """Return the arms ``n_wi . (k x r_i)`` of the active directions [m], shape (N,)."""
+        """Return the lever arms ``n_wi . (k x r_i)`` of the active directions [m], shape (N,)."""
         return cross(self.position, self.active)
 
     @cached_property
     def rim(self) -> FloatArray:
-        """Return ``R_i u_i . n_wi`` [m], rim speed along n_w per wheel speed, shape (N,)."""
+        """Return ``R_i u_i . n_wi``, rim speed along n_wi per wheel speed [m], shape (N,)."""
         return np.asarray(self.radius * np.sum(self.active * self.rolling, axis=1))
 
 
 def _directions(angle: FloatArray) -> FloatArray:
-    """Return unit vectors, exact along the axes, for angles [rad] of shape (N,)."""
+    """Return unit vectors at angles [rad], shape (N,); they are exact along the axes."""
     vectors = np.column_stack((np.cos(angle), np.sin(angle)))
     vectors[np.abs(vectors) < 1e-15] = 0.0
     return vectors

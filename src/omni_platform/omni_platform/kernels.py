@@ -2,10 +2,10 @@
 
 numba counts the references to every array whenever it passes or unpacks the array. A kernel that
 receives the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two
-thirds of its run time, and of its compilation, on these counts. A `lean` kernel does not count
+thirds of its run time, and of its compilation time, on these counts. A `lean` kernel does not count
 references. It must therefore neither create an array (assigning a slice creates one) nor return
 one, not even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared
-as `kernel` and should be short. The largest kernels are also `linked`.
+as `kernel` and should be short. The largest kernels are also declared as `linked`.
 """
 
 import functools
@@ -49,9 +49,10 @@ def _defer_blas() -> None:
 
 
 def _defer_transforms() -> None:
-    """Keep numba from loading `rocket_fft` with its first kernel; its import takes 0.1 s.
+    """Keep numba from loading `rocket_fft` with its first kernel, as this import takes 0.1 s.
 
-    Modules whose kernels call numpy.fft import it. Other extensions of numba are loaded as usual.
+    Modules whose kernels call numpy.fft import `rocket_fft` themselves. Other extensions of numba
+    are loaded as usual.
     """
     entrypoints._already_initialized = True
     for extension in entry_points(group="numba_extensions", name="init"):
@@ -62,7 +63,8 @@ def _defer_transforms() -> None:
 def _defer_reference_counts() -> None:
     """Defer the compilation of numba's reference counts until a kernel is compiled.
 
-    Kernels from the cache contain them. The compilation takes 20 ms in each process.
+    Kernels from the cache already contain these counts. The compilation would take 20 ms in each
+    process.
     """
     compiled = nrtdynmod.compile_nrt_functions
     nrtdynmod.compile_nrt_functions = lambda context: functools.cache(lambda: compiled(context))
@@ -78,9 +80,9 @@ _defer_reference_counts()
 def _declares(**options: Any) -> Callable[[_F], _F]:
     """Return a decorator that declares a kernel with these options of numba.
 
-    numba gives every kernel an entry for Python, which converts all arguments and takes a quarter
-    of the compilation. Other kernels call a second dispatcher of the function, without this entry,
-    so that only kernels that Python calls are compiled with it.
+    numba gives every kernel an entry point for Python, which converts all arguments and takes a
+    quarter of the compilation time. Other kernels call a second dispatcher of the function, which
+    lacks this entry point. Only kernels that Python calls are therefore compiled with it.
     """
     declare = functools.partial(
         njit, cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
@@ -103,7 +105,7 @@ lean = _declares(_nrt=False)
 """Declares a kernel that, like all kernels it calls, neither creates nor returns arrays."""
 
 lean_inline = _declares(forceinline=True, _nrt=False)
-"""Like `lean`, and inlined; for kernels with many arguments and few callers."""
+"""Declares a kernel that is lean and inlined; for kernels with many arguments and few callers."""
 
 inlined = _declares(inline="always", _nrt=False)
-"""Like `lean_inline`, but never compiled alone: numba makes it a part of its callers."""
+"""Declares a kernel that numba never compiles alone but makes a part of its callers."""

@@ -18,7 +18,7 @@ from omni_platform.quantities import FloatArray
 
 # A roller axis within 0.06 deg of the wheel axis cannot transmit a useful drive force.
 _MINIMUM_COS_GAMMA = 1e-3
-# Smallest ratio of the singular values of M, with lengths divided by the platform's radius.
+# Limit on the ratio of the singular values of M, with lengths divided by the platform's radius.
 _MINIMUM_CONDITION = 1e-6
 
 
@@ -60,7 +60,7 @@ class PlatformKinematics:
         return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:
-        """Return the matrix of Eqs. (30), (32) for wheels with these radii [m], shape (N, 3)."""
+        """Return the matrix of Eqs. (30), (32), shape (N, 3), for wheels with these radii [m]."""
         cos_gamma = np.cos(self.geometry.roller_angle)
         inverse: FloatArray = self.matrix / (radius * cos_gamma)[:, np.newaxis]
         return inverse
@@ -74,7 +74,7 @@ class PlatformKinematics:
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
-            radius: effective rolling radius [m], shape (N,); by default that of the geometry.
+            radius: effective rolling radii [m], shape (N,); by default those of the geometry.
 
         Returns:
             Wheel speeds [rad/s], shape (..., N).

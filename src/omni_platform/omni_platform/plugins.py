@@ -72,7 +72,7 @@ def load_class(
 ) -> type[Any]:
     """Import a user's class.
 
-    The module is searched for on Python's path and in the working directory.
+    The module is searched for on the path of Python and in the working directory.
 
     Args:
         key: key of the configuration.
@@ -115,7 +115,7 @@ def make_part(key: str, name: str, cls: type[Any], *arguments: Any) -> Any:
 
     Args:
         key: key of the configuration.
-        name: name by which the class was found.
+        name: name of the class in the configuration, for messages.
         cls: the class.
         *arguments: arguments of its constructor.
 

@@ -1,9 +1,9 @@
 """Positions, axes and fields of view of ground sensors.
 
-A line camera measures the velocity of its position along its axis. A flow sensor measures this
-velocity and the velocity to the left of the axis. The footprint of a line camera is a rectangle:
-`length` along the axis, divided into `pixels`, and `width` across it, over which each pixel
-integrates (dissertation, section 4.3.2).
+A line camera measures the velocity, along its axis, of the point at which it is mounted. A flow
+sensor measures this velocity and the velocity to the left of the axis. The footprint of a line
+camera is a rectangle with the `length` along the axis, divided into `pixels`, and the `width`
+across it, over which each pixel integrates (dissertation, section 4.3.2).
 """
 
 import math
@@ -15,7 +15,7 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Smallest share of a line's field of view that the next line shows again [1], section 4.4."""
+"""Minimum share of a line's field of view that the next line must show again [1], section 4.4."""
 
 
 class Mount(Configuration):
@@ -34,7 +34,7 @@ class Mount(Configuration):
     heading_error_deg: float = parameter(0.0, unit="deg", minimum=0.0, maximum=90.0)
     """Standard error of the axis direction"""
     lever_error: float = parameter(0.0, unit="m", minimum=0.0, maximum=10.0)
-    """Standard error of the distance between base_link and the line of the axis"""
+    """Standard error of the distance between base_link and the straight line along the axis"""
 
     @property
     def heading(self) -> float:
@@ -60,8 +60,8 @@ class LineSensor(Mount):
     """Line rate"""
     non_uniformity: float = parameter(0.01, minimum=0.0, maximum=1.0)
     """Standard deviation of the pixel gains relative to their mean (PRNU of EMVA 1288; a data sheet
-    states it). Without a white reference, and until the camera has moved, only a texture
-    with more contrast shows that it is at rest"""
+    states it). Without a white reference, and until the camera has moved, standstill is measured
+    only on a texture with more contrast than that"""
 
     @property
     def pixel_pitch(self) -> float:
@@ -70,7 +70,7 @@ class LineSensor(Mount):
 
     @property
     def sideways_speed(self) -> float:
-        """Fastest motion across the axis at which consecutive lines have the overlap [m/s]."""
+        """Largest speed across the axis at which consecutive lines have `OVERLAP` [m/s]."""
         return (1.0 - OVERLAP) * self.width * self.line_rate
 
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from omni_platform.quantities import FloatArray
 
 VALID, MISSING, INVALID = range(3)
-"""Validity of a sample: MISSING if none has been received, INVALID if it cannot be read."""
+"""Validity of a sample: MISSING if none has been received, INVALID if its content is malformed."""
 
 UNMEASURED_VARIANCE = 1e6
-"""Smallest variance that marks a component as not measured [square of its unit]."""
+"""Variance at and above which a component counts as not measured [square of its unit]."""
 
 
 class PedalSample(NamedTuple):

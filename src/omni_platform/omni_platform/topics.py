@@ -1,7 +1,7 @@
 """Topics of a vehicle: name, message type, publisher and durability of each, in one place.
 
-All topics are reliable unless a node's ``qos_overrides`` parameter changes this, or the odometry's
-parameter `best_effort_cameras`. `omni_ros.qos` defines the depths of the queues.
+All topics are reliable unless a node's parameter ``qos_overrides`` or the odometry's parameter
+`best_effort_cameras` changes this. `omni_ros.qos` defines the depths of the queues.
 """
 
 from typing import NamedTuple
@@ -41,7 +41,7 @@ WHEEL_STATES = Topic("wheel_states", JOINT_STATE, "simulator")
 IMU = Topic("imu", "sensor_msgs/msg/Imu", "simulator")
 PEDAL = Topic("brake/pedal", JOINT_STATE, "simulator")
 COMMAND = Topic("driver/command", "geometry_msgs/msg/TwistStamped", "simulator")
-"""Commanded velocity that the drive follows."""
+"""Commanded velocity that the vehicle's drives follow."""
 VELOCITY_SENSOR = Topic("velocity_sensor/twist", TWIST_WITH_COVARIANCE, "simulator")
 GROUND_TRUTH = Topic("ground_truth/odom", ODOMETRY, "simulator")
 MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", "simulator")

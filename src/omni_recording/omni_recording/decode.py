@@ -60,7 +60,7 @@ class MessageDecoder:
         return type_name in self._store.fielddefs
 
     def fields(self, type_name: str) -> Any:
-        """Return the fields of a known message type, in the description of rosbags."""
+        """Return the fields of a known message type in the form that rosbags uses."""
         return self._store.fielddefs[type_name][1]
 
     def _find_problem(self, channel: RecordedChannel) -> str:
@@ -69,7 +69,7 @@ class MessageDecoder:
         if not self.is_known(channel.type_name):
             return f"its type {channel.type_name[:80]!r} does not belong to ROS 2 Jazzy"
         if channel.definition_encoding != "ros2msg" or not channel.definition.strip():
-            return ""  # nothing to compare; decoding will show whether it works
+            return ""  # without a definition, only decoding shows whether the type is right
         if len(channel.definition) > LIMITS.definition:
             return f"the definition of its type is too long ({len(channel.definition)} characters)"
         return self._difference(channel)
@@ -111,6 +111,6 @@ def decoded_messages(
 
 
 def header_stamp_ns(message: Any) -> int | None:
-    """Return the stamp [ns] in a decoded message's header; None if it has none."""
+    """Return the stamp [ns] in a decoded message's header; None if there is no header."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return None if stamp is None else int(stamp.sec) * SECOND_NS + int(stamp.nanosec)

@@ -1,8 +1,8 @@
 """Message definitions of a ROS 2 installation, which make recordings self-describing.
 
 A message package installs ``share/<package>/msg/<Name>.msg`` and, next to it, a JSON description of
-the type that contains the official type hashes. Together, the two files give exactly the types of
-the running system, without a parser of the message language.
+the type that contains the official type hashes. From these two files, the exact types of the
+running system are obtained without a parser of the message language.
 """
 
 import dataclasses
@@ -40,8 +40,8 @@ class MessageDefinition:
 
     Attributes:
         type_name: name of the type, such as ``sensor_msgs/msg/Image``.
-        text: the type's ``.msg`` text. The texts of the types that it contains follow, each after a
-            line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
+        text: the type's ``.msg`` text, followed by the texts of the types that it contains, each
+            after a line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
         type_hash: official hash of the type, ``RIHS01_...``.
         stamped: whether every message begins with a time stamp, usually that of its header.
         of_stamped: whether every message begins with a list of stamped messages.
@@ -57,8 +57,8 @@ class MessageDefinition:
 def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
     """Return the folders in which message packages may be installed.
 
-    The folder of the running Python is the last one: the ROS wheels are installed there but not
-    added to ``AMENT_PREFIX_PATH``.
+    The last folder is that of the running Python, because the ROS wheels are installed there but
+    not added to ``AMENT_PREFIX_PATH``.
     """
     named = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return tuple(Path(prefix) for prefix in (*filter(None, named), sys.prefix))

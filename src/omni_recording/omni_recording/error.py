@@ -1,4 +1,4 @@
-"""Error that readers of recordings raise."""
+"""Error raised by readers of recordings."""
 
 from pathlib import Path
 

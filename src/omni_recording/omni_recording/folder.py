@@ -40,7 +40,7 @@ class Bag:
         message_count: number of messages according to the metadata; None without metadata.
         counts: number of messages by topic according to the metadata; empty without metadata.
         ros_distro: ROS distribution of the recorder; empty if unknown.
-        namespace: namespace such as ``/robot1``, which is removed from the topics of messages and
+        namespace: namespace, such as ``/robot1``, that is removed from the topics of messages and
             summary.
     """
 
@@ -75,7 +75,7 @@ def open_bag(path: Path | str) -> Bag:
 
 
 def _remedy(folder: Path) -> str:
-    """Return a remedy for a folder without metadata; empty if there is none."""
+    """Return a remedy for a folder without metadata; an empty text if there is no remedy."""
     try:
         inside = sorted(entry.name for entry in folder.iterdir() if (entry / METADATA).exists())
         cut_off = any(folder.glob("*.mcap"))
@@ -87,7 +87,7 @@ def _remedy(folder: Path) -> str:
 
 
 def open_vehicle(path: Path | str) -> Bag:
-    """Find the recording of one vehicle; its namespace is removed from the topics.
+    """Find the recording of one vehicle, and remove the vehicle's namespace from the topics.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
@@ -111,7 +111,7 @@ def open_vehicle(path: Path | str) -> Bag:
 
 
 def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]:
-    """Return the MCAP files of a recording without its metadata, which may be missing.
+    """Return the MCAP files of a recording without using its metadata, which may be missing.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.
@@ -139,7 +139,7 @@ def bag_files(path: Path, problems: list[str] | None = None) -> tuple[Path, ...]
 
 
 def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
-    """Return every message, file after file, in the order of the files.
+    """Yield every message, file after file, in the order of the files.
 
     Raises:
         BagError: a file is damaged or incomplete at the next message, or has another format.
@@ -180,7 +180,7 @@ def bag_summary(bag: Bag) -> mcap.McapSummary:
 
 
 def file_problem(folder: Path, file: Path, error: mcap.McapError | OSError) -> BagError:
-    """Convert an error in one file to an error of the recording."""
+    """Convert an error in one file to a `BagError` about the recording."""
     if isinstance(error, mcap.McapError):
         hint = "; `omni bag recover` keeps the complete messages" if error.unfinished else ""
         return BagError(folder, f"{file.name} {error.problem}{hint}")
@@ -305,10 +305,10 @@ def _read_information(folder: Path) -> Mapping[str, Any]:
 
 
 def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.RecordedMessage]:
-    """Return messages by log time; messages with the same time keep the order of the file.
+    """Yield messages in the order of log time; messages with equal times keep their order.
 
-    In a file, messages of different topics need not be in order. Messages are buffered for a second
-    of recorded time, or up to 128 MiB.
+    In a file, messages of different topics need not be in this order. Messages are buffered for a
+    second of recorded time, or up to 128 MiB.
     """
     waiting: list[tuple[int, int, mcap.RecordedMessage]] = []
     size, newest_ns = 0, 0

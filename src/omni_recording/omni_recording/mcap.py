@@ -1,9 +1,10 @@
 """Reader for the messages of MCAP files, including damaged ones, with bounded memory.
 
 `mcap.stream_reader.StreamReader` limits the size of a record, but neither the size of an unpacked
-chunk nor the lengths inside a record, which may point beyond the record's end. This reader compares
-every length with the available bytes before it reads anything, and the library parses only complete
-records. It reads from the front without an index, so it can also read an unfinished recording.
+chunk nor the lengths inside a record, which may point beyond the record's end. The reader of this
+module compares every length with the available bytes before it reads anything, and the library
+parses only complete records. The reader starts at the front without an index, so it can also read
+an unfinished recording.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapError(ValueError):
-    """A file is not an MCAP file, is damaged, or declares lengths beyond the limits.
+    """A file is not an MCAP file, is damaged, or states lengths beyond the limits.
 
     Attributes:
         problem: the defect of the file.
@@ -48,7 +49,7 @@ class McapError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedChannel:
-    """A channel of a file: the topic of one publisher.
+    """A channel of a file, which contains the messages of one publisher of a topic.
 
     Attributes:
         topic: name of the topic.
@@ -56,7 +57,7 @@ class RecordedChannel:
         definition: text of the type's definition.
         definition_encoding: language of the definition, such as ``ros2msg``.
         encoding: encoding of the messages, such as ``cdr``.
-        metadata: further entries of the recorder, such as ``offered_qos_profiles``.
+        metadata: further entries that the recorder wrote, such as ``offered_qos_profiles``.
     """
 
     topic: str
@@ -88,7 +89,7 @@ class RecordedMessage:
 
 @dataclasses.dataclass(frozen=True)
 class McapSummary:
-    """The summary at the end of a file.
+    """Summary at the end of a file.
 
     Attributes:
         channels: all channels of the file.
@@ -96,7 +97,7 @@ class McapSummary:
         first_ns: earliest log time [ns]; 0 without messages.
         last_ns: latest log time [ns]; 0 without messages.
         chunks: number of chunks.
-        compressions: compression methods of the chunks, sorted; an empty text for none.
+        compressions: compression methods of the chunks, sorted; an empty text for no compression.
     """
 
     channels: tuple[RecordedChannel, ...]
@@ -168,7 +169,7 @@ class McapMessages:
 
 
 def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
-    """Return the summary of a file without reading its messages; None if it has none.
+    """Return the summary of a file without reading its messages; None if there is no summary.
 
     Args:
         path: a regular file.
@@ -254,7 +255,7 @@ class _Tables:
         channel = self.channels.get(number)
         if channel is None:
             raise McapError(f"is damaged: a message belongs to no channel ({number})")
-        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # larger than a ROS stamp can be
+        if max(log_ns, publish_ns) >> 31 >= SECOND_NS:  # a ROS stamp cannot be so large
             raise McapError(f"is damaged: a message of {channel.topic} has an impossible time")
         return RecordedMessage(channel, log_ns, publish_ns, sequence, content[_MESSAGE_HEAD.size :])
 
@@ -274,7 +275,7 @@ class _Tables:
     def _store(
         self, kind: str, table: dict[int, Any], number: int, entry: Any, content: bytes
     ) -> None:
-        if number in table:  # chunks repeat them
+        if number in table:  # chunks repeat schemas and channels
             if table[number] != entry:
                 raise McapError(f"is damaged: {kind} {number} is described in two ways")
             return

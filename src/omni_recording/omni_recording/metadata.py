@@ -1,4 +1,4 @@
-"""The metadata of a recording in the format of rosbag2 (version 9)."""
+"""Metadata of a recording in the format of rosbag2 (version 9)."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ UNSET_TIME = 2**63 - 1  # [ns] start time that rosbag2 writes if there are no me
 
 @dataclasses.dataclass(frozen=True)
 class RecordedQos:
-    """Quality of service that a topic's publisher offers, with rosbag2's names."""
+    """Quality of service that a topic's publisher offers, in rosbag2's terms."""
 
     depth: int
     history: str = "keep_last"
@@ -32,7 +32,7 @@ class RecordedTopic:
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """Extent of a recording: number of messages by topic, first and last stamp [ns]."""
+    """Extent of a recording: number of messages by topic, and first and last stamp [ns]."""
 
     counts: Mapping[str, int]
     first_ns: int = UNSET_TIME
@@ -68,7 +68,7 @@ def bag_information(
             }
             for topic in topics
         ],
-        # For compressed files and messages only; compressed chunks are internal to MCAP.
+        # These two entries describe compressed files and messages; chunks are internal to MCAP.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],

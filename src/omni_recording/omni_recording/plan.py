@@ -34,9 +34,9 @@ class RecorderConfiguration(Configuration):
     compression: str = parameter("none", choices=tuple(COMPRESSIONS))
     """Compression of the chunks"""
     chunk_size: int = parameter(1 << 20, unit="B", minimum=1, maximum=1 << 27)
-    """Size of the messages after which a chunk ends, even before the next flush"""
+    """Total size of messages at which a chunk ends, even before the next flush"""
     flush_period: float = parameter(0.5, unit="s", above=0.0, maximum=1.0)
-    """Longest time until a message is written to the file"""
+    """Limit on the time until a received message is written to the file"""
     synchronize: bool = parameter(False)
     """Wait for the disk at every flush, so that a power failure loses no more messages than a crash
     of the recorder"""
@@ -52,7 +52,7 @@ class RecorderConfiguration(Configuration):
     recording may then contain messages of another run"""
 
     def check_consistency(self) -> None:
-        """Check that required values are not empty and that the lists agree."""
+        """Check that required values are not empty and that the lengths of the lists agree."""
         if not self.folder:
             raise ConfigurationError("folder", "is empty")
         if not self.topics:
@@ -76,10 +76,10 @@ class RecorderConfiguration(Configuration):
 class StampedRecording:
     """Writes messages with their own stamps, so that a recording does not depend on timing.
 
-    A list of stamped messages receives the stamp of its first message if this is plausible. A
+    A list of stamped messages receives the stamp of its first message if this stamp is plausible. A
     message without a stamp receives the latest stamp of any topic. Messages of a shared topic are
-    buffered for one second of stamps and sorted, so that their order does not depend on the speed
-    of the nodes.
+    buffered for one second, measured by their stamps, and sorted, so that their order does not
+    depend on the speed of the nodes.
 
     Args:
         writer: the recording.
@@ -93,7 +93,7 @@ class StampedRecording:
         self._latest_ns = 0
         self._newest_ns: dict[str, int] = {}
         self._held: list[tuple[int, str, bytes]] = []  # a heap
-        self.problem: str | None = None  # first sign of another run
+        self.problem: str | None = None  # first evidence of messages from another run
 
     def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
         """Write a message.

@@ -1,6 +1,6 @@
 """Node that records serialized messages into a rosbag2 folder.
 
-Messages are not decoded, except for an odometry that is also recorded as `/tf`. On SIGINT or
+Messages are not decoded, except for odometry messages that are also recorded as `/tf`. On SIGINT or
 SIGTERM, the node stores the messages received so far, closes the recording, and reports
 ``{"recorded": {topic: count}}``, see `omni_ros.report`.
 """
@@ -139,7 +139,7 @@ def record(node: RecorderNode, spinner: process.Spinner) -> None:
 
 
 def _take(node: RecorderNode, spinner: process.Spinner, pause: float = 0.02) -> None:
-    """Store messages in groups, once per `pause` [s], as waking for each one is much slower."""
+    """Store messages in groups, once per `pause` [s], as waking up for each one is much slower."""
     # The clock is read here, because a timer of the node would have to wait behind the messages of
     # a busy graph.
     due = time.monotonic() + node.flush_period
@@ -166,13 +166,13 @@ def _drain(
     longest_wait: float = 1.0,
     quiet: float = 0.2,
 ) -> None:
-    """Store the messages that have been received, so that the recording is complete.
+    """Store the messages that are still in the queues, so that the recording is complete.
 
     Args:
         node: the recorder.
         spinner: spinner, which runs the callbacks of received messages.
-        longest: longest time for writing full queues to a slow disk [s].
-        longest_wait: longest time to wait for messages in transit, even if publishers continue [s].
+        longest: limit on the time for writing full queues to a slow disk [s].
+        longest_wait: limit on the wait for messages in transit, even if publishers continue [s].
         quiet: time without a message after which no further messages are expected [s].
     """
     _take_arrived(node, spinner, time.monotonic() + longest)

@@ -92,7 +92,7 @@ def _elements(
 
 
 def _joint_labels(type_name: str, message: Any) -> Sequence[str] | None:
-    """Return the names of the joints if they can be used as names of columns."""
+    """Return the names of the joints if they can be used as column names; otherwise None."""
     if type_name != _JOINT_STATE:
         return None
     names: Sequence[str] = message.name

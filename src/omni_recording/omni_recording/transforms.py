@@ -44,7 +44,7 @@ class RecordedTransforms:
         self.topics: list[RecordedTopic] = []
         self._fixed: bytes | None = None
         if not odometry and not frames:
-            return  # loading the types of rosbags takes time
+            return  # imported here, because loading the types of rosbags takes time
         self._store = get_typestore(Stores.ROS2_JAZZY)
         definition = definitions.MessageDefinition(
             type_name=_TYPE,
@@ -69,7 +69,7 @@ class RecordedTransforms:
             recording.add(STATIC_TOPIC, self._fixed)
 
     def follow(self, recording: plan.StampedRecording, topic: str, data: bytes) -> None:
-        """Write the transform of a message that has been recorded, if it is from the odometry.
+        """Write the transform of a recorded message if its topic is that of the odometry.
 
         Raises:
             RecordingError: the file can no longer be written.
@@ -88,7 +88,7 @@ class RecordedTransforms:
         recording.add(MOVING_TOPIC, self._message([transform]), leading_stamp(data))
 
     def _fixed_frames(self, frames: Sequence[str], poses: Sequence[float]) -> bytes:
-        """Return frames that are fixed to `base_link`, stamped with the start of the run."""
+        """Return the serialized frames fixed to `base_link`, stamped with the start of the run."""
         types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
         header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_FRAME)

@@ -52,7 +52,7 @@ class Rosbag2Writer:
     Args:
         folder: folder of the recording; created with its parents; must be empty if it exists.
         topics: all topics that will be written.
-        chunk_size: size of the messages after which a chunk ends [B].
+        chunk_size: total size of messages at which a chunk ends [B].
         compression: compression of the chunks, a key of `COMPRESSIONS`.
         synchronize: whether to wait at every flush until the data are on the disk.
 
@@ -91,7 +91,7 @@ class Rosbag2Writer:
         with self._ending_on_failure():
             self._writer = Writer(
                 self._file,
-                chunk_size=2**62,  # this class ends the chunks, not the MCAP writer
+                chunk_size=2**62,  # this class, not the MCAP writer, ends the chunks
                 compression=COMPRESSIONS[compression],
                 index_types=IndexType.CHUNK | IndexType.MESSAGE | IndexType.METADATA,
             )
@@ -101,7 +101,7 @@ class Rosbag2Writer:
             self._write_metadata()
 
     def __enter__(self) -> Rosbag2Writer:
-        """Return the recording, which is finished when the block is left, even by an exception."""
+        """Return this writer, which is closed when the block is left, even by an exception."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -128,7 +128,7 @@ class Rosbag2Writer:
         if self._closed:
             raise self._failure or RecordingError(f"the recording {self._folder} is closed")
         published = stamp_ns if publish_ns is None else publish_ns
-        if min(stamp_ns, published) < 0:  # an error later would leave half a record in the chunk
+        if min(stamp_ns, published) < 0:  # a later error would leave half a record in the chunk
             raise ValueError(f"the stamp {min(stamp_ns, published)} ns must not be negative")
         count = self._counts[topic]
         self._writer.add_message(self._channels[topic], stamp_ns, data, published, count)
@@ -140,7 +140,7 @@ class Rosbag2Writer:
             self.flush()
 
     def flush(self) -> None:
-        """End the chunk and pass it to the operating system; without new messages, do nothing.
+        """End the chunk and pass it to the operating system; do nothing without new messages.
 
         Raises:
             RecordingError: the file can no longer be written.
@@ -174,8 +174,8 @@ class Rosbag2Writer:
 
     def _make_folder(self) -> None:
         try:
-            # Only an existing folder must be empty, because other processes may add files to a new
-            # folder at once.
+            # Only a folder that already exists must be empty, because other processes may add files
+            # to a new folder immediately.
             self._folder.mkdir(parents=True)
         except FileExistsError:
             if any(self._folder.iterdir()):
@@ -207,7 +207,7 @@ class Rosbag2Writer:
     def _commit(self) -> None:
         """Store the end of the last complete chunk.
 
-        A chunk counts as complete only if the disk also has space for the end of the file after it.
+        A chunk counts as complete only if the disk also has space for the file's end after it.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()

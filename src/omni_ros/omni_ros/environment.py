@@ -16,7 +16,7 @@ REPORT_VARIABLE = "OMNI_REPORT_FD"
 REPORT_FILE_VARIABLE = "OMNI_REPORT_FILE"
 
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
-_LARGEST_DOMAIN = 232  # larger domains would have UDP ports above 65535
+_LARGEST_DOMAIN = 232  # higher domains would require UDP ports above 65535
 
 _PROFILE = Path(__file__).with_name("fastdds_profile.xml")
 

@@ -28,7 +28,7 @@ def flatten(
     Args:
         configuration: the configuration.
         prefix: dotted path that is put before each name.
-        part: a base class of the configuration, to return only its fields.
+        part: base class of the configuration to whose fields the result is limited; None for all.
 
     Returns:
         bool, int, float, str, or list of float or str, by parameter name.

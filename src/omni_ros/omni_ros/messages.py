@@ -32,13 +32,13 @@ _STAMP_OFFSET = 4  # after the encapsulation header
 _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # length of a list
-_LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a message on the wire
+_LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a serialized message
 # Indices of (v_x, v_y, yaw rate) in a twist with six components.
 _PLANAR = (0, 1, 5)
 
 
 def message_class(kind: str, key: str = "type") -> Any:
-    """Return the class of a message type such as ``sensor_msgs/msg/Image``.
+    """Return the class of a message type, such as ``sensor_msgs/msg/Image``.
 
     Raises:
         ConfigurationError: the type is not installed; the error names `key`.
@@ -96,7 +96,7 @@ def joint_state(
     velocity: FloatArray | None = None,
     effort: FloatArray | None = None,
 ) -> JointState:
-    """Return values by name as a `JointState`; quantities given as None stay empty."""
+    """Return values of named joints as a `JointState`; quantities given as None stay empty."""
     message = JointState(header=header(stamp_ns), name=names)
     if position is not None:
         message.position = _doubles(position)
@@ -117,7 +117,7 @@ def planar_twist(stamp_ns: int, twist: FloatArray) -> geometry.TwistStamped:
 def planar_twist_with_covariance(
     stamp_ns: int, twist: FloatArray, covariance: FloatArray
 ) -> geometry.TwistWithCovarianceStamped:
-    """Return a body twist and its covariance in `base_link`.
+    """Return a message with a body twist and its covariance in `base_link`.
 
     Args:
         stamp_ns: stamp [ns].
@@ -137,7 +137,7 @@ def planar_odometry(
     twist: FloatArray,
     twist_covariance: FloatArray,
 ) -> Odometry:
-    """Return a pose in `odom` and a twist in `base_link`.
+    """Return a message with a pose in `odom` and a twist in `base_link`.
 
     Args:
         stamp_ns: stamp [ns].
@@ -181,7 +181,7 @@ def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
 
 
 def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
-    """Return a message's body twist [m/s, m/s, rad/s], (3,), and its covariance, (3, 3)."""
+    """Return body twist [m/s, m/s, rad/s], shape (3,), and covariance, (3, 3), of a message."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
     matrix = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)
@@ -213,7 +213,7 @@ class LineImage(NamedTuple):
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     """Return a batch of lines as a serialized image; each row is a line, oldest first.
 
-    The image is serialized here for the same reason as in `diagnostics`.
+    As in `diagnostics`, the message is serialized here so that its padding is zero.
 
     Args:
         stamp_ns: stamp of the newest line [ns].
@@ -256,7 +256,7 @@ def read_line_image(wire: bytes) -> LineImage | Image:
 
 
 def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[str, int]:
-    """Return a zero-terminated text and the offset of the next field."""
+    """Return a zero-terminated text and the byte offset of the next field."""
     end = start + length
     return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)
 
@@ -287,7 +287,7 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
 
 
 def lines_of(message: Image | LineImage) -> LineArray:
-    """Return the lines of an image, shape (height, width), without copying where possible.
+    """Return the lines of an image, shape (height, width), if possible without copying them.
 
     Raises:
         ValueError: the encoding is not mono8 or mono16, or the size does not fit the data.

@@ -28,7 +28,7 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
     configured when it starts, except those in `changeable`.
 
     Args:
-        node: node that receives the parameters.
+        node: node on which the parameters are declared.
         cls: the configuration; nested fields become dotted names, see
             `omni_ros.flat_parameters`.
         changeable: names of the parameters that can be changed while the node runs.
@@ -66,7 +66,7 @@ def refuse_unknown_parameters(node: Node) -> None:
 
 def _given(node: Node) -> Mapping[str, Parameter]:
     """Return the parameter values from files and command-line arguments, by name."""
-    given: Mapping[str, Parameter] = node._parameter_overrides  # rclpy shows them in no other way
+    given: Mapping[str, Parameter] = node._parameter_overrides  # rclpy has no public access
     return given
 
 

@@ -2,7 +2,7 @@
 
 Signals only set a flag that the spin loop checks. A node that is requested to stop can therefore
 still publish, drain its queues and close its files; rclpy's own handlers would invalidate the
-context at once.
+context immediately.
 """
 
 from __future__ import annotations
@@ -100,10 +100,10 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
 
 @contextlib.contextmanager
 def _limited_construction(stop: StopFlag) -> Iterator[None]:
-    """End the process if a signal arrives in this block and the block then takes too long.
+    """End the process if a signal arrives in this block and the block does not end in time.
 
     A subscription acknowledges messages before the construction of its node ends. If a signal ended
-    the process at once, these messages would be lost.
+    the process immediately, these messages would be lost.
     """
 
     def request(number: int, *_: object) -> None:
@@ -121,7 +121,7 @@ def _limited_construction(stop: StopFlag) -> Iterator[None]:
 
 
 def _on_signals(handler: Callable[..., None]) -> None:
-    # If the bring-up has died, the kernel wakes a halted node with SIGHUP.
+    # When the bring-up dies, the kernel wakes a halted node and sends it SIGHUP.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, handler)
 
@@ -135,7 +135,7 @@ def _initialize_ros() -> None:
     environment.name_log_folder(os.environ)
     environment.chosen_domain(os.environ)  # Fast DDS would end the process
     try:
-        surplus = remove_ros_args(sys.argv)[1:]  # before rclpy.init, which logs the error
+        surplus = remove_ros_args(sys.argv)[1:]  # before rclpy.init, which would log the error
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.UnknownROSArgsError as error:
         raise ConfigurationError("--ros-args", f"unknown: {error}") from None
@@ -181,7 +181,7 @@ class Spinner:
         self._executor.spin_once(timeout_sec=timeout)
 
     def spin_until(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Run callbacks until `condition()`, a stop request, or `timeout` [s] passed.
+        """Run callbacks until `condition()` is true, a stop is requested or `timeout` [s] passes.
 
         Returns:
             Whether the condition holds.
@@ -222,8 +222,8 @@ def _flush_publishers(
     """Wait until reliable data have reached their readers, before the process exits.
 
     A retransmission takes 3 s with the middleware's defaults, whereas a dead reader never
-    acknowledges. A writer cannot distinguish the two cases. A process that knows that no reader is
-    left therefore sends a second SIGTERM to end the wait.
+    acknowledges. A writer cannot distinguish the two cases. A process that starts nodes and knows
+    that no reader is left therefore sends a second SIGTERM to end the wait.
     """
     # After Ctrl-C, a person is waiting for the process to end.
     deadline = time.monotonic() + (interrupted if stop.is_interrupt else longest)  # [s]

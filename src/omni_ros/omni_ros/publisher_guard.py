@@ -16,7 +16,7 @@ class PublisherGuard:
     Args:
         node: node that observes the graph.
         subscribed: subscriptions that must have one publisher.
-        published: publishers that must be the only ones of their topics.
+        published: publishers that must be the only ones on their topics.
         period: time between two checks of the graph [s]; a check of the subscriptions costs less.
     """
 

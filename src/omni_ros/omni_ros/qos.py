@@ -33,8 +33,9 @@ _OVERRIDABLE = (
 def advertise(node: Node, kind: Any, topic: str, qos: policies.QoSProfile = RELIABLE) -> Publisher:
     """Return a publisher whose quality of service can be overridden by parameters.
 
-    The parameters have the names of ROS, such as ``qos_overrides./TOPIC.publisher.depth``: history,
-    depth, reliability, deadline and liveliness_lease_duration [ns], liveliness.
+    The names of the parameters are those of ROS, such as ``qos_overrides./TOPIC.publisher.depth``.
+    The policies are history, depth, reliability, liveliness, deadline [ns] and
+    liveliness_lease_duration [ns].
     """
     overridable = QoSOverridingOptions(_OVERRIDABLE)
     # rclpy writes the parameters into the profile, which other topics share.

@@ -14,10 +14,10 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor and the file that environment variables name, if any.
+    """Write a document to the file descriptor and the file named by environment variables, if any.
 
     Args:
-        document: strict JSON.
+        document: values that strict JSON can represent.
     """
     descriptor = os.environ.get(REPORT_VARIABLE)
     file = os.environ.get(REPORT_FILE_VARIABLE)

@@ -5,17 +5,17 @@ from collections.abc import Callable
 
 
 class RunningClock:
-    """Steady clock that counts at most `longest` between two readings.
+    """Monotonic clock that advances by at most `longest` between two readings.
 
     If the operating system suspends a process, the messages of that time wait in the queues, and
-    the watchdog timer may be due before they are received. On a steady clock this time would count
-    as silence of the publishers. A watchdog reads this clock at each message and at each tick of
-    its timer. While the process runs, two readings are at most one period of the timer apart; a
-    longer interval therefore counts as one period.
+    the watchdog timer may be due before they are received. By an ordinary monotonic clock, the time
+    of the suspension would count as silence of the publishers. A watchdog reads this clock at each
+    message and at each tick of its timer. While the process runs, two readings are at most one
+    period of the timer apart; a longer interval therefore counts as one period.
 
     Args:
-        longest: largest time that one interval between two readings counts [s]; the period of the
-            watchdog timer.
+        longest: limit on the counted time between two readings [s]; the period of the watchdog
+            timer.
         steady: function that returns a monotonic time [s].
     """
 
@@ -26,7 +26,7 @@ class RunningClock:
         self._time = 0.0
 
     def now(self) -> float:
-        """Return the time during which the process ran, since the construction [s]."""
+        """Return the time for which the process has run since this clock was created [s]."""
         read = self._steady()
         self._time += min(read - self._read, self._longest)
         self._read = read

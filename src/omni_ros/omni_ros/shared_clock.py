@@ -19,7 +19,7 @@ class SharedClock:
 
     Args:
         node: the node that publishes.
-        alone: whether to publish at once, as in a ROS domain without other simulators.
+        alone: whether to publish immediately, because the ROS domain has no other simulator.
         discovery: time in which the nodes of a ROS domain discover each other [s].
         period: time between two checks of the publishers [s].
     """
@@ -48,7 +48,7 @@ class SharedClock:
         if self._publisher is None and not others:
             self._publisher = advertise(self._node, Clock, _TOPIC)
         elif others and others[0][1:] != own:
-            # Two simulators that start at the same time see the same order and select the same one.
+            # Two simulators that start at once see the same order and select the same publisher.
             if self._publisher is not None:
                 self._node.destroy_publisher(self._publisher)
                 self._publisher = None

@@ -1,6 +1,6 @@
 """Start of a node's process; a signal during the imports ends it without a traceback.
 
-The executables of the packages start modules that their entry points of the group `NODES` name.
+The entry points of the group `NODES` name the module that each executable of a package starts.
 """
 
 import atexit
@@ -15,16 +15,16 @@ from pathlib import Path
 NODES = "omni_nodes"
 """Group of entry points that name the module of a node by its executable."""
 
-_COLLECTION_THRESHOLD = 50_000  # objects made until a garbage collection, which then takes 2 ms
+_COLLECTION_THRESHOLD = 50_000  # number of new objects per garbage collection of 2 ms
 
 
 def start_lightly() -> None:
-    """Disable slow imports and threads; called before numpy is imported.
+    """Disable slow imports and threads; this function must be called before numpy is imported.
 
-    numba would import the coverage tool, and the message packages a generator of messages. NumPy
-    and SciPy each contain an OpenBLAS, which would start threads that wait actively at first; no
-    matrix here is large enough for them. Frequent garbage collections would take a tenth of the
-    import time and free nothing; those at the end of the interpreter would take 0.3 s.
+    numba would import the coverage tool, and the message packages would import a message generator.
+    NumPy and SciPy each contain an OpenBLAS, which would start threads that wait actively at first;
+    no matrix of the nodes is large enough to need them. Frequent garbage collections would take a
+    tenth of the import time and free nothing; those when the interpreter exits would take 0.3 s.
     """
     gc.set_threshold(_COLLECTION_THRESHOLD)
     atexit.register(gc.freeze)
@@ -52,6 +52,6 @@ def start_node(module: str) -> None:
 
 
 def main() -> None:
-    """Run the node that belongs to the executable."""
+    """Run the node that belongs to the started executable."""
     (entry,) = entry_points(group=NODES, name=Path(sys.argv[0]).name)
     start_node(entry.module)

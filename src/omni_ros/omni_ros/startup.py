@@ -15,12 +15,12 @@ class StartupConfiguration(Configuration):
     subscribers: int = parameter(0, minimum=0, maximum=100)
     """Number of subscriptions that each output must have before the node starts to work"""
     match_timeout: float = parameter(20.0, unit="s", above=0.0, maximum=3600.0)
-    """Longest time to wait for these subscriptions"""
+    """Limit on the time to wait for these subscriptions"""
 
     def await_subscribers(
         self, publishers: Iterable[Publisher], spinner: process.Spinner, count: int | None = None
     ) -> None:
-        """Wait for `count` subscriptions of each publisher, so that none misses a message.
+        """Wait until each publisher has `count` subscriptions, so that none misses a message.
 
         Args:
             publishers: publishers to wait for.
@@ -33,7 +33,7 @@ class StartupConfiguration(Configuration):
         count = self.subscribers if count is None else count
         for publisher in publishers:
             deadline = time.monotonic() + self.match_timeout
-            # Discovery runs in DDS threads and wakes no executor, so the count is polled.
+            # Discovery runs in DDS threads and does not wake the executor, so the count is polled.
             while publisher.get_subscription_count() < count and not spinner.stop:
                 if time.monotonic() > deadline:
                     raise process.NodeError(

@@ -1,4 +1,4 @@
-"""Status of a node on `/diagnostics`, published at every change and at a fixed rate."""
+"""Status of a node, published on `/diagnostics` at every change and at a fixed rate."""
 
 import dataclasses
 import time
@@ -52,7 +52,7 @@ class StatusReporter:
     simulated time is paused.
 
     Args:
-        node: node, which receives the parameter of `StatusConfiguration`.
+        node: node that publishes, on which the parameter of `StatusConfiguration` is declared.
         first: status until the first update.
     """
 
@@ -71,7 +71,7 @@ class StatusReporter:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Set the status at a stamp [ns]; publish it if the key changes, or after a second."""
+        """Set the status at a stamp [ns]; publish it if the key has changed, or after a second."""
         self._updated = time.monotonic()
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0

@@ -1,4 +1,4 @@
-"""Live transforms, published only if `tf2_msgs` is installed; the ROS wheels do not contain it."""
+"""Live transforms, published only if `tf2_msgs` is installed, which the ROS wheels lack."""
 
 import contextlib
 from typing import Any

@@ -1,12 +1,12 @@
 """Conversion of the wheels' brake enables to commands of brakes and drives.
 
-An enable is the share of the braking demand that passes to a wheel [0, 1]. The resulting command to
-the controller depends on the kind of brake:
+An enable is the share of the braking demand that passes to a wheel, 0 to 1. The resulting command
+to the controller depends on the kind of brake:
 
 - ``spring``: a spring-applied brake that a coil releases; command 1 energizes the coil,
 - ``proportional``: a brake that follows a demand of 0 to 1,
 - ``torque``: a drive with a torque command [N m], which must never drive the wheel,
-- ``velocity``: a drive with a speed command [rad/s], which follows the ramp set here.
+- ``velocity``: a drive with a speed command [rad/s], which decreases along a configured ramp.
 
 Missing and NaN inputs count as full braking.
 """
@@ -33,14 +33,15 @@ class BrakeAdapterConfiguration(Configuration):
     max_torque: float = parameter(10.0, unit="N m", above=0.0, maximum=1.0e6)
     """Braking torque of a wheel at full demand, for torque drives"""
     standstill_speed: float = parameter(0.5, unit="rad/s", above=0.0, maximum=100.0)
-    """Wheel speed below which a torque command fades out, so that it never drives"""
+    """Wheel speed below which a torque command decreases to zero, so that it never drives the
+    wheel"""
     ramp: float = parameter(50.0, unit="rad/s^2", above=0.0, maximum=1.0e5)
     """Deceleration with which the speed command of a braked wheel decreases, for velocity drives"""
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Shortest time between the application of a brake and its next release, for spring-applied
+    """Minimum time between the application of a brake and its next release, for spring-applied
     brakes"""
     enable_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=1.0)
-    """Time without an enable, or age of the enable, after which all brakes are on"""
+    """Time without a message of enables, and age of the enables, above which all brakes are on"""
 
     def check_consistency(self) -> None:
         """Check that wheels are given and that no wheel is named twice."""
@@ -50,7 +51,7 @@ class BrakeAdapterConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WheelDemand:
-    """Inputs of a step, N wheels.
+    """Inputs of a step for N wheels.
 
     Attributes:
         pedal: braking demand, 0 to 1; NaN if it is unknown.
@@ -77,14 +78,14 @@ class BrakeAdapter:
         self._command = np.zeros(wheels)  # speed command while braking [rad/s]
 
     def step(self, demand: WheelDemand, dt: float) -> FloatArray:
-        """Return the command of each wheel, in the unit of its kind of brake, shape (N,).
+        """Return the command to each wheel, in the unit of its kind of brake, shape (N,).
 
         Args:
-            demand: demand of the driver and of the assistant.
+            demand: demands of driver and assistant, and wheel speeds.
             dt: time since the previous step [s].
         """
         pedal = demand.pedal if 0.0 <= demand.pedal <= 1.0 else 1.0
-        # false for NaN, so that such a wheel brakes fully
+        # false for NaN, so that a wheel with this value brakes fully
         valid = (demand.enable >= 0.0) & (demand.enable <= 1.0)
         share = pedal * np.where(valid, demand.enable, 1.0)
         if self.configuration.kind == PROPORTIONAL:

@@ -1,4 +1,4 @@
-"""ROS node of the brake adapter: subscribes to enables, publishes commands of brakes or drives.
+"""ROS node of the brake adapter: subscribes to enables, publishes commands to brakes or drives.
 
 The README of this package describes the contract: topics, types, parameters and timeouts.
 """
@@ -46,7 +46,8 @@ class TopicsConfiguration(Configuration):
     joints: tuple[str, ...] = parameter(())
     """Names of the joints on joint_states, in the order of the wheels; default: the wheel names"""
     output: str = parameter("array", choices=("array", "joint_state"))
-    """Float64MultiArray for a forward_command_controller, or JointState.effort"""
+    """Type of the commands: Float64MultiArray for a forward_command_controller, or JointState with
+    the commands in effort"""
     pedal: str = parameter("joint_state", choices=tuple(_PEDALS))
     """Type of the demand: 'joint_state' for brake/pedal of another node; 'bool' or 'float' on
     pedal_input, or 'twist' or 'twist_stamped' on cmd_vel (a zero command brakes), which this node

@@ -1,10 +1,10 @@
-"""Optical-flow chips, read through their makers' libraries: ground velocity with covariance.
+"""Optical-flow chips, read through their makers' libraries, which measure the ground velocity.
 
 - PMW3901 and PAA5100JE (SPI) count how far the ground has moved between two readings,
 - the SparkFun OTOS (I2C) combines a PAA5160 with an IMU and reports velocities with standard
   deviations, in the frame in which it tracks its pose.
 
-The caller passes the time of a reading, and nothing here reads a clock. The libraries are imported
+The caller passes the time of a reading, and this module reads no clock. The libraries are imported
 only when a chip is opened: ``pmw3901`` requires ``spidev``, ``gpiod`` and ``gpiodevice``, and
 ``qwiic_otos`` requires ``qwiic_i2c``.
 """
@@ -55,8 +55,8 @@ class FlowSample(NamedTuple):
     """A reading of a chip.
 
     Attributes:
-        velocity: v_x, v_y [m/s] of the chip over the ground and its yaw rate [rad/s], along the
-            chip's axes, shape (3,); NaN if not measured.
+        velocity: velocity v_x, v_y of the chip relative to the ground along the chip's axes, and
+            its yaw rate [m/s, m/s, rad/s], shape (3,); NaN if not measured.
         deviation: standard deviations of `velocity` [m/s, m/s, rad/s], shape (3,); NaN if not
             measured.
         problem: reason why nothing was measured; empty for a valid measurement.
@@ -68,7 +68,7 @@ class FlowSample(NamedTuple):
 
     @classmethod
     def unmeasured(cls, problem: str) -> FlowSample:
-        """Return a reading without a measurement."""
+        """Return a reading in which all values are NaN, with the reason."""
         return cls(np.full(3, math.nan), np.full(3, math.nan), problem)
 
 
@@ -76,7 +76,7 @@ class FlowChip(Protocol):
     """A chip that has been opened."""
 
     def read(self, time: float) -> FlowSample:
-        """Return the reading at a time [s].
+        """Return the reading of the chip at the present time [s], which the caller passes.
 
         Raises:
             FlowChipError: the chip does not answer.
@@ -93,8 +93,8 @@ class FlowChipConfiguration(Configuration):
     chip_select: int = parameter(1, minimum=0, maximum=9)
     """Chip select of the SPI port"""
     i2c_bus: int = parameter(1, minimum=0, maximum=99)
-    """Number of the I2C bus of an OTOS; all OTOS have the same address, so each needs its own
-    bus"""
+    """Number of the I2C bus of an OTOS; all OTOS boards have the same address, so each requires a
+    separate bus"""
     counts_per_meter: float = parameter(0.0, unit="1/m", minimum=0.0, maximum=1.0e6)
     """Counts of a PMW3901 or PAA5100 per meter at its mounting height. To measure it, move the
     chip by one meter and read 'counts' on /diagnostics"""
@@ -105,20 +105,20 @@ class FlowChipConfiguration(Configuration):
     swap_xy: bool = parameter(False)
     """Whether the chip first exchanges x and y"""
     minimum_quality: int = parameter(25, minimum=0, maximum=255)
-    """Surface quality (SQUAL) that a valid reading requires"""
+    """Minimum surface quality (SQUAL) of a valid reading"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Largest speed that the chip can measure at its height (0: any speed); faster readings are
     invalid"""
     longest_interval: float = parameter(0.1, unit="s", above=0.0, maximum=1.0)
-    """Longest time between two readings of a PMW3901 or PAA5100; after a longer time, the counts
-    are not converted to a velocity"""
+    """Limit on the time between two readings of a PMW3901 or PAA5100; after a longer time, the
+    counts are not converted to a velocity"""
     relative_deviation: float = parameter(0.03, minimum=0.0, maximum=1.0)
-    """Standard deviation divided by speed, as caused by errors of height and scale"""
+    """Standard deviation of the velocity that errors of height and scale cause, divided by speed"""
     linear_scalar: float = parameter(1.0, minimum=0.872, maximum=1.127)
     """Scale factor of an OTOS's distances"""
 
     def check_consistency(self) -> None:
-        """Check that a chip has the calibration that it requires."""
+        """Check that the calibration that the chip requires is given."""
         if self.chip != OTOS and self.counts_per_meter == 0.0:
             raise ConfigurationError(
                 "counts_per_meter",
@@ -204,7 +204,7 @@ class CountingChip:
 
 @cache
 def _i2c_driver(bus: int) -> Any:
-    """Return the driver of an I2C bus; only one per bus, because the library never closes it."""
+    """Return the only driver of an I2C bus; the library never closes a driver."""
     driver = importlib.import_module("qwiic_i2c").get_i2c_driver(iBus=bus)
     if driver is None or driver.i2cbus is None:
         raise FlowChipError(f"the I2C bus {bus} cannot be opened")

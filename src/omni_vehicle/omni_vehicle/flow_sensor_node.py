@@ -44,7 +44,7 @@ class FlowSensorNode(Node):
         self._attempted = -math.inf
         self._twist = advertise(self, TwistWithCovarianceStamped, f"flow/{node.sensor}/twist")
         self._status = StatusReporter(self, Status(ERROR, "no reading yet"))
-        self._step()  # outside of a callback, so that a missing library refuses the start
+        self._step()  # outside of a callback, so that a missing library prevents the start
         self.create_timer(node.period, self._step, clock=steady_clock())
 
     def _step(self) -> None:

@@ -34,7 +34,7 @@ class TwistAdapterConfiguration(Configuration):
     """Standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], which replace the covariance
     of the source; required if the source has none"""
     base_frame: str = parameter("base_link")
-    """Frame in which the twist must be given; empty for any frame"""
+    """Frame that the message of the twist must name; empty for any frame"""
 
     def check_consistency(self) -> None:
         """Check that the standard deviations are valid."""

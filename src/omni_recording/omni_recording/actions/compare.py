@@ -13,7 +13,8 @@ from omni_recording.error import BagError
 class TopicComparison:
     """Differences between the messages of a topic in two recordings.
 
-    Messages with equal stamps are compared. Every value has the SI unit of its field.
+    Messages with equal stamps form a pair, which is compared. Every value has the SI unit of its
+    field.
 
     Attributes:
         topic: name of the topic.
@@ -21,9 +22,10 @@ class TopicComparison:
         second: number of messages in the second recording.
         identical: number of message pairs with the same bytes.
         unpaired: number of messages whose stamp does not occur in the other recording.
-        different_texts: number of message pairs that differ in a text, in column names, or in which
-            values are NaN.
-        largest_difference: largest absolute difference of two values, in the unit of its column.
+        different_texts: number of message pairs that differ in texts, in the names of their
+            columns, or in the columns that are NaN.
+        largest_difference: largest absolute difference between two values, in the unit of the
+            column.
         worst: column and stamp [ns] of the largest difference; empty if all values agree.
     """
 
@@ -37,7 +39,7 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether there are pairs, and all values agree within the tolerance.
+        """Return whether there are message pairs and all their values agree within the tolerance.
 
         Args:
             tolerance: largest accepted absolute difference, in the unit of the values.

@@ -1,4 +1,4 @@
-"""Export of the small topics of a recording as CSV or Parquet, one file for each topic."""
+"""Export of all topics except images as CSV or Parquet, one file for each topic."""
 
 import contextlib
 import csv
@@ -51,7 +51,7 @@ def export_bag(
         path: a rosbag2 folder or a single ``.mcap`` file.
         folder: folder for the files; must be empty if it exists.
         form: ``csv`` or ``parquet``.
-        topics: topics to export; empty for all small topics.
+        topics: topics to export; empty for all topics that a table can represent.
 
     Raises:
         BagError: the recording is damaged or of another kind.
@@ -97,11 +97,11 @@ def export_bag(
 
 
 class _Layouts:
-    """Determines the columns of every topic."""
+    """Determines the table columns of every topic."""
 
     def __init__(self, decoder: MessageDecoder, channels: Collection[RecordedChannel]) -> None:
         self._decoder = decoder
-        self.columns: dict[str, dict[str, str]] = {}  # column to kind, by topic
+        self.columns: dict[str, dict[str, str]] = {}  # kind of each column, by topic
         self.skipped: dict[str, str] = {}
         kinds: dict[str, str] = {}
         for channel in channels:

@@ -26,7 +26,7 @@ class Recovery:
         counts: number of recovered messages, by topic.
         first_ns: earliest recovered log time [ns].
         last_ns: latest recovered log time [ns].
-        problems: defects, file by file; empty if there are none.
+        problems: defects of the original recording, file by file; empty if there are none.
     """
 
     folder: Path
@@ -47,7 +47,7 @@ def recover(path: Path, folder: Path) -> Recovery | None:
         folder: folder of the new recording; must be empty if it exists.
 
     Returns:
-        The result; None if the recording is undamaged, and nothing was written.
+        The result; None if the recording is undamaged, in which case nothing is written.
 
     Raises:
         BagError: the recording contains no complete message.
@@ -89,7 +89,7 @@ def _whole_messages(
     problems: list[str],
     channels: list[mcap.RecordedChannel],
 ) -> Iterator[mcap.RecordedMessage]:
-    """Return the readable messages of every file; collect problems and channels."""
+    """Yield the readable messages of every file; append to `problems` and `channels`."""
     for file in files:
 
         def note(problem: str, name: str = file.name) -> None:
@@ -125,7 +125,7 @@ def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
 
 
 def _qos(metadata: Mapping[str, str]) -> RecordedQos:
-    """Return the offered QoS; rosbag2's default if the recording does not contain it."""
+    """Return the QoS that the publisher offered; rosbag2's default if the recording lacks it."""
     text = metadata.get("offered_qos_profiles", "")
     try:
         profile = read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
