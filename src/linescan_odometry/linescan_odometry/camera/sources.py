@@ -133,7 +133,7 @@ class VideoSource:
             raise ConfigurationError(
                 "source",
                 f"{source} cannot be opened: "
-                + ("it is missing or in use" if device else "it is no video for OpenCV"),
+                + ("it is missing or in use" if device else "OpenCV cannot read it as a video"),
             )
         if device:
             self._request(configuration)

@@ -1,8 +1,8 @@
 """Batches of camera lines along a trajectory, rendered in the background.
 
 Line j is exposed at the time j / rate. Times are compared with control stamps [ns] as integers, so
-no line is lost or duplicated at the border of two control periods. The poses are interpolated
-between the physics steps.
+no line is lost or duplicated at the boundary between two control periods. The poses are
+interpolated between the physics steps.
 """
 
 import math

@@ -115,7 +115,7 @@ class LineCamera:
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
-        """Return lines averaged over the exposure while the camera moves with each velocity."""
+        """Return lines averaged over the exposure, in which the camera moves with `velocities`."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)

@@ -57,10 +57,10 @@ class CameraConfiguration(Configuration):
     mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
     """Share of the line, measured from its end, that mud on the optics hides"""
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the light lost in a shadow that does not move with the ground"""
+    """Share of the light that is lost in a shadow, which does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
-    """Speed at which the edge of the shadow moves to and fro along the line; 0 for an edge that is
-    fixed in the view"""
+    """Speed at which the edge of the shadow moves back and forth along the line; 0 for an edge
+    that is fixed in the view"""
 
     @property
     def noise_deviation(self) -> float:
@@ -105,6 +105,6 @@ class CameraConfiguration(Configuration):
         if self.height_error <= -self.working_distance:
             raise ConfigurationError(
                 "height_error",
-                f"{self.height_error:g} m is below the ground; it must be above "
+                f"{self.height_error:g} m puts the camera below the ground; it must be above "
                 f"{-self.working_distance:g} m",
             )

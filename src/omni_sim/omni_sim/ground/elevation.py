@@ -7,9 +7,9 @@ Each part is an analytic function ``z(x, y)``. It is smooth enough for the local
     wave    z = A sin(2 pi (x cos a + y sin a) / L + p)
     bump    z = h (1 - r^2 / R^2)^3 within the radius R, else 0; a hollow with h < 0
 
-with the grade ``g``, the direction ``a`` of rise or across the crests, the amplitude ``A``, length
-``L`` and phase ``p`` of a wave, and the height ``h`` of a bump at the distance ``r`` from its
-center. Without any part the ground is flat, and no height is computed.
+with the grade ``g`` and its uphill direction ``a``, the amplitude ``A``, length ``L``, phase ``p``
+and direction ``a`` of a wave, perpendicular to its crests, and the height ``h`` of a bump with the
+distance ``r`` from its center. Without any part the ground is flat, and no height is computed.
 """
 
 import math
@@ -49,7 +49,7 @@ class WaveConfiguration(Configuration):
     length: float = parameter(unit="m", minimum=0.2, maximum=1.0e4)
     """Distance from crest to crest"""
     direction_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
-    """Direction across the crests, counter-clockwise from the x axis"""
+    """Direction perpendicular to the crests, counter-clockwise from the x axis"""
     phase_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Phase at the origin; with 90 deg, a crest is at the origin"""
 

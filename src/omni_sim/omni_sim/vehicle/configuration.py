@@ -57,7 +57,7 @@ class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 
     wheels: Mapping[str, geometry.WheelMount] = parameter()
-    """Wheels by name; all wheel arrays have this order"""
+    """Wheels by name; all arrays of wheel quantities have this order"""
     chassis_length: float = parameter(1.6, unit="m", minimum=1e-3, maximum=100.0)
     """Length of the chassis; used only for figures and the placement of sensors"""
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)

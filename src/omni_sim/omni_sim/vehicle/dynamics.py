@@ -160,7 +160,7 @@ def _carry(state: layout.State, body: layout.Record, pressing: float, pull: Pair
 
 @lean
 def in_turned_frame(v_x: float, v_y: float, turned: float) -> tuple[float, float]:
-    """Return a velocity [m/s] in axes that are rotated by an angle [rad]."""
+    """Return the components of a velocity [m/s] in axes that are rotated by an angle [rad]."""
     cos, sin = math.cos(turned), math.sin(turned)
     return cos * v_x + sin * v_y, cos * v_y - sin * v_x
 

@@ -210,7 +210,7 @@ class MujocoVehicle(Vehicle):
         return np.array([*place[:2], yaw]), np.array([*velocity[:2], velocity[5]])
 
     def _write_back(self, limits: FloatArray) -> None:
-        """Copy MuJoCo's state, and the friction limits of the wheels [N], to the planar state."""
+        """Copy MuJoCo's state and the friction limits [N] to the state of the planar model."""
         data, body, wheels = self._data, self.state.body[0], self.state.wheels
         (x, y, yaw), (v_x, v_y, rate) = self._base()
         c_x, c_y = self.masses.center
@@ -221,7 +221,7 @@ class MujocoVehicle(Vehicle):
         ):
             body[name] = value
         wheels["speed"], wheels["angle"] = data.qvel[self._hinges], data.qpos[self._angles]
-        # The load of the springs, without their dampers.
+        # The wheel loads include the forces of the springs, but not those of the dampers.
         wheels["load"] = self._loads + self._stiffness * (data.qpos[self._springs] - self._offsets)
         dry = data.efc_type == self._mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         torques = dict(zip(data.efc_id[dry], data.efc_force[dry], strict=True))
@@ -346,7 +346,7 @@ def _rollers(
 
 
 def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
-    """Generate the chassis without wheels of a mass [kg] each, and the load."""
+    """Generate the load, and the chassis without its wheels, each of mass `wheel_mass` [kg]."""
     body, load = vehicle.body, vehicle.load
     # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.
     reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())

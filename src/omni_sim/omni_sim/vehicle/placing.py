@@ -68,7 +68,7 @@ def along_active(state: State, twist: FloatArray) -> FloatArray:
 
 
 def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
-    """Move the contacts to the wheel angles; return the wheel speeds of rolling, Eq. (16)."""
+    """Update the contacts for the wheel angles; return the speeds of rolling wheels, Eq. (16)."""
     state.wheels["speed"] = 0.0
     roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
     hub = along_active(state, np.array([*velocity, yaw_rate]))
@@ -76,7 +76,7 @@ def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> Float
 
 
 def _place_rollers(state: State) -> None:
-    """Set the spin of each roller to that of rolling on the ground, ``k`` of Eq. (13)."""
+    """Set the spin of each roller so that it rolls on the ground without slip, Eq. (13)."""
     rollers, plant, body = state.rollers, state.plant, state.body[0]
     if rollers is None:
         return

@@ -34,7 +34,7 @@ def build_plant(
     """
     geometry = kinematics.geometry
     tire, brake = configuration.tire, configuration.brake
-    # Deceleration that a velocity drive commands per torque [m/s^2 per N m].
+    # Ratio of the deceleration that a velocity drive commands to the brake torque [m/s^2 per N m].
     ramp = brake.ramp / (brake.max_torque or math.inf) if brake.kind == VELOCITY else 0.0
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)

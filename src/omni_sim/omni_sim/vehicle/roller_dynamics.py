@@ -20,9 +20,9 @@ from omni_sim.wheel.roller import RollerHub, RollerPatch, RollerStep, load_share
 from omni_sim.wheel.roller_geometry import nearest_roller, roller_contact
 from omni_sim.wheel.single import TireConstants
 
-# Inertia so large that the speed of the wheel is practically constant [kg m^2].
+# Inertia that is so large that the speed of the wheel is practically constant [kg m^2].
 _PRESCRIBED = 1e30
-# Tipping may compress a tire down to the roller's axis; the lever keeps this minimum [m].
+# Lower limit on the lever, because tipping may compress a tire down to the roller's axis [m].
 _LEAST_LEVER = 1e-3
 
 
@@ -102,7 +102,7 @@ def _step_contact(
     clamped = min(touch.load, plant.largest_load)
     spin_lever = max(radius - depth, _LEAST_LEVER) * length
     lever = (radius * rim_active, radius * (axis.u_x * p_x + axis.u_y * p_y))
-    # Dry friction of the roller, which can hold it against the torque of its last contact force.
+    # Dry friction of the roller, which can hold it at rest against its last contact force.
     turn = plant.dt * spin_lever / rollers.inertia
     slowed = turn * (rollers.constant + rollers.growing * touch.load) * touch.load
     free = roller.spin - turn * roller.f_p

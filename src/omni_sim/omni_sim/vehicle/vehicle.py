@@ -237,7 +237,7 @@ class Vehicle:
 
     @property
     def wheel_names(self) -> tuple[str, ...]:
-        """Names of the wheels in the order of all wheel arrays."""
+        """Names of the wheels, in the order that all arrays of wheel quantities have."""
         return self.kinematics.geometry.names
 
     @property

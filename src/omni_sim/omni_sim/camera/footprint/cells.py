@@ -67,7 +67,7 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
     bits.
 
     Args:
-        cells: result of `merge_classes`; changed in place if the footprint is high.
+        cells: result of `merge_classes`; changed in place if the footprint has many rows.
         refined: output, the weighted cells, in the layout of `cells`.
         n: number of columns of cells.
         height: height of the footprint across the line [rows, fixed point].

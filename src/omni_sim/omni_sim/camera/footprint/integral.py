@@ -96,7 +96,7 @@ def _integrate(
     half_width: float,
     lines: Float32Array,
 ) -> None:
-    """Write the `lines` of footprints with half the given length and width [texels]."""
+    """Write `lines`, given half the length and half the width of the footprint [texels]."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
     for line in range(len(centers)):
@@ -122,7 +122,7 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Allocate buffers for a footprint with half the given length and width [texels]."""
+    """Allocate buffers, given half the length and half the width of the footprint [texels]."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
