@@ -1,9 +1,10 @@
 """Pressure in the brakes, which follows the valves after a dead time and with a lag.
 
 The demand ``c`` of a brake is the torque that corresponds to the pedal position, times the share of
-the pressure that the brake's valve passes. This share is 0 or 1, or a multiple of a resolution. The
-demand reaches the cylinder after a dead time ``t_d``. The torque ``p`` that the brake can exert
-then rises and falls with a first-order lag:
+the pressure that the brake's valve passes. This share is 0 or 1 for on-off valves, a multiple of
+the valve's resolution, or any value between 0 and 1 for continuous valves. The demand reaches the
+cylinder after a dead time ``t_d``. The torque ``p`` that the brake can exert then rises and falls
+with a first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
