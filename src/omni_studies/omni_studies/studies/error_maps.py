@@ -271,7 +271,7 @@ def _view_metrics(case: str, found: Found) -> dict[str, Metric]:
             metrics[f"rmse_mm.{case}_{1e3 * length:.0f}"] = Metric(
                 1e3 * motion.view.pitch * rmse,
                 "mm",
-                note="of right pairs, refined, at 80 % overlap, by the length of the view",
+                note="of correct pairs, refined, at 80 % overlap, by the length of the view",
             )
     return metrics
 

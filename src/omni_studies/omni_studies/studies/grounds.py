@@ -112,7 +112,7 @@ class Trial(NamedTuple):
         overlap: overlap of two lines, 0 to 1.
         contrast: standard deviation along the line without noise [gray levels].
         correlation: correlation at the true displacement, rounded to pixels, without noise [1].
-        right_share: share of pairs whose error is at most a pixel, 0 to 1.
+        right_share: share of pairs whose error is at most one pixel, 0 to 1.
         rmse: root mean square error of the refined displacements of these pairs [px].
     """
 
@@ -283,7 +283,7 @@ def _draw_contrast(found: dict[str, list[Trial]], options: LineOptions) -> Figur
     contrast.axhline(options.noise, color=style.GRAY, linestyle="--", linewidth=1.0)
     style.note(contrast, "noise", (100.0 * _SHAPES[0], options.noise), (0, 3), color=style.GRAY)
     contrast.set_ylabel("contrast [gray levels]")
-    correlation.set_ylabel("correlation (full),\nshare of right pairs (dotted)")
+    correlation.set_ylabel("correlation (full),\nshare of correct pairs (dotted)")
     contrast.legend(loc="upper right")
     return figure
 

@@ -87,7 +87,7 @@ class Options(CampaignOptions):
     """Runs of the study, and workers."""
 
     without_optical: bool = parameter(False)
-    """omit the stops with line cameras, which take the longest time"""
+    """omit the stop with line cameras, which takes the longest time"""
     law: tuple[str, ...] = parameter(())
     """your own law as module:Class, which is compared with the built-in laws in every experiment"""
     random: int = parameter(0, minimum=0, maximum=10**6)

@@ -133,7 +133,7 @@ def _speeds(
     slowest, along = min(computed, *limits.values()), sensor.length / 2.0 * sensor.line_rate
     highest = "at 60 % overlap or more, confirmed on every ground"
     straight = "at the shift limit n/2, moving along the axis"
-    measurable = "95 % of medians of 10 right, at any overlap"
+    measurable = "95 % of medians of 10 correct, at any overlap"
     return {
         f"max_speed.{name}": Metric(slowest, "m/s", preset.speed, note=highest),
         f"computed_speed.{name}": Metric(computed, "m/s", reference=preset.speed),
@@ -232,7 +232,7 @@ def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
         needed: required share, 0 to 1.
     """
     title = "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)"
-    size, x, y = (5.2 * len(sensors), 4.2), "speed [m/s]", "right medians"
+    size, x, y = (5.2 * len(sensors), 4.2), "speed [m/s]", "share of correct medians"
     figure, grid = style.panels(title, 1, len(sensors), size=size, x=x, y=y, sharey=True)
     for axes, (title, (computed, speeds, right)) in zip(grid[0], sensors.items(), strict=True):
         for i, (ground, share) in enumerate(right.items()):

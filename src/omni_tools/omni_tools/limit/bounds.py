@@ -66,8 +66,7 @@ class Bound(NamedTuple):
 
     Attributes:
         distance: the bound [m], NaN if there is none.
-        gap: upper limit on the relative difference between the bound and a stop with feasible
-            forces [1].
+        gap: largest relative difference between the bound and a stop with feasible forces [1].
         tolerance: length by which a run may be shorter than the bound because of neglected effects
             [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
             heading and direction up to `KEPT`.

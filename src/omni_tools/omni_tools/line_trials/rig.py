@@ -111,7 +111,8 @@ class Rig:
 
     Attributes:
         sensors: the cameras' mounting and view, by name.
-        array: the cameras, each with a line counter that selects its noise.
+        array: the cameras; it counts the lines of each camera, because the noise depends on the
+            count.
     """
 
     def __init__(

@@ -19,7 +19,7 @@ function readRuns(report) {
   });
 }
 
-// Forces of the wheels in the body frame, so that they turn with the vehicle between samples.
+// Forces of the wheels in the body frame, so that they rotate with the vehicle between samples.
 function readForces(forces, run) {
   const times = decodeColumn(forces.time);
   const values = forces.values.map(decodeColumn);
@@ -60,7 +60,7 @@ function speedAt(run, i) {
   return Math.hypot(run.columns.velocity[0][i], run.columns.velocity[1][i]);
 }
 
-// Share of the pressure at the brake of a wheel; 1 without an enable.
+// Share of the pressure at the brake of a wheel; 1 if there is no enable.
 function brakeShare(run, wheel, i) {
   if (!(run.columns.pedal[0][i] > 0)) return 0;
   const share = run.columns.enable[wheel][i];
@@ -79,7 +79,7 @@ function assistState(run, i) {
   return name;
 }
 
-// Smallest and largest finite number of several columns; null if there is none.
+// Smallest and largest finite number of several columns; null if no number is finite.
 function finiteRange(columns) {
   let low = Infinity, high = -Infinity;
   for (const column of columns) {

@@ -1,4 +1,4 @@
-// Clock of the page, which all displays of a time follow.
+// Clock of the page, which determines the time that all plots and views show.
 
 class Player {
   constructor(report) {
@@ -8,9 +8,9 @@ class Player {
     this.front = this.runs[0];
     const span = finiteRange(this.runs.map((run) => run.times));
     this.span = span[1] > span[0] ? span : [span[0], span[0] + 1];
-    this.window = [...this.span]; // what the plots show
+    this.window = [...this.span]; // time range of the plots
     this.time = this.span[0];
-    this.last = null; // [ms] of the frame before, while it plays
+    this.last = null; // [ms] time of the previous frame, while the player runs
     this.view = new TopView(get("top-view"), this.runs);
     this.plots = PLOTS.map((kind) => new Plot(kind, this.runs, this.window, get("plots"), (time) => this.seek(time)));
     this.missing = this.plots.filter((plot) => !plot.range).map((plot) => plot.kind.title);
@@ -56,7 +56,7 @@ class Player {
     this.show();
   }
 
-  // The plots show a share of the time, with this moment in the middle where there is room.
+  // The plots show a share of the time, centered on this moment except near the ends.
   lookAt() {
     const [from, until] = this.span;
     const width = (until - from) / Number(this.zoom.value);
@@ -98,7 +98,7 @@ class Player {
     this.redraw();
   }
 
-  // Redraws everything after a change of size, colors or highlighted run.
+  // Redraws everything after a change of the size, the colors or the highlighted run.
   redraw() {
     this.colors = readColors();
     fillTopViewLegend(document.getElementById("top-view-legend"), this.runs, this.view, this.colors);

@@ -1,11 +1,11 @@
 // The plots over time. All share the player's time; the highlighted run is drawn over the others.
 
 const MARGIN = { left: 46, right: 8, top: 6, bottom: 19 };
-// Dashes by number of the color, because some readers cannot distinguish colors three and four.
+// Dash pattern by number of the color, because some readers cannot distinguish colors 3 and 4.
 const DASHES = [[], [], [9, 3], [3, 2], [9, 2, 2, 2], [2, 4]];
 
-// A curve has a label, times, values and the number of its color; `curves` gives those of a run.
-// A quantity with fewer samples than the others is drawn as `dots`.
+// A curve has a label, times, values and the number of its color; `curves` returns a run's curves.
+// A quantity with fewer samples than the other quantities is drawn as `dots`.
 const PLOTS = [
   { name: "velocity", title: "Body velocity", unit: "m/s", digits: 2,
     curves: (run) => byComponent(run, "velocity", ["v_x", "v_y"]) },
@@ -92,7 +92,7 @@ class Plot {
     return [low - room, high + room];
   }
 
-  // Draws everything but the cursor; needed after a change of size, colors or highlighted run.
+  // Draws everything except the cursor; needed after a change of size, colors or highlighted run.
   draw(front, colors) {
     const { pen, width, height } = prepareCanvas(this.canvas);
     pen.save();
@@ -111,7 +111,7 @@ class Plot {
       pen.lineWidth = run === front ? 1.8 : 1.3;
       if (this.kind.lanes) this.drawLanes(pen, run, colors); else this.drawCurves(pen, run, colors);
     }
-    pen.restore(); // the clip and the dashes would be there at the next time
+    pen.restore(); // otherwise, the clip and the dashes would affect the next drawing
     this.fillLegend(front, colors);
   }
 

@@ -1,8 +1,8 @@
-// The vehicles from above: the highlighted run with all its data, the others faded.
+// The vehicles from above: the highlighted run with all its data, the other runs faded.
 
-const PALE = 0.4; // opacity of what is not in front
+const PALE = 0.4; // opacity of the runs that are not highlighted
 const FOLLOWED_LENGTHS = 4; // chassis lengths across the picture that follows the vehicle
-const POINT_SIZE = 1; // [m] of a vehicle of which nothing is known
+const POINT_SIZE = 1; // [m] size of a vehicle with unknown dimensions
 
 class TopView {
   constructor(canvas, runs) {
@@ -231,7 +231,7 @@ function cross(pen, [x, y], reach, width) {
   pen.stroke();
 }
 
-// An arrow along (x, y), `scale` meters of ground per unit; none if it would be a dot.
+// An arrow along (x, y), `scale` meters of ground per unit; no arrow if it would be a dot.
 function arrow(pen, pixel, [fromX, fromY], [x, y], scale, color) {
   const length = Math.hypot(x, y) * scale;
   if (!(length > 4 * pixel)) return;
