@@ -65,8 +65,8 @@ class Metric:
         value: measured value, in `unit`; NaN if it is undefined.
         unit: SI symbol, ``deg`` or ``1``.
         reference: value in the dissertation, in `unit`; None if there is none.
-        at_most: upper limit of the value, in `unit`; None if there is none.
-        at_least: lower limit of the value, in `unit`; None if there is none.
+        at_most: upper limit on the value, in `unit`; None if there is none.
+        at_least: lower limit on the value, in `unit`; None if there is none.
         note: reason why the value is NaN, or a remark for the reader; otherwise empty.
     """
 

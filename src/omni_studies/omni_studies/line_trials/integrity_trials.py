@@ -172,7 +172,7 @@ def drive_over(
     Args:
         ground: the ground.
         faults: faults by name.
-        drives: numbers of the drives; each has a random start, and the motions are used cyclically.
+        drives: indices of the drives; each has a random start, and the motions are used cyclically.
         batches: number of batches of each camera in a drive.
         seed: seed of positions, headings and noise.
         motions: the motions.

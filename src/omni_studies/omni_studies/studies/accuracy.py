@@ -298,7 +298,7 @@ class DriveCase:
 
 
 class _Drives(Configuration):
-    """Extent of the drives, and noise."""
+    """Number of trials, and noise."""
 
     starts: int = parameter(12, minimum=2, maximum=10_000)
     """number of random positions and directions for each camera, ground and motion; from each, 8

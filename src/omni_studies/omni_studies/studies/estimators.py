@@ -35,7 +35,7 @@ _GROUNDS = ("asphalt", "worn_asphalt", "concrete", "gravel", "brick")
 _SPEEDS = (0.05, 0.2, 1.0, 3.0, 10.0)  # m/s
 _ANGLES = (0, 45)  # from the axis to the motion [deg]
 _FAULTS = ("none", "dirt_spots", "prnu", "mud")
-_BATCHES = 3  # number of batches per drive
+_BATCHES = 3  # number of batches per motion
 _OTHERS = ("phase", "patch")  # estimators that require OpenCV
 
 _EYE = trials.SENSORS["left"]
@@ -73,10 +73,10 @@ class Scene(NamedTuple):
 
 
 class Options(Configuration):
-    """Number of drives."""
+    """Number of motions, and seed."""
 
     runs: int = parameter(4, minimum=1, maximum=1000)
-    """drives from random positions for each ground, speed and angle"""
+    """number of motions from random positions for each ground, speed and angle"""
     seed: int = parameter(1, minimum=0)
     """seed of positions and noise"""
 
@@ -117,7 +117,7 @@ def errors_of(
         kind: kind of ground.
         angle: angle between motion and camera axis [rad].
         speed: speed of the motion [m/s].
-        options: number of drives, and seed.
+        options: number of motions, and seed.
     """
     velocity = speed * np.array([math.cos(angle), math.sin(angle)])
     motion = trials.Motion((float(velocity[0]), float(velocity[1]), 0.0))

@@ -3,7 +3,8 @@
 An undetected error is a batch of one camera that is reported as measured although the error of its
 velocity exceeds both 4 of its stated standard deviations and 0.05 m/s. `availability` is the share
 of batches that are measured, and `normalized_error` is the mean ratio of squared error to stated
-variance. The odometry is reset at the start of every drive and has no estimates of cameras then.
+variance. A drive is a simulated motion of all cameras over one ground. The odometry is reset at the
+start of every drive and has no estimates of camera properties then.
 
 Each run of the campaign is one drive with one fault. Runs that differ only in the fault share the
 rendered drive.

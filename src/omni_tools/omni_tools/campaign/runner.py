@@ -127,7 +127,7 @@ def run_campaign(
     Args:
         work: function that makes one run; sent to the workers.
         seeds: seeds of the whole campaign.
-        row: type of the result of a run, a NamedTuple whose first field is ``seed``.
+        row: type of a run's result, a NamedTuple whose first field is ``seed``.
         options: options that select the part of the campaign, the workers and earlier results.
         path: path of the table of all runs, a CSV file.
         fingerprint: digest of all settings that determine the runs, except the seeds.

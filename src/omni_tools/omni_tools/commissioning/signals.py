@@ -119,7 +119,7 @@ def signals_of(
         )
     if np.sum(gaps) < _SHORTEST:
         raise configuration.ConfigurationError(
-            "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record a drive"
+            "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record the run"
         )
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 

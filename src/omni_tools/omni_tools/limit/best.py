@@ -119,7 +119,7 @@ class OptimalStop:
     Args:
         vehicle: vehicle that brakes.
         friction: friction factor of the ground [1].
-        maneuver: motion at the start of braking, with the pedal fully down.
+        maneuver: motion at the start of braking; the pedal is fully down.
         program: nonlinear program of the stop.
     """
 

@@ -278,7 +278,7 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
         title: title of the figure.
     """
     size = (12.0, 1.0 + 2.3 * len(calibrations))
-    x = ("batch, drives one after the other (between orange lines)", "residual [mm/s]")
+    x = ("batch; recordings are separated by orange lines", "residual [mm/s]")
     figure, panels = style.panels(
         title, len(calibrations), 2, size=size, x=x, width_ratios=(2.2, 1.0)
     )

@@ -221,7 +221,7 @@ def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[s
     """Return stiffness and damping by key, for a fixed ratio of deflection to radius.
 
     Args:
-        largest_load: largest load of the tire [N].
+        largest_load: limit on the load of the tire [N].
         radius: radius of the wheel [m].
     """
     table_1 = TireConfiguration()

@@ -33,7 +33,7 @@ def streams(
 
 @pytest.mark.parametrize("rows", [1, 2, 20])
 def test_too_short_a_drive_is_refused(rows: int) -> None:
-    with pytest.raises(ConfigurationError, match="record a drive"):
+    with pytest.raises(ConfigurationError, match="record the run"):
         signals_of(streams(rows), WHEELS)
 
 
