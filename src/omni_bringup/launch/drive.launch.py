@@ -1,4 +1,6 @@
-"""Start a vehicle that a person drives, as `omni drive` does; the driver logs the page's address.
+"""Start a vehicle that a person drives, as `omni drive` does.
+
+The node `driver` logs the address of the driving page.
 
 ``ros2 launch omni_bringup drive.launch.py experiment:=small_stop``
 """

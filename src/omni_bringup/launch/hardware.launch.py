@@ -1,7 +1,7 @@
 """Start odometry and brake assistant of a real vehicle, as docs/real_vehicle.md describes.
 
-``ros2 launch omni_bringup hardware.launch.py parameters:=/etc/my_vehicle``, where the folder was
-written by ``./omni ros-params``.
+``ros2 launch omni_bringup hardware.launch.py parameters:=/etc/my_vehicle`` starts them with the
+parameter files in this folder, which ``./omni ros-params`` has written.
 """
 
 from functools import partial
@@ -30,12 +30,12 @@ def start(context: LaunchContext) -> list[Any]:
     given = given_arguments(Path(__file__).name, ARGUMENTS, context)
     nodes = hardware_nodes(given)
     for node in nodes:
-        get_package_prefix(node.package)  # raises an error before any node starts
+        get_package_prefix(node.package)  # this call raises its errors before any node starts
     return [action for node in nodes for action in started(node, given)]
 
 
 def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
-    """Return the exit handler of a node, and the node; `given` has the launch arguments."""
+    """Return the exit handler of a node, and the node; `given` contains the launch arguments."""
     process = Node(
         package=node.package,
         executable=node.executable,
@@ -54,7 +54,7 @@ def started(node: HardwareNode, given: dict[str, str]) -> list[Any]:
 
 
 def ended(node: HardwareNode, given: dict[str, str], event: Any, context: Any) -> list[Any]:
-    """Restart a node that has exited, or raise an error, which ends the launch."""
+    """Restart a node that has ended, or raise an error, which ends the launch."""
     if context.is_shutdown:
         return []
     if starts_again(event.returncode, given):

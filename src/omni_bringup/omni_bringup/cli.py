@@ -84,7 +84,7 @@ def _run(words: Sequence[str]) -> int:
     except configuration.WorkError as error:
         code, problem = ExitCode.FAILED, str(error)
     except OSError as error:
-        # No file can have such a name, so the name is wrong input.
+        # No file can have such a name, so the error is in the user's input.
         refused = error.errno == errno.ENAMETOOLONG
         code = ExitCode.REFUSED if refused else ExitCode.FAILED
         problem = f"cannot access {error.filename or 'a file'}: {error.strerror or error}"
@@ -173,7 +173,7 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the second paragraph of a docstring; the first line if it has only one paragraph."""
+    """Return the second paragraph of a docstring, or the first line if there is no second one."""
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:

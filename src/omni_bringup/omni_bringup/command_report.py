@@ -22,13 +22,13 @@ class Report:
         name: name of the JSON document; empty for the name of the command.
         metrics: metrics of the document, by ``quantity.case``.
         details: further entries of the document.
-        text: lines and `rich` tables that are printed without ``--json``; iterated only in this
-            case.
+        text: lines and `rich` tables that are printed without ``--json``; with ``--json`` they are
+            not computed.
         files: paths of the written files, printed after the text.
         hints: lines printed at the end, such as how to use the files.
         summary: folder in which the document is stored as ``summary.json``.
-        problems: sentences for standard error; if there is any, the exit code is 1.
-        ok: whether the result meets the requirements in the options; otherwise the exit code is 1.
+        problems: sentences for standard error; if there are any, the exit code is 1.
+        ok: whether the result meets the requirements in the options; if not, the exit code is 1.
     """
 
     name: str = ""
@@ -48,21 +48,21 @@ class Report:
 
 
 def entries(values: Mapping[str, tuple[float, str]]) -> dict[str, dict[str, Any]]:
-    """Return pairs (value, unit) by ``quantity.case`` as metrics of the JSON document."""
+    """Return pairs (value, unit), given by ``quantity.case``, as metrics of the JSON document."""
     return {key: {"value": value, "unit": unit} for key, (value, unit) in values.items()}
 
 
 def entries_by_case(
     cases: Mapping[str, Mapping[str, tuple[float, str]]],
 ) -> dict[str, dict[str, Any]]:
-    """Return pairs (value, unit) by case and quantity as metrics of the JSON document."""
+    """Return pairs (value, unit), given by case and quantity, as metrics of the JSON document."""
     return entries(
         {f"{key}.{case}": value for case, row in cases.items() for key, value in row.items()}
     )
 
 
 def in_words(row: Mapping[str, tuple[float, str]]) -> str:
-    """Return pairs (value, unit) by quantity as one line of text."""
+    """Return pairs (value, unit), given by quantity, as one line of text."""
     return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
 
 

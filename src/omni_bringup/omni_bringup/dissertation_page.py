@@ -1,6 +1,6 @@
 """Page with the status of each equation, figure, table and claim of the dissertation.
 
-``python -m omni_bringup.dissertation_page > docs/dissertation.md`` writes it from
+``python -m omni_bringup.dissertation_page > docs/dissertation.md`` generates the page from
 ``docs/dissertation.yaml``.
 """
 

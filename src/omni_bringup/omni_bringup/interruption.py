@@ -9,15 +9,15 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 def leave_at_once_on_signals() -> None:
-    """Exit on a signal, without a traceback, as long as there is nothing to clean up.
+    """Make signals end the process without a traceback while there is nothing to clean up.
 
     An exception raised by a signal handler could interrupt an import, and some extension modules
-    replace it by another exception.
+    replace such an exception by another one.
     """
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:  # a shell sets SIG_IGN for background jobs
             signal.signal(number, _leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # blocked by the launcher
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)  # the launcher has blocked the signals
 
 
 def clean_up_on_signals() -> None:

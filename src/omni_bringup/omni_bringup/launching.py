@@ -38,7 +38,7 @@ def run_description(mode: str) -> LaunchDescription:
 
 
 def declared(arguments: Mapping[str, tuple[str | None, str]]) -> list[DeclareLaunchArgument]:
-    """Return the declarations of launch arguments, given by name with default and description."""
+    """Return the declarations of launch arguments, given as (default, description) by name."""
     return [
         DeclareLaunchArgument(name, default_value=default, description=words)
         for name, (default, words) in arguments.items()

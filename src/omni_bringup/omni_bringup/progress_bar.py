@@ -34,7 +34,7 @@ def progress_bar(name: str) -> Iterator[Progress]:
 
 @contextmanager
 def at_work(program: str, words: str, every: float = 5.0) -> Iterator[None]:
-    """Print every few seconds that a command is still running whose duration is unknown.
+    """Print every few seconds that a command of unknown duration is still running.
 
     Args:
         program: program name at the beginning of each line.
@@ -65,7 +65,7 @@ def progress_lines(
     Args:
         name: name at the beginning of each line.
         clock: returns the time [s].
-        period: shortest interval [s]; intervals grow to a fifth of the elapsed time.
+        period: minimum interval [s]; intervals grow to a fifth of the elapsed time.
     """
     begun = last = clock()
 

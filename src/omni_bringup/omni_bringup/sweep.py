@@ -1,4 +1,4 @@
-"""``./omni run --set key=a,b,c``: runs of several values, with a table and a figure."""
+"""``./omni run --set key=a,b,c``: run an experiment with several values; write table and figure."""
 
 from __future__ import annotations
 

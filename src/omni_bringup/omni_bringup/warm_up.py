@@ -1,9 +1,9 @@
 """Compilation of kernels and rendering of the standard ground in advance.
 
-The launcher starts this program after a build, at the same time as the first command, and it
+The launcher starts this program after a build, at the same time as the first command. The program
 compiles the kernels of ``omni run``. Processes share the compiled kernels
-(`omni_platform.compilation.cache`). With ``--all`` it also compiles those of campaigns, 16-bit
-lines and external control laws, which otherwise are compiled at their first use.
+(`omni_platform.compilation.cache`). With ``--all`` the program also compiles the kernels for
+campaigns, 16-bit lines and external control laws, which otherwise are compiled at their first use.
 """
 
 import dataclasses
@@ -24,8 +24,8 @@ _OWN_LAW = "omni_brake_assist.laws.sliding_mode:SlidingMode"  # the name of an e
 def compile_for_run(configuration: experiment.ExperimentConfiguration) -> None:
     """Compile the kernels of the nodes.
 
-    Those of the odometry take the longest and come first; the nodes of a run that has begun
-    meanwhile compile their own.
+    The kernels of the odometry take the longest and are compiled first. If a run has already begun,
+    its other nodes meanwhile compile their own kernels.
     """
     LineScanOdometry(configuration.odometry).warm_up()
     simulator = Simulator(configuration)

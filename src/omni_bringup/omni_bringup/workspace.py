@@ -1,4 +1,4 @@
-"""Folder in which a command works."""
+"""Workspace, the folder whose configuration a command reads and in which it stores results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Folder with `config`, `bags` and `results`, and the command that works in it.
+    """Folder with `config`, `bags` and `results`, and the command that is run in this folder.
 
     Attributes:
         folder: path of the workspace.
@@ -57,7 +57,7 @@ class Workspace:
         print(f"{self.program}: note: {remark}", file=sys.stderr)
 
     def results(self, out: Path | None, *parts: str) -> Path:
-        """Return the chosen results folder; a folder below ``results`` if none is chosen."""
+        """Return the folder `out` for results; if it is None, a folder below ``results``."""
         return out or self.folder.joinpath("results", *parts)
 
     def progress(self) -> AbstractContextManager[Callable[[float, str], None]]:
@@ -66,5 +66,5 @@ class Workspace:
 
 
 def workspace_folder() -> Path:
-    """Return the launcher's workspace; without the launcher, the current folder."""
+    """Return the workspace that the launcher has set; without the launcher, the current folder."""
     return Path(os.environ.get("OMNI_WORKSPACE", "."))

@@ -1,11 +1,11 @@
 """Commands of the command line, one module each.
 
 A command is a module of this package. The first line of its docstring states the name and the
-purpose of the command; an optional second paragraph introduces its help. The module has a
-`Configuration` called ``Options`` and a function ``run(options, workspace)`` that returns a
-`Report`. The function raises `InputError` before anything starts, and `WorkError` or `OSError` if
-the work fails after its start. Modules that a command needs are imported when it runs, so that help
-and option errors are printed without delay.
+purpose of the command; an optional second paragraph is the introduction of the help text. The
+module has a `Configuration` called ``Options`` and a function ``run(options, workspace)`` that
+returns a `Report`. For invalid input the function raises `InputError` before the work starts; if
+the work fails after its start, it raises `WorkError` or `OSError`. Modules that a command needs are
+imported when it runs, so that help and option errors are printed without delay.
 
 A command that may take long without reporting progress describes its work in ``WORK``; every few
 seconds, a line with the elapsed time is then printed to standard error.
@@ -30,7 +30,7 @@ PACKAGE = __name__
 
 
 class Command(Protocol):
-    """The module of a command."""
+    """Module of a command."""
 
     __doc__: str
     Options: type[Configuration]

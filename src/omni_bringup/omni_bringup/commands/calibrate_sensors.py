@@ -1,8 +1,9 @@
 """``./omni calibrate-sensors``: estimate the mounting of line cameras from drives of known motion.
 
 Estimate pixel pitch, axis, position, mirroring and line rate of each line camera, with
-uncertainties. The recorded drives (straight, sideways, turning) must have a known motion, from the
-wheels or from a simulation. Write a figure of the residuals and a YAML file of the cameras.
+uncertainties. The motion of the recorded drives (straight, sideways, turning) must be known from
+the wheel speeds or from a simulation. Write a figure of the residuals and a YAML file of the
+cameras.
 """
 
 from __future__ import annotations

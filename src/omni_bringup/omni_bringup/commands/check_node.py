@@ -1,9 +1,9 @@
 """``./omni check-node``: check whether a user's node meets the contract of its topics.
 
-Play a recording to an odometry or a brake assistant in real time: unchanged, with a gap in one
+Play a recording to an odometry node or a brake assistant in real time: unchanged, with a gap in one
 input, with unusable values, and cut off during braking. Send valid and invalid enables to a
 simulator. Report each violation of the contract in one sentence; the exit code is 1 if there is
-any.
+any violation.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Options(CommandOptions):
     """command that starts the node in a separate ROS domain (default: the node already runs, in
     the domain of ROS_DOMAIN_ID)"""
     duration: float = option(10.0, unit="s", above=1.0, maximum=600.0)
-    """time for which messages of a simulator are checked"""
+    """duration for which messages of a simulator are checked"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -83,8 +83,8 @@ def _node(command: str | None) -> Iterator[tuple[Partner, Callable[[], bool]]]:
         with closing(Partner(chosen_domain(os.environ) or 0)) as partner:
             yield partner, lambda: True
         return
-    # The reservation ends here, because ./omni run reserves the domain of its nodes itself. Other
-    # runs avoid the domain of this program's node.
+    # The reservation ends here, because ./omni run itself reserves the domain of its nodes. Other
+    # runs do not choose this domain, because the node of this program is in it.
     with reserved_domain() as domain:
         partner = Partner(domain)
     with closing(partner):

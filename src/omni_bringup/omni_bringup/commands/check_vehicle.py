@@ -1,10 +1,10 @@
 """``./omni check-vehicle``: find errors in the description of a vehicle from a short drive.
 
 Compare a vehicle's file with a recording of three slow motions (forward, to the left,
-counter-clockwise, each from rest to rest) and of stops in different directions. Checked are order
-and signs of the wheels, rollers, radii, positions, twist sensor, IMU, and order and dead times of
-the brakes. Each error is reported with its remedy. Brakes whose exchange these stops could not
-reveal are reported too.
+counter-clockwise, each from rest to rest) and of stops in different directions. The command checks
+order and signs of the wheels, rollers, radii, positions, twist sensor, IMU, and order and dead
+times of the brakes. Each error is reported with its remedy. The command also reports brakes that
+could be exchanged without a visible effect on these stops.
 """
 
 import math
@@ -41,7 +41,7 @@ class Options(CommandOptions):
     namespace: str = option("", metavar="NAME")
     """namespace of the vehicle, for a live drive"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
-    """time within which a live drive must be complete"""
+    """limit on the time until a live drive is complete"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 

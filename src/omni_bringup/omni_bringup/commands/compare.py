@@ -18,11 +18,11 @@ class Options(CommandOptions):
     """Options of ``omni compare``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
-    """rosbag2 folder of a run or a drive, or a single .mcap file"""
+    """rosbag2 folder of omni run or omni drive, or a single .mcap file"""
     max_distance: float | None = option(None, metavar="M", minimum=0.0, maximum=1.0e4)
-    """longest permitted stopping distance; with a longer stop the exit code is 1"""
+    """limit on the stopping distance; if a stop is longer, the exit code is 1"""
     max_rotation: float | None = option(None, metavar="DEG", minimum=0.0, maximum=3600.0)
-    """largest permitted change of orientation; with a larger one the exit code is 1"""
+    """limit on the change of orientation; if a change is larger, the exit code is 1"""
     csv: Path | None = option(None, metavar="FILE")
     """file to which the table is also written"""
 

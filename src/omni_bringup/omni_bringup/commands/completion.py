@@ -14,11 +14,11 @@ from omni_bringup.workspace import Workspace
 from omni_platform import command_options, configuration
 
 _VALUES = {"--vehicle": "vehicles", "--ground": "grounds", "--experiment": "experiments"}
-_NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows each command
+_NAMED = {"run": "experiments", "limit": "experiments"}  # kind of name that follows a command
 
 
 class Options(configuration.Configuration):
-    """Options of ``omni completion``: none."""
+    """Options of ``omni completion``, which has none."""
 
 
 def run(_options: Options, workspace: Workspace) -> Report:

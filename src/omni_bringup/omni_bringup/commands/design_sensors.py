@@ -1,7 +1,7 @@
 """``./omni design-sensors``: place line cameras under a chassis for the most accurate twist.
 
-Search for the positions of line cameras with the smallest mean twist error, draw them, and evaluate
-given and common placements for comparison.
+Search for the positions of line cameras that give the smallest mean twist error, draw them, and
+evaluate given and common placements for comparison.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Options(PlacementOptions, CommandOptions):
     """Options of ``omni design-sensors``."""
 
     out: Path | None = option(None, metavar="DIR")
-    """folder of placement and figure (default: results/design-sensors/VEHICLE)"""
+    """folder for placement and figure (default: results/design-sensors/VEHICLE)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -82,7 +82,7 @@ def _text(
 
 
 def _use(vehicle: str, placement: Path) -> str:
-    """Return the command line that uses a placement, which is only valid for this chassis."""
+    """Return the command line that uses a placement, which is valid only for this vehicle."""
     if vehicle.endswith(".yaml"):
         vehicle = str(Path(vehicle).resolve())
     parts = (f"vehicle={vehicle}", f"sensors={placement}")

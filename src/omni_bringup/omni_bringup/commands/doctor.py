@@ -1,7 +1,7 @@
 """``./omni doctor``: check the installation, and whether ROS nodes can communicate.
 
-Check each part of the installation in one line, with a remedy for each failure. Exit code 1 if any
-check fails.
+Check each part of the installation and print one line for each, with a remedy for each failure. The
+exit code is 1 if any check fails.
 """
 
 import importlib
@@ -170,7 +170,7 @@ def _configuration(workspace: Path) -> str:
 
 
 def _disk(workspace: Path, needed: float = 0.2e9) -> str:
-    """Check that there is space for a run with its recordings, `needed` [B]."""
+    """Check that the disk has the space `needed` [B] for a run with its recordings."""
     with tempfile.TemporaryFile(dir=workspace):
         pass
     free = shutil.disk_usage(workspace).free

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
-# Ice ahead of the left wheels only, where an unassisted stop rotates most.
+# Ice is ahead of the left wheels only, so that an unassisted stop rotates the vehicle most.
 _ICE = "ground.patches.ice={x: 14.0, y: 1.5, length: 8.0, width: 3.0, friction: 0.15}"
 
 
@@ -44,7 +44,7 @@ class Options(Configuration):
     """brakes with the typical timing of this kind, as in ./omni new-vehicle (default: the
     vehicle's)"""
     no_ice: bool = option(False)
-    """do not add the patch of ice that a ground without patches otherwise gets"""
+    """do not add the patch of ice that is otherwise added to a ground without patches"""
     overrides: tuple[str, ...] = overrides_option()
     max_speed: float = option(5.0, metavar="M/S", above=0.0, maximum=50.0)
     """speed at full deflection of the stick"""
@@ -65,7 +65,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
     """Run the nodes until a signal ends the command or a node fails.
 
     Raises:
-        ProcessError: a node has ended; otherwise only a signal ends the command.
+        ProcessError: a node has ended. If all nodes run, only a signal ends the command.
     """
     from omni_bringup.graph.domain import reserved_domain
     from omni_bringup.graph.process_group import ProcessGroup
@@ -168,7 +168,7 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration for motion at the largest speed, forward and then sideways."""
+    """Return the configuration for motion at full stick, forward and then sideways."""
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(
@@ -191,7 +191,7 @@ def drive_nodes(
         scratch: folder for the parameter files of the nodes.
         parameters: parameters of the driver's node.
         folder: rosbag2 folder of the recording; None for no recording.
-        lines: whether to record the camera lines, which are most of the data.
+        lines: whether to record the camera lines, which are the largest part of the data.
     """
     from omni_bringup.graph import nodes as graph
 

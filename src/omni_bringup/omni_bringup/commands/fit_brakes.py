@@ -1,8 +1,8 @@
 """``./omni fit-brakes``: estimate torque, dead time and lag of brakes from recorded stops.
 
-Estimate the largest torque of a vehicle's brakes, their dead time and their time constant from
-recordings of stops in which the wheels keep turning under their brakes (for example with half the
-pedal).
+Estimate the maximum torque, the dead time and the time constant of a vehicle's brakes from
+recordings of stops in which the wheels keep turning under their brakes (for example with the pedal
+halfway down).
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ class Options(CommandOptions):
     """Options of ``omni fit-brakes``."""
 
     recordings: tuple[Path, ...] = option(positional=True, metavar="RECORDING")
-    """rosbag2 folders with wheel_states, brake/pedal, brake/enable and a twist"""
+    """rosbag2 folders with wheel_states, brake/pedal and a twist; also brake/enable, unless a stop
+    was made without an assistant"""
     vehicle: str | None = option(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
     configuration next to the first recording)"""
@@ -38,7 +39,7 @@ class Options(CommandOptions):
     )
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of brake file and figure (default: results/fit-brakes/RECORDING)"""
+    """folder for brake file and figure (default: results/fit-brakes/RECORDING)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -109,7 +110,7 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
 
 
 def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
-    """Yield table and remarks, with a warning if the relative torque error exceeds `vague`."""
+    """Yield table and remarks; warn if the torque's relative standard error exceeds `vague`."""
     yield estimate_table(entries)
     yield (
         f"recordings: {stops}; intervals in which a wheel turned under its brake: {fit.intervals}; "

@@ -31,7 +31,7 @@ class Options(CommandOptions):
     wheel_radius: float = option(0.2, unit="m", above=0.0, maximum=2.0)
     """radius of the wheel, from which tire stiffness and damping are estimated"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of tire file and figure (default: results/fit-tire/DATA)"""
+    """folder for tire file and figure (default: results/fit-tire/DATA)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:

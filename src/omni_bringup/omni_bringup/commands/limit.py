@@ -1,7 +1,7 @@
 """``./omni limit``: compute lower bounds of the stopping distance.
 
 Compute lower bounds of the stopping distance from friction, loads and pedal, both for stops that
-keep heading and line and for all stops.
+keep heading and line of motion and for all stops.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ WORK = "bounding the stop"
 
 
 class Options(CommandOptions):
-    """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
+    """Options of ``omni limit``, which select an experiment, or a vehicle and its motion."""
 
     experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
     """a file of config/experiments/, or a path that ends in .yaml (default: straight_line)"""
@@ -46,7 +46,7 @@ class Options(CommandOptions):
     """also plan the shortest stops for several allowed rotations, and draw them together with
     the stops of the laws; takes minutes, requires CasADi"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of the figure for --best (default: results/limit/NAME)"""
+    """folder for the figure of --best (default: results/limit/NAME)"""
     overrides: tuple[str, ...] = overrides_option()
 
 
@@ -131,7 +131,7 @@ def _question(options: Options, library: ExperimentLibrary) -> tuple[str, Load]:
 def _forces(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Table:
-    """Return the wheel forces at the largest straight deceleration on ground without patches."""
+    """Tabulate the wheel forces of the strongest straight stop on a ground without patches."""
     import numpy as np
     from rich.table import Table
 

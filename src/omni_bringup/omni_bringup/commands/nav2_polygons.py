@@ -16,7 +16,7 @@ class Options(AreaOptions, CommandOptions):
     """Options of ``omni nav2-polygons``."""
 
     out: Path | None = option(None, metavar="DIR")
-    """folder of YAML, picture and stops (default: results/nav2-polygons/VEHICLE)"""
+    """folder for YAML, picture and stops (default: results/nav2-polygons/VEHICLE)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:

@@ -43,14 +43,14 @@ class Options(CommandOptions):
     load: float | None = option(None, unit="kg")
     """mass of a load at the front left (default: 0)"""
     drive_torque: float | None = option(None, unit="N m")
-    """largest torque of a drive at its wheel (default: an estimate)"""
+    """maximum torque of a drive at its wheel (default: an estimate)"""
     drive_power: float | None = option(None, unit="W")
-    """largest power with which a drive brakes its wheel (default: no limit)"""
+    """maximum power with which a drive brakes its wheel (default: no limit)"""
     brakes: str | None = option(None, choices=tuple(TYPICAL))
     """kind of brakes: on_off valves (default), spring-applied brakes, proportional brakes, or
     drives with a torque or a velocity command"""
     out: Path | None = option(None, metavar="DIR")
-    """new folder of the files (default: NAME)"""
+    """new folder for the files (default: NAME)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -92,7 +92,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _answers(options: Options) -> dict[str, Any]:
-    """Return the values of `Measured` from the options, or otherwise from the terminal."""
+    """Return the values of `Measured`, from the options or, where not given, from the terminal."""
     from omni_tools.vehicles.estimates import Measured
 
     values: dict[str, Any] = {}
@@ -113,7 +113,7 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value that is entered on the terminal, or otherwise the usual value.
+    """Return a value that is entered on the terminal; without an entry, the usual value.
 
     Raises:
         ConfigurationError: there is no terminal and no usual value.

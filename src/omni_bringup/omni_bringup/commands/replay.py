@@ -1,7 +1,7 @@
 """``./omni replay``: run nodes on recorded inputs.
 
-Publish the recorded inputs with /clock to the real nodes, record the outputs of the nodes, and
-compare these with the recorded outputs.
+Publish the recorded inputs and /clock to the real nodes, record the outputs of the nodes, and
+compare them with the recorded outputs.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Options(CommandOptions):
     """exit code 1 if the results differ from the recorded outputs by more than --tolerance"""
     # Rounding differs between processors; values in SI units are of the order of one.
     tolerance: float = option(1e-6, minimum=0.0, maximum=1000.0)
-    """largest difference of a value, in its SI unit"""
+    """limit on the difference between a value and the recorded one, in its SI unit"""
     out: Path | None = option(None, metavar="DIR")
-    """new folder of the results (default: next to the recording, BAG_replayed_TIME)"""
+    """new folder for the results (default: next to the recording, BAG_replayed_TIME)"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -82,7 +82,7 @@ def run(options: Options, workspace: Workspace) -> Report:
             timeouts = replay_over_graph(bag.path, plan, folder, options.rate or 0.0)
         write_configuration(configuration, folder)
         comparisons = compare_topics(bag.path, folder, known).values()
-    except BagError as error:  # damage that is found only during the replay
+    except BagError as error:  # damage to the recording that is found only during the replay
         raise WorkError(str(error)) from None
     return Report(
         metrics={

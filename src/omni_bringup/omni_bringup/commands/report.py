@@ -1,8 +1,8 @@
 """``./omni report``: show recordings as a page for a browser.
 
-Write one self-contained HTML file with an animation of the vehicle from above and synchronous
-plots, the results, the camera lines at the start of braking, and the configurations with their
-differences.
+Write one self-contained HTML file. It contains an animation of the vehicle from above with
+synchronized plots, the results, the camera lines at the start of braking, and the configurations
+with their differences.
 """
 
 from __future__ import annotations

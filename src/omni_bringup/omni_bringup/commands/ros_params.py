@@ -19,14 +19,14 @@ class Options(CommandOptions):
     """a file of config/hardware/ or config/experiments/, a path to such a file or to the
     configuration.yaml of a run, or the folder of a vehicle"""
     out: Path = option(metavar="DIR")
-    """folder of the files; it is created if it is missing"""
+    """folder for the files; it is created if it is missing"""
     source: str | None = option(None, metavar="NAME")
     """source of the twist, by its name in ./omni study feedback; a warning states whether
     assistance with this source does more harm than good"""
     feedback: Path | None = option(None, metavar="FILE")
     """result of ./omni study feedback --vehicle, required for --source; if it does not contain a
-    vehicle with the name of CONFIGURATION, the warning is about its vehicles (default:
-    results/feedback/summary.json in the workspace)"""
+    vehicle with the name of CONFIGURATION, the warning is about the vehicles that it contains
+    (default: results/feedback/summary.json in the workspace)"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 

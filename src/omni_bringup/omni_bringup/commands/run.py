@@ -35,7 +35,7 @@ class Options(LoopOptions, CommandOptions):
     variant: tuple[str, ...] = option(())
     """run only this variant"""
     out: Path | None = option(None, metavar="DIR")
-    """folder of the recordings and figures (default: bags/EXPERIMENT/TIME)"""
+    """folder for the recordings and figures (default: bags/EXPERIMENT/TIME)"""
     ground: str | None = option(None, metavar="NAME|PICTURE")
     """a file of config/grounds/, or your own scan or photo (PNG, TIFF, JPEG) with --dpi"""
     dpi: float | None = option(None, above=0.0, maximum=50000.0)
@@ -43,7 +43,7 @@ class Options(LoopOptions, CommandOptions):
     real_time: bool = option(False)
     """run the simulation at the pace of the wall clock instead of waiting for every reply"""
     compression: str = option("none", choices=("none", "zstd", "lz4"))
-    """compression of the recording, which reduces the size of noisy lines by about an eighth"""
+    """compression of the recording, which makes a recording of noisy lines an eighth smaller"""
     fsync: bool = option(False)
     """wait for the disk at every flush, so that a power failure loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")
@@ -115,17 +115,17 @@ def _run_variants(
     options: Options,
     workspace: Workspace,
 ) -> list[VariantResult]:
-    """Run each variant as a graph of node processes; keep the results of each.
+    """Run each variant as a graph of node processes; return the results of all variants.
 
     Raises:
-        WorkError: a run ended early; the message names what remains of its recording.
+        WorkError: a run ended early; the message names the recordings that remain.
     """
     from omni_bringup.graph.run_folder import write_summary
     from omni_bringup.graph.run_variant import finish_runs, run_variant
     from omni_loop.experiment import short_name
 
     interruption.clean_up_on_signals()
-    # This check is done during the first run, because it would delay the start.
+    # This check runs during the first run, because it would otherwise delay the start.
     note = cache(lambda: workspace.check(configurations.values()))
     shares = dict.fromkeys(configurations, 0.0)
     results = {}
@@ -161,7 +161,7 @@ def _run_variants(
 
 
 def _runs_at_once(options: Options) -> int:
-    """Return the number of simultaneous runs: with 2, nodes start while another variant runs."""
+    """Return the number of simultaneous runs; with 2, nodes start while another variant runs."""
     from omni_ros.environment import chosen_domain
 
     alone = options.real_time or options.replace or chosen_domain(os.environ) is not None
@@ -187,7 +187,7 @@ def _report(
     folder: Path,
 ) -> command_report.Report:
     """Draw the figures and return the report; a user's own law is named in the titles."""
-    # Imported after the run: the import takes about a second.
+    # Imported only after the run, because the import takes about a second.
     from omni_figures.comparison_table import ComparisonTable
     from omni_figures.run_figures import draw_run_figures
 

@@ -60,7 +60,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _find(options: Options, workspace: Workspace) -> tuple[str, Path]:
-    """Return the kind and the file of a name."""
+    """Return the kind and the file of the item with the given name."""
     folder = workspace.experiment_library().located(options.kind or "vehicles", options.name)
     if folder != options.name:
         return options.kind or "vehicles", Path(folder)

@@ -27,9 +27,9 @@ class _Output(CommandOptions):
     """Options that every study has in addition to its own."""
 
     out: Path | None = option(None, metavar="DIR")
-    """folder of the figures and data (default: results/STUDY)"""
+    """folder for figures and data (default: results/STUDY)"""
     strict: bool = option(False)
-    """exit code 1 if a metric misses its limit or a claim is not true"""
+    """exit code 1 if a metric violates its limit or a claim is not true"""
 
 
 def command(name: str) -> _StudyCommand:
@@ -40,7 +40,7 @@ def command(name: str) -> _StudyCommand:
 
 
 class _StudyCommand:
-    """A study, with the folder of its results."""
+    """A study as a command, which also determines the folder of its results."""
 
     def __init__(self, name: str, study: Study) -> None:
         self._name = name
@@ -67,7 +67,7 @@ class _StudyCommand:
 
 
 def _text(result: StudyResult) -> Iterator[Any]:
-    """Yield the table of metrics, by quantity so that long names fit, and the sentences."""
+    """Yield a table of metrics, grouped by quantity so that long names fit, and the sentences."""
     from rich import box
     from rich.table import Table
     from rich.text import Text

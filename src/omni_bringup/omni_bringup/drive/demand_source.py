@@ -3,10 +3,10 @@
 Both a page in a browser and a publisher of `cmd_vel` (a teleoperation node) may send demands. The
 vehicle brakes fully
 
-- until one of them sends a demand for the first time,
-- while a page is open but sends nothing: a hidden tab, a halted browser, a lost connection,
-- after a page was closed, until a page opens again or `cmd_vel` sends zero, so that a teleoperation
-  node takes over only after a deliberate stop,
+- until one of these two sources sends its first demand,
+- while a page is open but sends nothing (hidden tab, halted browser, lost connection),
+- after a page was closed, until a page opens again or a zero `cmd_vel` is received, so that a
+  teleoperation node takes over only after a deliberate stop,
 - if no page is open and no `cmd_vel` is received, so that a teleoperation key must be held down.
 """
 
@@ -41,7 +41,7 @@ class DemandSource:
 
     Args:
         page_timeout: time without a demand from an open page after which the vehicle brakes [s].
-        command_timeout: time without a `cmd_vel` after which the last one is ignored [s].
+        command_timeout: time without a `cmd_vel` message after which the last one is ignored [s].
     """
 
     def __init__(self, page_timeout: float, command_timeout: float) -> None:

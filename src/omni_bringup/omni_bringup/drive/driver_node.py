@@ -1,4 +1,4 @@
-"""Driver node: receives inputs of a page or `cmd_vel`, and publishes the demands.
+"""Driver node, which receives inputs of a page or `cmd_vel` and publishes the demands.
 
 The README of this package describes the contract: topics, parameters and timeouts.
 """
@@ -78,7 +78,8 @@ class DriverConfiguration(Configuration):
     state_period: float = parameter(0.033, unit="s", above=0.0, maximum=1.0)
     """Time between two updates of the vehicle's state on the page"""
     command_timeout: float = parameter(1.0, unit="s", above=0.0, maximum=5.0)
-    """Time after which the last cmd_vel is ignored; longer than the repeat period of a keyboard"""
+    """Time after which the last cmd_vel is ignored; must be longer than the repeat period of a
+    keyboard"""
     stamped_cmd_vel: bool = parameter(True)
     """Whether cmd_vel has the type TwistStamped; otherwise the type is Twist"""
     host: str = parameter("127.0.0.1")
@@ -132,8 +133,8 @@ class DriverNode(Node):
         self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
         self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
         self._stamp_ns = 0
-        # Poses of the last half second, because a stop begins at the pose with the stamp of the
-        # pedal.
+        # Poses of the last half second are kept, because a stop begins at the pose with the stamp
+        # of the pedal.
         self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
@@ -221,7 +222,7 @@ def _drawing(configuration: DriverConfiguration) -> dict[str, Any]:
 
 
 def _take_in(node: DriverNode, spinner: process.Spinner) -> None:
-    """Run the callbacks of all received messages; each `spin_once` runs one callback."""
+    """Run the callbacks of all received messages, as each `spin_once` runs only one callback."""
     before = -1
     while node.received != before:
         before = node.received

@@ -1,9 +1,9 @@
 """Server of the driving page: files over HTTP, demands and state over a WebSocket.
 
-The page can be reached only from this machine, unless another address is given, and only with the
-random token in its address. Another page in the same browser does not know the token and has
-another origin. A page whose host name was rebound to this address still sends its own host name,
-and is rejected for this reason.
+Unless another address is given, the page can be reached only from this machine, and always only
+with the random token in the page's address. Another page in the same browser does not know the
+token and has another origin. A page whose host name was rebound to this address (DNS rebinding)
+still sends its own host name, and is rejected for this reason.
 """
 
 import enum
@@ -53,7 +53,7 @@ class Demand(NamedTuple):
         pedal: position of the brake pedal, 0 to 1.
         stick: position of the stick forward, left and in rotation, each -1 to 1.
         assist: new position of the assist switch, if it was changed.
-        choose: kind and name of a new choice, such as a ground; None if there is none.
+        choose: kind and name of a newly chosen item, such as a ground; None if there is none.
     """
 
     pedal: float
@@ -120,7 +120,8 @@ class DriveServer:
             source: selector of the demand source.
             largest: body twist at full deflection of the stick [m/s, m/s, rad/s].
             greeting: first message sent to a page when it opens.
-            receive: called with those messages of a page that change more than pedal and stick.
+            receive: function that is called with those messages of a page that change more than
+                pedal and stick.
             token: token in the address; empty for a random token.
             clock: function that returns a monotonic time [s].
             address: IP address of this machine, and TCP port; 0 for any free port.
@@ -175,7 +176,7 @@ class DriveServer:
         except PageError as error:
             await page.close(CloseCode.INVALID_DATA, str(error))
         except ConnectionClosed:
-            pass  # no closing handshake, for example if the browser was killed
+            pass  # there was no closing handshake, for example because the browser was killed
         finally:
             if page is self._driver:
                 self._driver = None

@@ -1,4 +1,4 @@
-"""A separate ROS domain for each run, so that runs on one machine do not interfere."""
+"""Reservation of a ROS domain for each run, so that runs on one machine do not interfere."""
 
 import contextlib
 import errno
@@ -23,9 +23,9 @@ class NoFreeDomainError(InputError):
 def reserved_domain() -> Iterator[int]:
     """Reserve a ROS domain that no other run on this machine uses.
 
-    If the user has not chosen a domain, the reserved one contains no other ROS program of this
-    machine. A chosen domain may contain programs that only subscribe; the recorder rejects other
-    publishers.
+    If the user has not chosen a domain, the reserved domain contains no other ROS program of this
+    machine. A domain that the user has chosen may contain programs that only subscribe; the
+    recorder rejects other publishers.
 
     Yields:
         Number of the domain; the value of ``ROS_DOMAIN_ID`` if the user has set it.
@@ -36,7 +36,7 @@ def reserved_domain() -> Iterator[int]:
     """
     chosen = chosen_domain(os.environ)
     if chosen is None:
-        # Each process starts its search at another domain, so two runs rarely try the same one.
+        # Each process starts its search at a different domain, so two runs rarely try the same one.
         first = os.getpid() % len(_DOMAINS)
         candidates = [*_DOMAINS[first:], *_DOMAINS[:first]]
     else:
@@ -82,9 +82,9 @@ def _is_inhabited(ports: set[int], number: int) -> bool:
 def _take(mark: socket.socket, number: int) -> bool:
     """Mark a domain as used until the socket closes; return False if it is already in use.
 
-    The mark is a name in Linux's abstract socket namespace. Unlike a lock file, it has no owner who
-    could lock out other users. It is visible in exactly the network namespace that shares the
-    domains, and it disappears when the process ends.
+    The mark is a name in Linux's abstract socket namespace. Unlike a lock file, the name has no
+    owner who could lock out other users. It is visible only in the network namespace in which the
+    domains are shared, and it disappears when the process ends.
     """
     try:
         mark.bind(f"\0omni-ros-domain-{number}")

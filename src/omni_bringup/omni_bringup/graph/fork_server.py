@@ -4,7 +4,7 @@ The imports take half a second of CPU time in each node. The fork server imports
 node before its first start, and forks itself for every start. The node becomes a child of the
 requesting process. It has its own process group, arguments, environment and streams, and `ps` shows
 it by its executable, as if ``ros2 run`` had started it. Executables that are not nodes of this
-workspace are executed.
+workspace are started as new programs instead.
 """
 
 import contextlib
@@ -29,14 +29,14 @@ from omni_ros.start import NODES, start_lightly, start_node
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_NAME, _PR_SET_CHILD_SUBREAPER = 15, 36  # <linux/prctl.h>
-_LONGEST_REQUEST = 1 << 20  # bytes; environments are shorter
+_LONGEST_REQUEST = 1 << 20  # bytes; requests with their environments are shorter
 _COMMAND_LENGTH = 2000  # bytes reserved for the command that `ps` shows
-# Variables that a Python reads only at its start: if they differ, a node is executed.
+# Variables that Python reads only at its start: if they differ, a node is not forked.
 _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 
 
 class ForkServer:
-    """The requesting side: starts the server, which ends together with this process."""
+    """Requesting side of the fork server, which ends together with this process."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -75,7 +75,7 @@ class ForkServer:
 
 @contextlib.contextmanager
 def _adopting_orphans() -> Iterator[None]:
-    """Become the parent of descendants whose parent ends, instead of the init process."""
+    """Make this process, instead of init, the parent of descendants whose parent ends."""
     _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1)
     try:
         yield
@@ -94,7 +94,7 @@ def serve(connection: socket.socket) -> None:
         changed = any(request["environment"].get(v) != before.get(v) for v in _READ_AT_START)
         module = None if changed else node_module(Path(request["command"][0]))
         if module:
-            with contextlib.suppress(Exception):  # the node itself reports it
+            with contextlib.suppress(Exception):  # the node itself reports the error
                 importlib.import_module(module)
             gc.freeze()
         parent = os.fork()
@@ -114,7 +114,7 @@ def serve(connection: socket.socket) -> None:
 
 @functools.cache
 def node_module(executable: Path) -> str | None:
-    """Return the module of a node's executable; None if the executable is not of this workspace."""
+    """Return the module of a node's executable; None if no node of this workspace has it."""
     for entry in entry_points(group=NODES, name=executable.name):
         installed = Path(str(entry.dist.locate_file(""))) if entry.dist else Path()
         if installed.is_relative_to(executable.parents[2]):
@@ -141,7 +141,7 @@ def _become(request: dict[str, Any], descriptors: Sequence[int], module: str | N
 
 
 def _show(command: Sequence[str]) -> None:
-    """Make `ps` and `pkill` show a command instead of that of the server."""
+    """Make `ps` and `pkill` show this command instead of the server's command."""
     # Fields 48 and 49 of proc(5) are the addresses of the first and the last argument's end.
     fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
     start, end = int(fields[45]), int(fields[46])

@@ -1,4 +1,4 @@
-"""Parameter files for the nodes of a real vehicle, from a single vehicle file."""
+"""Parameter files for the nodes of a real vehicle, made from a single vehicle file."""
 
 from __future__ import annotations
 
@@ -80,9 +80,9 @@ class HardwareNode:
 
     Attributes:
         package: package of the node.
-        executable: executable in the package, and name of the node.
+        executable: name of the executable in the package, which is also the name of the node.
         files: parameter files; later files override earlier ones.
-        remappings: pairs of topics.
+        remappings: pairs of a topic's name in the node and its new name.
         ros_arguments: further arguments after ``--ros-args``.
     """
 
@@ -110,7 +110,7 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
             f"{folder} has no {BRAKE_ASSIST}.yaml; ./omni ros-params VEHICLE --out {folder} writes "
             "it",
         )
-    # launch would write a mapping to a temporary file and never remove it, so -p is used.
+    # launch would write a mapping to a temporary file that is never removed, so -p is used.
     prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
     own = given["twist"] == _TWIST
     nodes = []
@@ -188,7 +188,7 @@ def _part(tree: Mapping[str, Any], key: str, cls: Any, **shared: Any) -> Any:
     try:
         return from_mapping(cls, {**shared, **given})
     except ConfigurationError as error:
-        # The shared values are at the top of the file.
+        # The values that both nodes share are at the top of the file.
         at_top = error.key.partition(".")[0] in shared.keys() - given.keys()
         raise error if at_top else error.below(key) from None
 

@@ -1,4 +1,4 @@
-"""Start and end of the nodes in launch files, as in `omni run` and `omni drive`."""
+"""Start and end of the nodes in launch files, the same as in `omni run` and `omni drive`."""
 
 import dataclasses
 import json
@@ -31,7 +31,7 @@ LOCKSTEP, REAL_TIME, DRIVE = "lockstep", "real_time", "drive"
 
 @dataclasses.dataclass(frozen=True)
 class LaunchPlan:
-    """The processes of a launch file.
+    """Processes of a launch file.
 
     Attributes:
         nodes: processes in the order of their start; subscribers start before their publishers.

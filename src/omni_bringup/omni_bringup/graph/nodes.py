@@ -51,8 +51,8 @@ class Nodes:
     Attributes:
         configuration: configuration of the whole loop.
         scratch: folder for the parameter files of the nodes.
-        lockstep: whether steps are synchronized and bit-identical; otherwise they follow the wall
-            clock.
+        lockstep: whether the nodes wait for each other in each step, so that equal runs are
+            bit-identical; if False, the steps follow the wall clock.
     """
 
     configuration: ExperimentConfiguration
@@ -133,7 +133,7 @@ class Nodes:
         return self._node("simulator", "omni_sim", parameters, remaps)
 
     def driver(self, options: Mapping[str, Any]) -> process_group.NodeProcess:
-        """Return the process of the driver's node: page and `cmd_vel`; `options` are parameters."""
+        """Return the process of the driver node, whose parameters include `options`."""
         vehicle, assistant = self.configuration.vehicle, self.configuration.brake_assist
         flat = flatten(assistant) | _flat(self.configuration.ground)
         parameters = {
@@ -172,7 +172,7 @@ class Nodes:
         return [recorder, self.odometry(), self.brake_assist(), self.simulator()]
 
     def _timing(self) -> dict[str, Any]:
-        """Return the parameters for lockstep (no periodic diagnostics) or simulated time."""
+        """Return the parameters that determine the timing, for lockstep or for simulated time."""
         return {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
 
     def _node(
@@ -192,7 +192,7 @@ class Nodes:
 
 
 def _relative(topic: str) -> str:
-    """Return a topic name relative to the namespace; names of shared topics stay absolute."""
+    """Return a topic name relative to the namespace; the names of shared topics remain absolute."""
     return topic if topic in _SHARED else topic.removeprefix("/")
 
 

@@ -22,7 +22,7 @@ _COLORS = re.compile(r"\x1b\[[0-9;]*m")  # colors of DDS messages
 
 
 class ProcessError(WorkError):
-    """A process could not be found, or ended too early."""
+    """An executable was not found, or its process ended too early."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +34,7 @@ class NodeProcess:
         package: package in the ament index.
         executable: file name in ``lib/PACKAGE``.
         arguments: command-line arguments.
-        own_code: whether the node runs the user's code, whose output is then shown on the screen.
+        own_code: whether the node runs the user's code; its output is then shown on the terminal.
     """
 
     name: str
@@ -65,7 +65,7 @@ def find_executable(package: str, executable: str) -> Path:
 
 @functools.cache
 def _fork_server() -> ForkServer:
-    """Return the fork server of this process, which carries the mark of a node of this process."""
+    """Return the fork server of this process, which ends together with this process."""
     return ForkServer({**os.environ, PARENT_PID_VARIABLE: str(os.getpid())})
 
 
@@ -84,7 +84,7 @@ class RunningProcess:
         self._stop_timeout = stop_timeout
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         self._output: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
-        # A file instead of a pipe: a node never waits for a slow reader.
+        # A file is used instead of a pipe, so that a node never waits for a slow reader.
         self._reports: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         shown = {"PYTHONUNBUFFERED": "1"} if node.own_code else {}
@@ -150,7 +150,7 @@ class RunningProcess:
 
     def request_stop(self) -> None:
         """Request the end of the process; a second request ends its wait for acknowledgments."""
-        self._note_halts()  # SIGCONT would clear this state
+        self._note_halts()  # read now, because SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
 
@@ -160,7 +160,7 @@ class RunningProcess:
         return self.wait_or_kill()
 
     def wait_or_kill(self) -> int:
-        """Return the exit code after a request to stop; kill the process after a timeout."""
+        """Wait after a request to stop, and return the exit code; kill the process on a timeout."""
         deadline = time.monotonic() + self._stop_timeout
         while self.returncode is None and time.monotonic() < deadline:
             self._note_halts()
@@ -216,9 +216,9 @@ class ProcessGroup:
         """End all processes, in reverse order of their start.
 
         After a failure of one process, others may wait for acknowledgments that never arrive. All
-        processes except the first are then requested to end at once. If the first (the recorder)
-        has already ended, they receive a second request after a short common timeout, so that they
-        stop waiting.
+        processes except the first are then requested to end simultaneously. If the first (the
+        recorder) has already ended, the others receive a second request after a short common
+        timeout, so that they stop waiting.
         """
         if any(process.returncode not in (None, 0) for process in self.running):
             senders = self.running[1:]
@@ -235,7 +235,7 @@ class ProcessGroup:
             process.stop()
 
     def raise_if_ended(self, besides: RunningProcess | None = None) -> None:
-        """Raise `ProcessError` with the error output of a process that has ended.
+        """If a process has ended, raise `ProcessError` with its error output.
 
         Args:
             besides: process that is not checked, because the caller waits for its end.
@@ -245,7 +245,7 @@ class ProcessGroup:
                 raise ProcessError(describe_end(process))
 
     def raise_if_failed(self) -> None:
-        """Raise `ProcessError` if a process ended with an error; called after all have ended."""
+        """Raise `ProcessError` if a process ended with an error; all processes must have ended."""
         for process in self.running:
             if process.returncode != 0:
                 raise ProcessError(describe_end(process))

@@ -35,7 +35,7 @@ _DISTRIBUTIONS = (
 
 
 def unused(folder: Path, option: str = "--out") -> Path:
-    """Return a results folder after checking that it is new or empty.
+    """Check that a results folder is new or empty, and return it.
 
     Args:
         folder: folder to be created.

@@ -108,7 +108,8 @@ def run_variant(
         folder: rosbag2 folder to be created.
         lockstep: whether the nodes wait for each other in each step, so that a run is
             reproducible bit by bit; otherwise the steps follow the wall clock.
-        on_progress: called with time [s], speed [m/s] and completed share (0 to 1) during the run.
+        on_progress: function that is called with time [s], speed [m/s] and completed share (0 to 1)
+            during the run.
         recording: parameters of the recorder.
         external: names of nodes that are not started, because a user's node replaces them.
 
@@ -152,7 +153,7 @@ def measured(
         folder: rosbag2 folder of the run.
         configuration: configuration of the whole loop.
     """
-    # `wall` is the wall time from the first to the last step of the loop, without start-up.
+    # `wall` is the wall-clock time from the first to the last step, without the start-up.
     real_time_factor = report["time"] / report["wall"] if report["wall"] > 0.0 else math.nan
     history = dataclasses.replace(read_run(folder), real_time_factor=real_time_factor)
     metrics = dict(run_metrics(history))
@@ -189,9 +190,10 @@ def _follow(
     Args:
         group: all processes.
         simulator: process of the simulator, one of the group.
-        on_progress: called with each report of the simulator.
-        report_timeout: longest time without a report [s]; kernels may have to be compiled first.
-        halted_timeout: longest time for which the simulator may be halted by a signal [s].
+        on_progress: function that is called with each report of the simulator.
+        report_timeout: limit on the time without a report [s]; kernels may have to be compiled
+            first.
+        halted_timeout: limit on the time for which the simulator is halted by a signal [s].
 
     Raises:
         ProcessError: a node ended earlier, or the simulator makes no progress.
@@ -222,15 +224,15 @@ def _follow(
 
 
 def check_report(report: Mapping[str, Any], longest_silence: float = 1.0) -> None:
-    """Check the simulator's last report: whether the run finished and all nodes kept sending.
+    """Check in the simulator's last report that the run finished and that all nodes kept sending.
 
     Args:
         report: last report of the simulator.
-        longest_silence: longest accepted time without a message from a node [s]; pauses on a busy
+        longest_silence: limit on the time without a message from a node [s]; pauses on a busy
             machine are shorter.
 
     Raises:
-        ProcessError: a node stopped sending, or the run did not finish; the message states which.
+        ProcessError: a node stopped sending, or the run did not finish.
     """
     if report["finished"] == "running":
         raise processes.ProcessError(

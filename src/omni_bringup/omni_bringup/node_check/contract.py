@@ -17,13 +17,13 @@ class Contract:
     """Limits that a node must meet.
 
     Attributes:
-        largest_age: largest age of the messages [s], by node. The assistant rejects an older twist,
-            and a vehicle without newer enables applies all brakes.
-        least_answered: smallest share of the inputs that the node answers [1].
-        least_rate: lowest rate of wheel speeds and pedal messages [1/s].
-        warm_up: time in which a node may load its kernels [s].
+        largest_age: limit on the age of the messages [s], by node. The assistant rejects an older
+            twist, and a vehicle without newer enables applies all brakes.
+        least_answered: minimum share of the inputs that the node must answer [1].
+        least_rate: minimum rate of wheel speeds and pedal messages [1/s].
+        warm_up: time after the start in which a node may load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
-        recovery: time after a fault within which a node must measure again [s].
+        recovery: limit on the time from the end of a fault to the next valid answer [s].
         largest_variance: variance below which a velocity counts as measured [m^2/s^2].
     """
 
@@ -40,7 +40,7 @@ CONTRACT = Contract({"odometry": 0.1, "brake_assist": 0.05})
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return the share of answered inputs, the 99th percentile of the age, and the answer count."""
+    """Return share of answered inputs, 99th percentile of the age, and number of answers."""
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
@@ -165,7 +165,7 @@ def simulator_breaches(
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
-    """Return the answers of a phase to inputs after its fault and the recovery time."""
+    """Return the answers to those inputs of a phase that follow its fault and the recovery time."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 
@@ -179,7 +179,7 @@ def _is_measured(one: Answer) -> bool:
 
 
 def _twist_problem(message: Any) -> str:
-    """Return the violation in a twist; an empty text if there is none."""
+    """Return a description of the violation in a twist; an empty text if there is none."""
     twist, covariance = planar_twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"

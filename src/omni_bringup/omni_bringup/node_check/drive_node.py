@@ -16,7 +16,7 @@ from omni_tools.commissioning.signals import TOPICS, Signals, motions_of, signal
 
 # All messages are kept until they are taken, so that none is lost while a drive is evaluated.
 _LOSSLESS = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE)
-_DISCOVERY = 0.1  # period at which publishers that have appeared are subscribed to [s]
+_DISCOVERY = 0.1  # period at which topics with a new publisher are subscribed to [s]
 
 
 def receive_drive(
@@ -27,8 +27,8 @@ def receive_drive(
     Args:
         partner: node of this process, in the namespace of the vehicle.
         wheels: names of the wheels in the order of the columns.
-        timeout: time within which the drive must be complete [s].
-        rest: time at rest that ends the last stop [s].
+        timeout: limit on the time until the drive is complete [s].
+        rest: duration at rest after which the last stop is complete [s].
         least: smallest number of messages on each required topic.
 
     Raises:

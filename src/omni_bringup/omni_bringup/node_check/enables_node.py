@@ -1,4 +1,4 @@
-"""Test of a simulator with valid and invalid enables, by the resulting brake torques."""
+"""Test of a simulator with valid and invalid enables, based on the resulting brake torques."""
 
 import math
 import time
@@ -21,7 +21,7 @@ _FIRST_WHEEL = (1.0, 0.0, math.nan)
 
 
 class Enables:
-    """Sequence of enables sent to a simulator: all brakes, one released, one NaN, all brakes."""
+    """Enables sent to a simulator: all brakes on, one released, one NaN, all brakes on."""
 
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
         self._wheels = wheels

@@ -1,8 +1,8 @@
 """Transmission of a recording with faults to a node, and reception of its answers.
 
 The recording is published in real time, once for each phase: unchanged, with a gap in one input,
-with unusable values in this input, and cut off in the middle. The stamps continue from phase to
-phase.
+with unusable values in this input, and cut off in the middle. The stamps continue across the
+phases.
 """
 
 import os
@@ -38,8 +38,8 @@ PHASES = ("recorded", "gap", "unusable", "silence")
 GAP = 0.3
 """Duration of the gap, or of the unusable values [s]."""
 
-_STAMP = struct.Struct("<iI")  # follows the four bytes of the CDR header
-_PAUSE_NS = 2 * SECOND_NS  # between two phases; longer than any timeout of a node
+_STAMP = struct.Struct("<iI")  # the message follows the four bytes of the CDR header
+_PAUSE_NS = 2 * SECOND_NS  # time between two phases; longer than any timeout of a node
 _LISTEN = 0.5  # s; time of reception after the last input
 _START = 60.0  # s; time within which the node must appear
 
@@ -70,7 +70,7 @@ class Exchange:
         sent: stamps of the inputs that require an answer, by phase [ns].
         faults: first and last stamp of the gap or of the unusable values, by phase [ns].
         answers: answers in the order in which they were received.
-        publishers: for each publisher of the answers' topic, whether it is reliable.
+        publishers: whether each publisher of the answers' topic is reliable, one entry for each.
         incompatible: for each subscription that receives no inputs because of its QoS, the topic
             and the reason.
         kind: message class of the answers.
@@ -96,7 +96,7 @@ class Exchange:
         self.answers.append(Answer(self._phase, stamp, age, now - self._last, message))
 
     def note(self, stamp: int) -> None:
-        """Store when an input was sent."""
+        """Store the time at which an input was sent."""
         self._last = self._arrivals[stamp] = time.monotonic()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
@@ -108,7 +108,7 @@ class Exchange:
 
 
 class Partner:
-    """Node of this program in the ROS domain of the tested node."""
+    """Node of this program in the ROS domain of the checked node."""
 
     def __init__(self, domain: int, namespace: str = "") -> None:
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -129,11 +129,11 @@ class Partner:
         Args:
             topic: output of the checked node.
             alive: function that returns whether the node's process still runs.
-            sent: topics that this program publishes, with the inputs of the checked node.
+            sent: topics that this program publishes, which are the inputs of the checked node.
 
         Raises:
-            WorkError: no publisher appears within a minute, the node has ended, or a node of the
-                domain publishes one of its inputs too.
+            WorkError: no publisher appears within a minute, the checked node has ended, or another
+                node of the domain also publishes one of its inputs.
         """
         deadline = time.monotonic() + _START
         while not self.publishers(topic):

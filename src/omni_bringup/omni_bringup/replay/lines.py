@@ -1,4 +1,4 @@
-"""Writing of camera lines to recordings, and reading."""
+"""Writing of camera lines to recordings, and reading of lines from recordings."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -30,7 +30,7 @@ def write_lines(
         folder: rosbag2 folder to be created.
         lines: lines of each camera, oldest first, shape (m, n).
         sensors: cameras by name; only their line rates are used.
-        batch_time: duration of the lines in a message [s].
+        batch_time: time that the lines in one message span [s].
         start_ns: stamp of the first line [ns].
 
     Raises:
@@ -67,7 +67,7 @@ def read_batches(
     Args:
         bag: the recording.
         sensors: names of the cameras.
-        start: start of the part to read, after the first line of any camera [s].
+        start: start of the part to read, as time since the first line of any camera [s].
         duration: duration of the part to read [s].
 
     Raises:

@@ -1,4 +1,4 @@
-"""Replay in one process: the nodes' cores process recorded inputs, without topics."""
+"""Replay in one process, in which the nodes' cores process recorded inputs without topics."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import starmap
@@ -31,7 +31,7 @@ from omni_recording.error import BagError
 from omni_recording.folder import Bag
 from omni_ros.messages import to_nanoseconds
 
-Messages = Mapping[str, Any]  # by the name of the topic
+Messages = Mapping[str, Any]  # by topic name
 
 
 def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
@@ -83,7 +83,7 @@ class _Cores:
             for name, result in messages.items():
                 output = f"/{name}"
                 yield output, result
-                if output in self._takers:  # an input of another core
+                if output in self._takers:  # this output is an input of another core
                     yield from self.take(output, result)
 
 

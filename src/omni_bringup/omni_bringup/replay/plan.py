@@ -114,7 +114,7 @@ def recorded_configuration(
 
 
 def node_listeners(plan: ReplayPlan, node: str) -> int:
-    """Return the number of subscribers to a node's outputs: recorder, player and other nodes."""
+    """Return the number of subscribers (recorder, player, other nodes) to a node's outputs."""
     subscribes_odometry = BRAKE_ASSIST in plan.nodes and (
         feedback_topic(plan.configuration) == topics.TWIST
     )

@@ -1,10 +1,10 @@
 """Node that publishes recorded messages unchanged to nodes that process them again.
 
 A round consists of one message of each topic. It is sent when the result of the previous round has
-arrived. Topics therefore cannot overtake each other, no queue overflows, and the results do not
-depend on the speed. If no result arrives, for example because a sensor is missing, the next round
-is sent after a timeout. At the end the node reports ``{"published": {topic: count}, "results":
-..., "timeouts": count}``, see `omni_ros.report`.
+arrived. Messages of one topic therefore cannot overtake those of another, no queue overflows, and
+the results do not depend on the speed. If no result arrives, for example because a sensor is
+missing, the next round is sent after a timeout. At the end the node reports ``{"published": {topic:
+count}, "results": ..., "timeouts": count}``, see `omni_ros.report`.
 """
 
 import time
@@ -40,13 +40,13 @@ class PlayerConfiguration(Configuration):
     rate: float = parameter(0.0, minimum=0.0, maximum=1000.0)
     """Speed as a multiple of the recorded one; 0 for as fast as the nodes can follow"""
     answer_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
-    """Longest time to wait for results"""
+    """Limit on the time to wait for results"""
     round_timeout: float = parameter(0.5, unit="s", above=0.0, maximum=3600.0)
     """Time to wait for the result of a round before the next round is sent"""
     most_ahead: int = parameter(100, minimum=1, maximum=100_000)
-    """Largest number of rounds without a result; the default is half of the nodes' queue size"""
+    """Limit on the number of rounds without a result; the default is half the nodes' queue size"""
     most_ahead_first: int = parameter(20, minimum=1, maximum=100_000)
-    """Largest number of rounds without a result before the first result"""
+    """Limit on the number of rounds that are sent before the first result"""
 
     def check_consistency(self) -> None:
         """Check that the numbers of topics and types agree."""
@@ -112,7 +112,7 @@ def play(node: PlayerNode, spinner: process.Spinner) -> None:
     Raises:
         NodeError: the recording cannot be read, or a node does not answer.
     """
-    # Each topic has one subscriber: the replayed node, or for the clock the recorder.
+    # Each topic has one subscriber, which is a replayed node or, for the clock, the recorder.
     listened = [node.clock, *node.inputs.values()]
     node.startup.await_subscribers(listened, spinner, 1)
     try:
@@ -127,7 +127,7 @@ def play(node: PlayerNode, spinner: process.Spinner) -> None:
 
 
 def _publish_all(node: PlayerNode, spinner: process.Spinner) -> int:
-    """Publish all rounds; return how often the result of a round did not arrive in time."""
+    """Publish all rounds; return the number of times that a result did not arrive in time."""
     bag = folder.open_vehicle(Path(node.configuration.bag))
     rate = node.configuration.rate
     ahead = 1
@@ -150,7 +150,7 @@ def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int
     """Wait until fewer than `ahead` rounds lack a result; return `ahead`, increased on a timeout.
 
     Raises:
-        NodeError: no result has come within the timeout.
+        NodeError: no result has arrived within the timeout.
     """
     limits, started = node.configuration, any(node.results.values())
     timeout = limits.answer_timeout

@@ -1,4 +1,4 @@
-"""Reference motion of a recorded drive: the true motion, or that of the wheel speeds."""
+"""Reference motion of a recording: the true motion, or the motion according to the wheel speeds."""
 
 import math
 
@@ -14,7 +14,7 @@ TRUTH, WHEELS, AUTO = "truth", "wheels", "auto"
 REFERENCES = (AUTO, TRUTH, WHEELS)
 
 _TOPICS = {TRUTH: topics.GROUND_TRUTH, WHEELS: topics.WHEEL_STATES}
-_SPREAD = 3  # number of samples before and after, for the acceleration
+_SPREAD = 3  # number of samples before and after a sample from which its acceleration is computed
 
 
 def read_reference(
@@ -27,8 +27,8 @@ def read_reference(
     Args:
         bag: the recording.
         configuration: configuration of the vehicle.
-        kind: one of `REFERENCES`; `AUTO` is the true motion if it was recorded, otherwise the
-            wheels.
+        kind: one of `REFERENCES`; `AUTO` is the true motion if it was recorded, otherwise that of
+            the wheel speeds.
 
     Returns:
         Times [s], shape (K,); twists (v_x, v_y, yaw rate) in the body frame [m/s, m/s, rad/s],
@@ -68,7 +68,7 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return times [s], and mean twists between poses, on which short shocks have little effect."""
+    """Return times [s] and mean twists between poses; short shocks have little effect on means."""
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)
@@ -83,7 +83,7 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
-    """Return the samples with an acceleration above `steady` [m/s^2, rad/s^2]: wheels may slip."""
+    """Mark the samples with an acceleration above `steady` [m/s^2, rad/s^2], as wheels may slip."""
     padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)

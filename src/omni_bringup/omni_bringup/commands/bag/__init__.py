@@ -1,6 +1,6 @@
 """``./omni bag``: show, check, export or recover a recording.
 
-Inspect recordings, check them, recover them and export tables; ROS is not needed.
+Show the content of recordings, check them, recover them, and export tables; ROS is not needed.
 """
 
 from pathlib import Path

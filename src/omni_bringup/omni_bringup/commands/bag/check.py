@@ -1,7 +1,7 @@
 """``./omni bag check``: read a recording completely and list its problems.
 
-Read a recording from end to end and check every checksum, every message of a known type, the counts
-in the metadata, and gaps in the message numbers. Exit code 1 if there is any problem.
+Read a recording completely. Check every checksum, every message of a known type, the counts in the
+metadata, and that the message numbers have no gaps. The exit code is 1 if there is any problem.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
-    """Read the recording from end to end."""
+    """Read the recording completely."""
     from omni_recording.actions.check import check_bag
 
     result = check_bag(options.bag)

@@ -1,7 +1,7 @@
-"""``./omni bag export``: write the small topics as CSV or Parquet.
+"""``./omni bag export``: write topics as CSV or Parquet tables.
 
-Write one table for each topic whose messages have at most 256 values, with times in nanoseconds, SI
-units, and joints by name. Images are omitted.
+Write one table for each topic whose messages have at most 256 values, with times in nanoseconds,
+all other quantities in SI units, and one column for each joint. Images are omitted.
 """
 
 from pathlib import Path

@@ -23,12 +23,12 @@ class Options(FileOptions, CommandOptions):
     sources: tuple[str, ...] = option(positional=True, metavar="CAMERA=FILE")
     """name of a camera, and the file or folder of its lines, such as left=left.npy"""
     sensors: str = option("three_generic")
-    """line cameras by name: a file of config/sensors or a YAML file; the number of pixels is
-    that of the lines"""
+    """line cameras by name, in a file of config/sensors or another YAML file; the number of pixels
+    is taken from the lines"""
     rate: float | None = option(None, above=0.0, unit="1/s", maximum=1e6)
     """line rate (default: that of the cameras)"""
     batch: float = option(0.01, above=0.0, maximum=1.0, unit="s")
-    """duration of the lines in one message"""
+    """time that the lines in one message span"""
     start: float = option(0.0, minimum=0.0, unit="s", maximum=4.0e9)
     """stamp of the first line"""
     experiment: str = option("straight_line")

@@ -40,7 +40,7 @@ class Options(FileOptions, CommandOptions):
     sensors: str = option("three_generic")
     """line cameras by name, as in `lines import`"""
     out: Path = option(metavar="DIR")
-    """folder of the tables, one file for each camera"""
+    """folder for the tables, one file for each camera"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -119,7 +119,7 @@ def _pattern_of(
 
 
 def _quantities(references: References) -> dict[str, tuple[float, str]]:
-    """Return statistics of a camera's tables as (value, unit) by name."""
+    """Return statistics of a camera's tables as pairs (value, unit) by name."""
     dark, pattern = references.dark, references.pattern
     gain = 1.0 / references.gain
     still = 0.0 if pattern is None else pattern.deviation(len(dark))

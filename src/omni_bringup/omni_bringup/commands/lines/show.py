@@ -26,11 +26,11 @@ class Options(CommandOptions):
     """Options of ``omni lines show``."""
 
     bag: Path = option(positional=True, metavar="BAG")
-    """rosbag2 folder of a run or an import"""
+    """rosbag2 folder of a run or of omni lines import"""
     sensor: tuple[str, ...] = option((), metavar="NAME")
     """camera to show (default: all)"""
     start: float = option(0.0, minimum=0.0, unit="s", maximum=1.0e6)
-    """start of the lines to show, after the first line of the recording"""
+    """start of the lines to show, as time since the first line of the recording"""
     duration: float = option(0.2, above=0.0, maximum=60.0, unit="s")
     """duration of the lines to show"""
     overrides: tuple[str, ...] = overrides_option("odometry.median_lines=5")
@@ -39,7 +39,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Draw the lines and the estimates of the odometry."""
+    """Draw the recorded lines and the estimates that the odometry computes from them."""
     from omni_bringup.replay import lines, plan
     from omni_figures.style import save_figure
     from omni_recording import error, folder
@@ -75,7 +75,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _quantities(kymograph: Kymograph) -> dict[str, tuple[float, str]]:
-    """Return statistics of a camera's lines as (value, unit) by name."""
+    """Return statistics of a camera's lines as pairs (value, unit) by name."""
     matched = np.isfinite(kymograph.displacement)
     velocity = [reading.velocity for reading in kymograph.readings if reading.measured]
     values = {}
