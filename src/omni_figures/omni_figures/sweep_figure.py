@@ -11,7 +11,7 @@ from omni_loop.sweep import SHOWN, SweptRun, number
 
 
 def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
-    """Draw four quantities versus the first swept key; a line per variant and other values.
+    """Draw four quantities versus the first swept key, one line per variant and other values.
 
     Args:
         runs: runs of the sweep, at least one.

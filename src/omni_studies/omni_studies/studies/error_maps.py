@@ -329,7 +329,7 @@ def _odometry(
 _STUDIES = {
     "overlap": _Case(
         62,
-        "Moving straight: mean error, and lines of equal overlap; shifts end at 50 %",
+        "Moving along the axis: mean error, and lines of equal overlap; shift limit at 50 %",
         _straight_metrics,
     ),
     "field_of_view": _Case(
@@ -351,7 +351,7 @@ _STUDIES = {
         # The grain of the wood is along x.
         {
             "parallel": _Condition("moving parallel to x (the grain)", axis=0.5 * math.pi),
-            "across": _Condition("moving along y, across it"),
+            "across": _Condition("moving along y (across the grain)"),
         },
         columns=2,
     ),

@@ -407,7 +407,7 @@ def _plate(appearances: dict[str, Appearance]) -> Figure:
 
 def _spectra(appearances: dict[str, Appearance]) -> Figure:
     title = (
-        "Spectra of lines 20 mm wide; dashed: noise of one gray level; upright: half of the power"
+        "Spectra of lines 20 mm wide; dashed: noise of 1 gray level; vertical: half of the power"
     )
     words: dict[str, Any] = {"x": "cycles per mm", "y": "levels² mm"}
     figure, panels = _panels(title, len(appearances), (2.3, 2.0), **words, sharex=True, sharey=True)

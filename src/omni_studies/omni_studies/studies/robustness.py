@@ -270,8 +270,8 @@ def _finding(stops: Sequence[Stop]) -> str:
     worst = max(stops, key=lambda stop: (stop.counted, 1 - stop.rest, stop.distance))
     rest = sum(stop.rest for stop in stops if stop.counted)
     return (
-        f"{worst.group}: {rest} of {sum(stop.counted for stop in stops)} come to rest; longest "
-        f"{worst.distance:.2f} times the distance ({worst.case}: {worst.channel} {worst.kind} "
+        f"{worst.group}: {rest} of {sum(stop.counted for stop in stops)} come to rest; longest: "
+        f"{worst.distance:.2f} times the reference ({worst.case}: {worst.channel} {worst.kind} "
         f"{worst.amplitude:g} from {worst.onset:g} s)"
     )
 

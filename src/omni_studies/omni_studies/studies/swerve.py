@@ -152,8 +152,8 @@ def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figu
     for axes, (case, one) in zip(panels, cases.items(), strict=True):
         _draw_vehicle(axes, one, arrow * one.vehicle.chassis_length / largest)
         side = "left" if one.moment > 0.0 else "right"
-        turn = f"{plain(abs(one.moment))} N m turn it to the {side}"
-        words = turn if abs(one.moment) > 1.0 else "nothing turns it"
+        turn = f"{plain(abs(one.moment))} N m of yaw moment to the {side}"
+        words = turn if abs(one.moment) > 1.0 else "no yaw moment"
         axes.set_title(f"{_TITLES[case]}\n{words}")
     style.legend_below(figure, 3)
     return figure

@@ -252,7 +252,7 @@ def draw_costs(costs: Sequence[Cost]) -> Figure:
 
 def _words(lag: BrakeLag) -> str:
     if lag == BrakeLag():
-        return "brakes that follow at once"
+        return "brakes without lag"
     return f"dead time {1e3 * lag.dead_time:g} ms, time constant {1e3 * lag.time_constant:g} ms"
 
 

@@ -294,7 +294,7 @@ def _label(model: str, count: int) -> str:
 
 def _draw_motions(outcomes: Outcomes) -> Figure:
     """Draw braking and a sideways push for all wheel models."""
-    heading = "Motion on both wheels; bands span the start angles of the wheels"
+    heading = "Motion with all wheel models; bands span the initial angles of the wheels"
     figure, panels = style.panels(
         heading, len(_TITLES), 3, size=(13.0, 7.0), x="time [s]", sharex="col"
     )
@@ -322,7 +322,7 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
     """Draw the differences versus the number of rollers, with the limit of agreement."""
     heading = "Individual rollers compared with the single roller, averaged over the wheel angles"
-    x = "rollers of a wheel"
+    x = "number of rollers per wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")
     figure, panels = style.panels(
         heading, 2, len(_TITLES), size=(12.0, 7.0), x=x, y=y, sharex=True, sharey=True
