@@ -3,8 +3,8 @@
 "use strict";
 
 const HEARTBEAT = 50; // [ms]
-const TRAIL = 4000; // points
-const METERS_ACROSS = 14; // of the shorter side of the view
+const TRAIL = 4000; // maximum number of points
+const METERS_ACROSS = 14; // length of the shorter side of the view [m]
 const $ = (id) => document.getElementById(id);
 
 const held = new Set(); // keys and buttons that are down
@@ -12,8 +12,8 @@ let socket = null;
 let vehicle = null;
 let state = null;
 let trail = [];
-let stopped = ""; // why this page no longer drives
-let choosing = ""; // what is to be driven next
+let stopped = ""; // reason why this page no longer sends demands
+let choosing = ""; // name of the vehicle, ground or law that is being loaded
 
 // ---------------------------------------------------------------- inputs of the person
 
@@ -30,9 +30,9 @@ function gamepad() {
   return { pedal: pad.buttons[7].value, stick: [axis(1), axis(0), axis(2)] };
 }
 
-// Touch on the top view: a touch that begins on the left half moves, on the right half turns.
-const fingers = new Map(); // where each began and is [px]
-const FULL = 70; // [px] of a full stick
+// A touch that begins on the left half of the top view moves the vehicle; one on the right half turns it.
+const fingers = new Map(); // first and present position of each finger [px]
+const FULL = 70; // distance that gives full deflection of the stick [px]
 
 function touched() {
   const stick = [0, 0, 0];
@@ -60,11 +60,11 @@ function send(more = {}) {
 
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
-  if (event.target instanceof HTMLSelectElement) return; // letters and arrows choose there
+  if (event.target instanceof HTMLSelectElement) return; // letters and arrows choose an entry of the list
   const inControl = event.target instanceof HTMLInputElement;
   if (event.code === "KeyB" && !event.repeat && !$("assist").disabled) $("assist").click();
   if (!(event.code in KEYS) || (inControl && event.target.type === "range" && event.code.startsWith("Arrow"))) return;
-  event.preventDefault(); // neither scroll nor press what has the focus
+  event.preventDefault(); // the key must neither scroll nor press the focused element
   held.add(KEYS[event.code]);
   send();
 });
@@ -124,7 +124,7 @@ function connect() {
   };
 }
 
-// Other vehicles, grounds and laws: the command restarts the nodes, and this page reconnects.
+// If another vehicle, ground or law is chosen, the command restarts the nodes, and this page reconnects.
 function offer(choices) {
   const kinds = Object.entries(choices);
   $("choices").hidden = !kinds.length;
@@ -136,7 +136,7 @@ function offer(choices) {
     list.addEventListener("change", () => {
       send({ choose: [kind, list.value] });
       choosing = `${kind}: ${list.value.replaceAll("_", " ")} …`;
-      list.blur(); // the keys drive again
+      list.blur(); // the keys control the vehicle again
     });
     return [label, list];
   }));
@@ -157,8 +157,8 @@ function take(message) {
 
 // ---------------------------------------------------------------- stops
 
-const LATEST = 0.5; // [s] by which the pedal may have gone down before
-const MOVING = 0.3; // [m/s] least speed from which a stop is counted
+const LATEST = 0.5; // limit on the time since the pedal was pressed [s]
+const MOVING = 0.3; // minimum initial speed of a counted stop [m/s]
 // As in a recording: at rest below SLOW [m/s, rad/s] until ROCKING is exceeded; a stop ends SETTLE [s] later.
 const SLOW = 0.1, ROCKING = 0.4, SETTLE = 0.5;
 const HELPS = ["assisting", "dead_reckoning", "no_release"];
@@ -170,7 +170,7 @@ function follow() {
   const [vx, vy, rate] = state.twist, motion = Math.max(Math.hypot(vx, vy), Math.abs(rate));
   if (!(state.pedal > 0)) { stop = null; return; }
   if (!stop) {
-    if (!state.start || state.start.time < state.time - LATEST) return; // of a stop before
+    if (!state.start || state.start.time < state.time - LATEST) return; // the start is that of an earlier stop
     stop = { ...state.start, turned: 0, yaw: state.start.pose[2], done: state.start.speed < MOVING, helped: 0, states: 0 };
   }
   if (stop.done) return;
@@ -248,7 +248,7 @@ const WORDS = { rolling: "○ off", braking: "● acts", released: "◌ released
 function write() {
   $("notice").textContent = stopped || choosing || (socket?.readyState !== WebSocket.OPEN ? "not connected: the vehicle brakes"
     : document.hidden ? "hidden: the vehicle brakes" : !state?.pose ? "waiting for the vehicle …" : "");
-  $("banner").style.visibility = $("notice").textContent ? "hidden" : ""; // it is of before
+  $("banner").style.visibility = $("notice").textContent ? "hidden" : ""; // the banner shows an old state
   $("brake").classList.toggle("down", held.has("brake"));
   if (!state?.pose || !vehicle) return;
   const [vx, vy, yawRate] = state.twist;
@@ -310,7 +310,7 @@ function draw() {
   pen.rotate(yaw);
   pen.fillStyle = color("body");
   pen.fillRect(-vehicle.length / 2, -vehicle.width / 2, vehicle.length, vehicle.width);
-  pen.fillStyle = color("ink"); // which way is forward
+  pen.fillStyle = color("ink"); // marks the front of the vehicle
   pen.beginPath();
   pen.moveTo(vehicle.length / 2 - 0.1, 0);
   pen.lineTo(vehicle.length / 2 - 0.3, 0.12);
@@ -322,7 +322,7 @@ function draw() {
   pen.lineWidth = 0.06;
   pen.beginPath();
   pen.moveTo(0, 0);
-  pen.lineTo(0.5 * vx, 0.5 * vy); // half a second ahead
+  pen.lineTo(0.5 * vx, 0.5 * vy); // distance traveled in half a second
   pen.stroke();
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.strokeStyle = color("arrow");
@@ -376,7 +376,7 @@ function drawWheel(pen, color, wheel, condition) {
   pen.rotate(radians(wheel.heading_deg));
   pen.fillStyle = pen.strokeStyle = color(condition);
   pen.lineWidth = 0.04;
-  // Filled where the brake acts, so that the state does not depend on color alone.
+  // A wheel is filled if its brake acts, so that the state is visible without color.
   if (condition === "released") pen.setLineDash([0.06, 0.05]);
   if (condition === "braking") pen.fillRect(-length / 2, -width / 2, length, width);
   pen.strokeRect(-length / 2, -width / 2, length, width);
