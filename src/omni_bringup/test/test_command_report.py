@@ -6,6 +6,7 @@ import errno
 import json
 import os
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -147,6 +148,8 @@ def test_parameters_are_written_for_a_name_or_folder(
             main([*command, *(["--out", "parameters"] if command[0] == "ros-params" else [])])
         assert ended.value.code in (None, 0)
     assert (tmp_path / "parameters/brake_assist.yaml").is_file()
+    robot = ElementTree.parse(tmp_path / "parameters/robot.urdf")
+    assert robot.find("link[@name='imu']") is not None
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,9 @@ from xml.etree import ElementTree
 from omni_platform.geometry import WheelMount
 from omni_platform.sensors import Mount
 
+IMU_FRAME = "imu"
+"""Frame of the IMU: the axes of `base_link` at the mounting position."""
+
 _BODY_HEIGHT = 0.2  # [m], only for the picture
 _WIDTH_SHARE = 0.4  # ratio of wheel width to radius, only for the picture
 
@@ -26,7 +29,7 @@ def urdf(
     Args:
         name: name of the robot.
         wheels: wheels by name.
-        sensors: line cameras and flow sensors by name.
+        sensors: line cameras, flow sensors and IMU by name.
         size: length and width of the platform [m]; by default the extent of the wheel positions.
     """
     robot = ElementTree.Element("robot", name=name)

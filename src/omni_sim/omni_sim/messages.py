@@ -13,6 +13,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform import quantities, signals
+from omni_platform.description import IMU_FRAME
 from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
@@ -30,10 +31,6 @@ _METERS_PER_NEWTON = 1e-4
 _SECONDS_PER_ARROW = 0.1
 _ARROW_SIZE = (0.03, 0.08, 0.1)  # diameters of shaft and head, length of the head [m]
 _ARROW_HEIGHT = 0.45  # [m]
-
-
-IMU_FRAME = "imu"
-"""Frame of the IMU: the axes of `base_link` at the mounting position."""
 
 
 def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:

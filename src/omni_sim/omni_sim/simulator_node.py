@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from omni_platform.configuration import Configuration, parameter
-from omni_platform.description import urdf
+from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
 from omni_ros import messages, parameters, process, shared_clock, startup
@@ -34,7 +34,7 @@ from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.driver.manual import DemandInbox, ManualDriver, ManualDriverConfiguration
-from omni_sim.messages import IMU_FRAME, flow_message, ground_truth, imu_message, scene_markers
+from omni_sim.messages import flow_message, ground_truth, imu_message, scene_markers
 from omni_sim.simulator import Observation, Simulator
 
 _INPUTS = 4  # number of subscribed topics at most

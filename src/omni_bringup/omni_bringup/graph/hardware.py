@@ -24,7 +24,8 @@ from omni_platform.configuration import (
     check_choice,
     from_mapping,
 )
-from omni_platform.description import urdf
+from omni_platform.description import IMU_FRAME, urdf
+from omni_platform.sensors import Mount
 from omni_ros.flat_parameters import flatten
 
 _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # same text, but faster
@@ -209,11 +210,12 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
     folder.mkdir(parents=True, exist_ok=True)
     reported = {WARNING: warning} if warning else {}
     documents = {f"{BRAKE_ASSIST}.yaml": parameter_file(hardware.brake_assist, **reported)}
-    sensors = {}
+    assistant = hardware.brake_assist
+    sensors = {IMU_FRAME: Mount(x=assistant.imu_x, y=assistant.imu_y, heading_deg=0.0)}
     if hardware.odometry is not None:
         documents[f"{ODOMETRY}.yaml"] = parameter_file(hardware.odometry)
-        sensors = hardware.odometry.all_sensors
-    description = urdf("vehicle", hardware.brake_assist.wheels, sensors)
+        sensors |= hardware.odometry.all_sensors
+    description = urdf("vehicle", assistant.wheels, sensors)
     documents[DESCRIPTION] = description
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
     documents[f"{LOG_ONLY}.yaml"] = parameters_text({"enabled": False})
