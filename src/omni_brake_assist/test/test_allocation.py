@@ -237,3 +237,16 @@ def test_the_force_of_a_wheel_without_a_speed_is_at_most_its_capacity(mecanum: W
     wheel = memory.wheel[0]
     assert 0.0 < wheel["force"] <= wheel["capacity"]
     assert 0.0 < wheel["measured"] <= wheel["capacity"]
+
+
+def test_a_wheel_whose_encoder_was_wrong_has_the_capacity_of_the_other_wheels(
+    mecanum: Wheels,
+) -> None:
+    law, memory = _law(mecanum)
+    error, enable = np.zeros(4), np.zeros(4)
+    for step in range(40):
+        motion = _motion(8.0 - 0.08 * step, 36.0, 4, first=step == 0)
+        motion.wheel_speed[0] = 5.0 if step < 30 else math.nan  # isolated in step 30
+        allocation.step(law, memory, motion, error, enable)
+    capacity = memory.wheel["capacity"]
+    assert capacity[0] == capacity[1:].max()

@@ -54,13 +54,14 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     """Update friction forces and capacities of all wheels.
 
     If the force rises faster than the allowed growth of the capacity, the tire is still deflecting.
-    The force is then a lower bound of the capacity, even if the wheel slides. The force of a wheel
-    without a speed reading is limited to its capacity. During the lag of the brakes, an error of
-    the nominal lag appears as friction; while the force rises so fast, the capacity therefore
-    follows it with the time constant of the lag.
+    The force is then a lower bound of the capacity, even if the wheel slides.
+    A wheel without a speed reading has the largest capacity of the other wheels, which limits its
+    force.
+    During the lag of the brakes, an error of the nominal lag appears as friction; while the force
+    rises so fast, the capacity therefore follows it with the time constant of the lag.
     """
     dt = memory.body[0].dt
-    gain = 1.0 - math.exp(-dt / law.observer_time)
+    gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
     for i in range(law.rim.size):
         wheel = memory.wheel[i]
         change = wheel.speed - wheel.last_speed
@@ -72,15 +73,21 @@ def observe_friction(law: Constants, memory: Memory) -> None:
         rise = gain * (measured - wheel.force)
         wheel.measured = measured
         wheel.force += rise
-        growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
-        if rise > growth:
-            share = dt / (dt + law.brake.time_constant)
-            wheel.capacity += share * max(measured - wheel.capacity, 0.0)
-        elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
-            wheel.capacity += gain * (wheel.force - wheel.capacity)
-        elif memory.qp.solution[i] >= 1.0:
-            wheel.capacity += growth
-        wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
+        if wheel.known:
+            growth = dt / (CASCADE**4 * law.observer_time) * wheel.capacity
+            if rise > growth:
+                share = dt / (dt + law.brake.time_constant)
+                wheel.capacity += share * max(measured - wheel.capacity, 0.0)
+            elif wheel.hub > (1.0 + law.peak_slip[i]) * wheel.speed:
+                wheel.capacity += gain * (wheel.force - wheel.capacity)
+            elif memory.qp.solution[i] >= 1.0:
+                wheel.capacity += growth
+            wheel.capacity = min(max(wheel.capacity, wheel.force, _LEAST_CAPACITY), law.most[i])
+            largest = max(largest, wheel.capacity)
+    for i in range(law.rim.size):
+        # The encoder may have been wrong before it was isolated, and the wheel's capacity with it.
+        if not memory.wheel[i].known:
+            memory.wheel[i].capacity = largest
 
 
 @lean
