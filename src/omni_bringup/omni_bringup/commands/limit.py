@@ -35,7 +35,7 @@ class Options(CommandOptions):
     experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
     """a file of config/experiments/, or a path that ends in .yaml (default: straight_line)"""
     vehicle: str | None = option(None)
-    """a file of config/vehicles/, a path, or the folder of a vehicle, instead of an experiment"""
+    """vehicle instead of an experiment: a file of config/vehicles/, a path, or a folder"""
     speed: float | None = option(None, unit="m/s", minimum=0.0, maximum=50.0)
     """speed before braking (default: 10)"""
     direction: float | None = option(None, unit="deg", minimum=-360.0, maximum=360.0)

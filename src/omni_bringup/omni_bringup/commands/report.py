@@ -27,7 +27,7 @@ class Options(CommandOptions):
     """Options of ``omni report``."""
 
     bags: tuple[Path, ...] = option(positional=True, metavar="BAG")
-    """rosbag2 folder, or a single .mcap file; several runs are shown on top of each other"""
+    """rosbag2 folder, or a single .mcap file; several runs are drawn in the same view"""
     out: Path | None = option(None, metavar="FILE")
     """file of the page (default: report.html next to the first recording)"""
 

@@ -36,7 +36,7 @@ class Options(FileOptions, CommandOptions):
     white: tuple[str, ...] = option((), metavar="CAMERA=FILE")
     """lines of an evenly lit white surface"""
     drive: Path | None = option(None, metavar="BAG")
-    """recorded drive from whose lines the fixed pattern is estimated"""
+    """recording of a motion from whose lines the fixed pattern is estimated"""
     sensors: str = option("three_generic")
     """line cameras by name, as in `lines import`"""
     out: Path = option(metavar="DIR")
