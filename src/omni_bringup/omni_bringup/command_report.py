@@ -48,21 +48,21 @@ class Report:
 
 
 def entries(values: Mapping[str, tuple[float, str]]) -> dict[str, dict[str, Any]]:
-    """Return pairs (value, unit), given by ``quantity.case``, as metrics of the JSON document."""
+    """Convert pairs (value, unit), keyed by ``quantity.case``, to metrics of the JSON document."""
     return {key: {"value": value, "unit": unit} for key, (value, unit) in values.items()}
 
 
 def entries_by_case(
     cases: Mapping[str, Mapping[str, tuple[float, str]]],
 ) -> dict[str, dict[str, Any]]:
-    """Return pairs (value, unit), given by case and quantity, as metrics of the JSON document."""
+    """Convert pairs (value, unit), keyed by case and quantity, to metrics of the JSON document."""
     return entries(
         {f"{key}.{case}": value for case, row in cases.items() for key, value in row.items()}
     )
 
 
 def in_words(row: Mapping[str, tuple[float, str]]) -> str:
-    """Return pairs (value, unit), given by quantity, as one line of text."""
+    """Convert pairs (value, unit), keyed by quantity, to one line of text."""
     return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
 
 

@@ -35,7 +35,7 @@ class Options(CommandOptions):
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
     distance: float = option(1.0, unit="m", above=0.0, maximum=1000.0)
-    """measured distance of the motions forward and to the left"""
+    """distance, measured on the floor, of each of the motions forward and to the left"""
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
     """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")

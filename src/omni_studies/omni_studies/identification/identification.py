@@ -77,7 +77,7 @@ Parameters = Mapping[str, float]
 
 
 def rounded(vector: Sequence[float] | quantities.FloatArray) -> dict[str, float]:
-    """Return a candidate by name, rounded as in a configuration file.
+    """Return the values of a candidate by parameter, rounded as in a configuration file.
 
     Args:
         vector: values in the order of `QUANTITIES`.

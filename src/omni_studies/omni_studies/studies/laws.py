@@ -197,7 +197,7 @@ def _label(law: str) -> str:
 
 
 class LawStops:
-    """Runs the case with a given number; an instance is sent to the workers."""
+    """Callable that simulates the stops of the case with a given index; sent to the workers."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.
