@@ -40,7 +40,7 @@ class Source(NamedTuple):
 
     @property
     def words(self) -> str:
-        """State and reason on one line."""
+        """State of the source and the reason for it, on one line."""
         return f"{self.state}: {self.reason}" if self.reason else self.state
 
 

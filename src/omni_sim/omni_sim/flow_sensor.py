@@ -92,7 +92,7 @@ class FlowSensorArray:
             self._path[name] = turned(place, -sensor.heading) * period_ns / SECOND_NS
 
     def advance(self, trajectory: FloatArray) -> None:
-        """Integrate the motion along a trajectory of base_link: x, y, yaw, shape (n + 1, >= 3)."""
+        """Add the displacement along a trajectory of base_link (x, y, yaw), shape (n + 1, >= 3)."""
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():

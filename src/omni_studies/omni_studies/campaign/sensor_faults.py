@@ -193,7 +193,7 @@ class FaultyStops:
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
-        """Draw the conditions and the fault of a seed; return the worst stop that was found."""
+        """Choose conditions and a fault by the seed; return the worst of the simulated stops."""
         random = np.random.default_rng([seed, 29])
         imu = bool(random.random() < 0.6)
         setting = Setting(str(random.choice(self._laws)), imu, str(random.choice(list(CASES))))

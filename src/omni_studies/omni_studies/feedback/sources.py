@@ -36,7 +36,7 @@ class Source:
         latency: time from the measurement to the message [s].
         lost: share of the samples that have no measurement [1].
         maximum_speed: limit on the measurable speed [m/s].
-        cameras: file in ``config/sensors/`` with line cameras that can be rendered instead.
+        cameras: file in ``config/sensors/`` with line cameras that replace the error model.
     """
 
     label: str

@@ -1,4 +1,4 @@
-"""Cause of the rotation: forces of locked wheels, and the sliding manifold that prevents it.
+"""Why a vehicle rotates on locked wheels, and the sliding manifold on which it does not.
 
 A simulated vehicle slides straight ahead on locked wheels, first with its load in the middle and
 then with its load at the configured position. The study draws the wheel forces. It also draws the

@@ -155,7 +155,7 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the symmetries to try, each with the units into which it divides the cameras."""
+    """Return the symmetries to try, each with its groups of a camera and its images."""
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),

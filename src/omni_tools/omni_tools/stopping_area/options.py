@@ -16,8 +16,8 @@ class AreaOptions(CampaignOptions):
     speed: float = parameter(2.0, unit="m/s", above=0.0, maximum=20.0)
     """maximum speed, in every direction"""
     bands: int = parameter(2, minimum=1, maximum=20)
-    """number of speed bands; more bands make the areas at low speeds smaller; a single band is also
-    valid for collision monitors before 2026, which compare v_x instead of the speed"""
+    """number of speed bands; more bands make the areas at low speeds smaller; a single band also
+    works with releases of Nav2's collision monitor before 2026, which compare v_x, not the speed"""
     yaw_rate: float = parameter(0.5, unit="rad/s", above=0.0, maximum=10.0)
     """maximum yaw rate, in both directions"""
     turns: int = parameter(1, minimum=1, maximum=9)
