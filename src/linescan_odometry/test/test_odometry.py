@@ -134,7 +134,7 @@ def test_a_gap_breaks_the_chain(late: float, joined: int, expose: Expose) -> Non
     if joined:
         assert reading.velocity == pytest.approx(35.0 * 5e-5 * RATE, abs=5e-3)
     else:
-        assert "single line" in reading.reason
+        assert "only one line" in reading.reason
 
 
 def test_a_gap_between_batches_is_no_motion(expose: Expose) -> None:
@@ -151,7 +151,7 @@ def test_a_wrong_number_of_pixels_breaks_the_chain_and_says_so(expose: Expose) -
     reading = sensor.update(batch(lines[1:2, :255], 1))
     assert (reading.measured, reading.variance) == (False, UNMEASURED_VARIANCE)
     assert reading.reason == "lines have 255 px, but 256 px are configured"
-    assert "single line" in sensor.update(batch(lines[2:3], 2)).reason
+    assert "only one line" in sensor.update(batch(lines[2:3], 2)).reason
     assert sensor.update(batch(lines[3:], 3)).measured
 
 
@@ -159,7 +159,7 @@ def test_a_change_of_bit_depth_breaks_the_chain(expose: Expose) -> None:
     lines = expose([0.0, 5.0, 10.0], 256)
     sensor = one_sensor()
     sensor.update(batch(lines[:2], 1))
-    assert "single line" in sensor.update(batch(lines[2:].astype(np.uint16), 2)).reason
+    assert "only one line" in sensor.update(batch(lines[2:].astype(np.uint16), 2)).reason
 
 
 @pytest.mark.parametrize("level", [0, 255])
