@@ -37,11 +37,12 @@ def advance_brakes(law: Constants, memory: Memory) -> None:
         wheel = memory.wheel[i]
         command = command_at(memory.sent, body.steps - 1, body.dead_time / body.dt, i)
         wheel.brake, wheel.mean_brake = lagged(law.brake, wheel.brake, command, body.dt)
-        model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
-        after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
-        expected += wheel.last_speed - after
-        lost += wheel.last_speed - wheel.speed
-    if expected > 0.0 and not body.responded:
+        if not body.responded:
+            model = BrakedWheel(wheel.capacity, law.peak_slip[i], law.wheel_mass[i], wheel.hub)
+            after, _ = advance_rim(model, wheel.last_speed, wheel.mean_brake, body.dt)
+            expected += wheel.last_speed - after
+            lost += wheel.last_speed - wheel.speed
+    if expected > 0.0:
         longest = law.brake.dead_time + _LONGEST_EXTRA
         body.responded = lost > _RESPONSE * expected or body.dead_time > longest
         if not body.responded:
