@@ -13,8 +13,8 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import nullcontext, redirect_stdout
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any, NoReturn
 
 from omni_bringup import command_report, commands
@@ -72,8 +72,7 @@ def _run(words: Sequence[str]) -> int:
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
-        # A user's law may print; its output must not enter the JSON document.
-        with work, redirect_stdout(sys.stderr if as_json else sys.stdout):
+        with work, _output_to_standard_error() if as_json else nullcontext():
             report = command.run(options, Workspace(workspace_folder(), program))
             report = dataclasses.replace(report, name=report.name or _name(program))
         return _publish(report, program, as_json=as_json)
@@ -93,6 +92,20 @@ def _run(words: Sequence[str]) -> int:
     if as_json:
         _print_json(_failure(program, problem, code))
     return code
+
+
+@contextmanager
+def _output_to_standard_error() -> Iterator[None]:
+    """Keep the output of a user's law and of the middleware out of the JSON document."""
+    sys.stdout.flush()
+    standard_output = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(standard_output, 1)
+        os.close(standard_output)
 
 
 def _publish(report: command_report.Report, program: str, *, as_json: bool) -> int:

@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from omni_bringup.cli import main
-from omni_bringup.command_report import write_text
+from omni_bringup.command_report import Report, write_text
+from omni_bringup.commands import show
 
 WORKSPACE = Path(__file__).parents[3]
 
@@ -188,6 +189,21 @@ def test_new_files_are_listed_as_json(tmp_path: Path, capsys: pytest.CaptureFixt
     assert json.loads(said.out)["facts"]["wheel loads"]
     assert "breaks the symmetry" not in said.err
     assert (tmp_path / "mine.png").is_file()
+
+
+def test_output_of_a_library_does_not_enter_the_json_document(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def run(*_: object) -> Report:
+        os.write(1, b"an error of the middleware\n")
+        return Report(details={"found": "nothing"})
+
+    monkeypatch.setattr(show, "run", run)
+    with pytest.raises(SystemExit):
+        main(["show", "mecanum_forklift", "--json"])
+    output = capfd.readouterr()
+    assert json.loads(output.out)["found"] == "nothing"
+    assert "an error of the middleware" in output.err
 
 
 def test_a_shown_vehicle_with_a_wrong_roller_angle_is_noted(
