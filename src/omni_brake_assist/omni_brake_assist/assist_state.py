@@ -53,12 +53,13 @@ class Constants(NamedTuple):
         brakes: constants of the brake monitor.
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
-        pedal_threshold: pedal position at and above which the driver counts as braking [1].
+        pedal_threshold: pedal position from which on the driver is regarded as braking [1].
         minimum_reference_speed: speed at the start of braking below which no line of motion is
             stored [m/s].
         maximum_time_step: limit on the time step over which the heading is integrated [s].
         speed_threshold: speed of the fastest wheel center below which all brakes act [m/s].
-        speed_hysteresis: rise of the speed above this threshold at which assistance resumes [m/s].
+        speed_hysteresis: amount by which the speed must rise above this threshold before brakes are
+            released again [m/s].
         dwell: minimum time between two switching operations of a valve [ns].
     """
 
@@ -122,8 +123,8 @@ class Inputs(NamedTuple):
         now_ns: stamp of the driver's demand [ns].
         pedal: the driver's brake demand, 0 to 1; 1 if the received value is invalid.
         enabled: whether the assistant may release brakes.
-        outside: condition detected before the kernel is called: INVALID_DEMAND or UNKNOWN_WHEEL;
-            GOOD if there is none.
+        outside: condition that was detected before the kernel is called: INVALID_DEMAND or
+            UNKNOWN_WHEEL; GOOD if no such condition was detected.
         feedback: latest received twist.
         wheels: latest received wheel speeds.
         imu: latest received IMU reading.

@@ -1,9 +1,9 @@
 """One step of the brake assistant as a compiled kernel: fail-safe, line of motion, law, valves.
 
-`BrakeAssist` calls the kernel with received messages, and the simulation of many runs calls it with
-simulated sensor readings. The node and the simulation therefore use the same fail-safe and give
-bit-identical results. A user's own law is called between the two halves of a step, `receive` and
-`act`.
+`BrakeAssist` calls the kernel with the values of received messages. The compiled simulation
+(`omni_loop.compiled`) calls it with simulated sensor readings. Node and simulation therefore use
+the same fail-safe reactions and give bit-identical results. A user's own law is called between the
+two halves of a step, `receive` and `act`.
 
 Some valves cannot switch in every control step of 10 ms. A valve that has switched keeps its state
 for the dwell time. There are two exceptions, and both apply more brakes. If all brakes must act,
@@ -40,7 +40,7 @@ _RECKONED_SHARE = 0.15
 def assist_step(
     constants: Constants, memory: Memory, inputs: Inputs, error: FloatArray, enable: FloatArray
 ) -> int:
-    """Decide which brakes act in one step.
+    """Compute the brake enables of one step.
 
     Args:
         constants: from `assist_state.make_constants`.

@@ -13,10 +13,11 @@ the wheel is negative. A valve that has just switched keeps its state for the mi
   slope where the brakes cannot hold the vehicle),
 - whenever an input (demand, wheels, time stamps or feedback) is invalid; see `fail_safe`.
 
-The line of motion is stored from the first valid feedback with the pedal down. All brakes act until
-this feedback arrives. If a gap in the feedback leaves the heading unknown, a new line is stored
-after the gap. A vehicle that only rotates when the line would be stored has no line of motion; the
-component ``s_perp`` of the errors, which keeps the vehicle on its line, is then zero.
+The assistant stores the line of motion when it receives the first valid feedback with the pedal
+down. All brakes act until this feedback arrives. After a gap in the feedback that is too long for
+the integration of the heading, the assistant stores a new line. If the vehicle only rotates at this
+time, it has no line of motion; the component ``s_perp`` of the errors, which keeps the vehicle on
+its line, is then zero.
 """
 
 import dataclasses
@@ -67,10 +68,10 @@ class BrakeAssist:
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
 
     def update(self, demand: BrakeDemand) -> Decision:
-        """Decide which brakes may act.
+        """Return the brake enables for a demand of the driver.
 
-        This method raises no exception. For any demand, the decision is finite and the enables are
-        between 0 and 1.
+        This method raises no exception. Whatever the values of the demand are, all numbers in the
+        decision are finite, and the enables are between 0 and 1.
 
         Args:
             demand: pedal and latest feedback; successive demands must have increasing stamps.
@@ -82,7 +83,7 @@ class BrakeAssist:
             return self._all_on(conditions.INTERNAL_ERROR, fault)
 
     def timeout(self, stamp_ns: int, silence: Fault) -> Decision:
-        """Return a decision with all brakes on after a timeout, and restart the recovery count.
+        """Return a decision with all brakes on after a timeout; restart the recovery count.
 
         Args:
             stamp_ns: time of the decision [ns].
@@ -105,13 +106,13 @@ class BrakeAssist:
         self.configuration = dataclasses.replace(self.configuration, enabled=enabled)
 
     def check_wheel_names(self, names: Iterable[str]) -> Fault | None:
-        """Compare the wheel names that the vehicle reports with those of the configuration.
+        """Compare the wheel names in a message of the vehicle with those of the configuration.
 
-        If the names differ, all brakes stay on until a later report agrees. Before the first
-        report, the configuration is assumed to be correct.
+        If the names differ, all brakes stay on until a later message has the configured names.
+        Before the first message, the configuration is assumed to be correct.
 
         Args:
-            names: reported wheels, in any order.
+            names: wheel names in the message, in any order.
 
         Returns:
             The fault of the input; None if the names agree.

@@ -70,25 +70,26 @@ _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DE
 
 
 class TimingConfiguration(Configuration):
-    """Pairing of the driver's demand with the feedback, and timeouts."""
+    """Parameters of the node: pairing of the driver's demand with the feedback, and timeouts."""
 
     lockstep: bool = parameter(False)
     """Lockstep mode: the node waits for the feedback of the same step, without a time limit,
     before it answers a pedal message; otherwise it answers in real time"""
     await_imu: bool = parameter(False)
-    """Lockstep: whether an answer waits for the IMU of its step"""
+    """Lockstep: whether the node waits for the IMU reading of a step before it publishes the
+    enables"""
     twist_period: float = parameter(0.0, unit="s", minimum=0.0, maximum=10.0)
-    """Lockstep: time between two samples of the twist, each of which is used until the next one; 0
-    if every step has a sample"""
+    """Lockstep: time between two samples of the twist; the node uses each sample until the next one
+    arrives; 0 if every step has a sample"""
     demand_timeout: float = parameter(0.1, unit="s", above=0.0, maximum=10.0)
     """Real time: time without a pedal message after which all brakes are on"""
     feedback_warning: str = parameter("")
-    """Result of the check of the twist's source by ./omni ros-params; logged at start-up and
-    published on /diagnostics"""
+    """Warning about the source of the twist, written by ./omni ros-params; the node logs it at
+    start-up and publishes it on /diagnostics"""
 
 
 class BrakeAssistNode(Node):
-    """Answers each brake demand of the driver with the brake enables of the wheels."""
+    """Publishes the brake enables of the wheels for each brake demand of the driver."""
 
     def __init__(self) -> None:
         super().__init__("brake_assist")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omni_platform.kernels import lean
 
 Record = Any
-"""A record of the array that `new_line` returns, by reference."""
+"""Reference to the record in the array that `new_line` returns."""
 
 _LINE = np.dtype(
     [
@@ -29,7 +29,7 @@ _LINE = np.dtype(
 
 
 def new_line() -> NDArray[np.void]:
-    """Return the initial record, in which no line is stored, shape (1,)."""
+    """Return an initial record without a stored line, shape (1,)."""
     return np.zeros(1, _LINE)
 
 

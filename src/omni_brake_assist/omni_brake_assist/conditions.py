@@ -1,9 +1,10 @@
-"""Table of the conditions of the assistant, in the order of their precedence.
+"""Conditions that determine the state of the assistant, in the order of their precedence.
 
-All conditions except the last three (REPLANNED, DEAD_RECKONING and ASSISTING) put all brakes on.
-The first condition that holds gives the state of the assistant. The kernels return the row of this
-condition in the table, and `/diagnostics` shows its level and reason.
-``python -m omni_brake_assist.conditions`` prints the table of states in the README of this package.
+The first condition of the table that is true determines the state of the assistant. If it is one of
+the last three conditions (REPLANNED, DEAD_RECKONING and ASSISTING), the assistant may release
+brakes; otherwise all brakes are on. The kernels return the index of the condition in the table, and
+`/diagnostics` shows the level and the reason of the condition. ``python -m
+omni_brake_assist.conditions`` prints the table of states in the README of this package.
 """
 
 import enum
@@ -51,8 +52,8 @@ class AssistState(enum.Enum):
     def level(self) -> int:
         """Level for `/diagnostics`: 0 OK, 1 warning, 2 error.
 
-        Invalid feedback may recover without intervention, so it is a warning. All other faults
-        require intervention by an operator.
+        Invalid feedback causes a warning, because it may become valid again without intervention.
+        All other faults are errors, which require intervention by an operator.
         """
         return next(row.level for row in CONDITIONS if row.state is self)
 

@@ -13,12 +13,12 @@ LAWS = ("sliding_mode", "allocation")
 """Built-in control laws."""
 
 MOST_VALVES = 14
-"""Limit on the number of on-off valves whose patterns are compared. A step takes about 5 ns per
-wheel and pattern; with 14 wheels and a computer that is four times slower, a step takes half of a
-control period of 10 ms."""
+"""Limit on the number of on-off valves. The law `allocation` compares all patterns of open and shut
+valves in each step; with this number of valves, a step takes at most half of a control period of 10
+ms even on a slow computer."""
 
 LAW_GROUP = "omni_brake_assist.laws"
-"""Entry points under which an installed package offers its laws by name."""
+"""Group of entry points in which an installed package registers control laws by name."""
 
 
 class AllocationConfiguration(Configuration):
@@ -37,14 +37,15 @@ class AllocationConfiguration(Configuration):
     """Time constant with which the law corrects heading and direction of motion, as a share of the
     remaining time until standstill"""
     deviation_weight: float = parameter(1.2, minimum=0.0, maximum=1.0e6)
-    """Weight of heading and line of motion in the quadratic program of the control allocation. Zero
-    deceleration costs 1. A missing yaw or lateral acceleration costs this weight if it is as large
-    as the acceleration that the friction capacities of all wheels together could cause; the cost of
-    a smaller one is proportionally lower"""
+    """Weight of heading and line of motion in the quadratic program of the control allocation,
+    relative to the cost 1 of zero deceleration. The cost of a difference between demanded and
+    achieved yaw or lateral acceleration is this weight times the difference, divided by the
+    acceleration that the friction capacities of all wheels together could cause"""
     locked_share: float = parameter(0.02, minimum=0.0, maximum=1.0)
-    """The brake of a wheel stays on if, along its active direction, hub and vehicle are both slower
-    than this share of the vehicle's speed, because the motion then does not drive the wheel. A
-    wheel counts as locked if its rim is slower than this share of the rim's speed while rolling"""
+    """Share of a speed that defines two limits. The brake of a wheel stays on if, along the active
+    direction of the wheel, the speeds of hub and vehicle are both below this share of the vehicle's
+    speed, because the motion then does not turn the wheel. A wheel is regarded as locked if its rim
+    is slower than this share of the rim speed of a rolling wheel"""
 
 
 class BrakeAssistConfiguration(Configuration):
@@ -65,8 +66,8 @@ class BrakeAssistConfiguration(Configuration):
     """Tuning constant k of the weighting enhanced, an odd number; with a larger k, the weighting is
     closer to `zero`"""
     max_rotation: float = parameter(0.3, unit="deg", minimum=0.0, maximum=360.0)
-    """Change of heading, and of the direction of motion, up to which the law allocation does not
-    correct them"""
+    """Limit up to which the law allocation leaves changes of the heading and of the direction of
+    motion uncorrected"""
     nominal_mass: float = parameter(1000.0, unit="kg", above=0.0, maximum=1.0e6)
     """Approximate mass of the vehicle, the initial value of the mass estimate of the law
     allocation"""
@@ -79,11 +80,11 @@ class BrakeAssistConfiguration(Configuration):
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
-    """Pedal position above which the driver counts as braking"""
+    """Pedal position above which the driver is regarded as braking"""
     speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
     """Speed of the fastest wheel center below which all brakes are on"""
     speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
-    """Rise of the speed above the threshold at which assistance resumes"""
+    """Amount by which the speed must rise above the threshold before brakes are released again"""
     minimum_reference_speed: float = parameter(0.1, unit="m/s", above=0.0, maximum=10.0)
     """Speed at the start of braking below which no line of motion is stored"""
     feedback_timeout: float = parameter(0.05, unit="s", above=0.0, maximum=10.0)
@@ -96,8 +97,9 @@ class BrakeAssistConfiguration(Configuration):
     """Number of consecutive valid twists required before brakes are released, at start-up and
     after a fault"""
     maximum_speed_deviation: float = parameter(0.2, unit="m/s", above=0.0, maximum=100.0)
-    """Limit on the standard deviation of the velocity of a valid twist, in the direction with the
-    largest one; with an IMU, a less accurate twist is used too, weighted by its covariance"""
+    """Limit on the standard deviation of the velocity of a valid twist, in the direction in which
+    this standard deviation is largest; with an IMU, the limit does not apply, and the twist is
+    weighted by its covariance"""
     maximum_yaw_rate_deviation: float = parameter(0.2, unit="rad/s", above=0.0, maximum=100.0)
     """Limit on the standard deviation of the yaw rate of a valid twist or, with an IMU, of a valid
     estimate"""
@@ -122,11 +124,11 @@ class BrakeAssistConfiguration(Configuration):
     imu_y: float = parameter(0.0, unit="m", minimum=-100.0, maximum=100.0)
     """Position of the IMU, measured to the left from the platform center"""
     feedback_delay: float = parameter(0.0, unit="s", minimum=0.0, maximum=0.2)
-    """Time by which the stamp of the twist is later than the measured motion; compensated by
-    prediction with the IMU"""
+    """Difference between the stamp of the twist and the earlier time of the motion that it
+    describes; compensated by prediction with the IMU"""
     frozen_time: float = parameter(0.2, unit="s", minimum=0.0, maximum=60.0)
-    """Duration after which an unchanged twist is implausible while braking above the speed
-    threshold (0: never)"""
+    """Time after which a twist that does not change is implausible, while the vehicle brakes above
+    the speed threshold (0: never)"""
 
     def check_consistency(self) -> None:
         """Check that k satisfies Eq. (58) and that the wheels can brake the platform.

@@ -42,10 +42,10 @@ class BrakeDemand:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Decision:
-    """Decision of one step: the brakes that may act.
+    """Decision of the assistant in one step: the brake enables and their reason.
 
     Attributes:
-        stamp_ns: stamp of the demand that this decision answers [ns].
+        stamp_ns: stamp of the demand for which this decision was made [ns].
         enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
             freely.
         error: error of each wheel in the control law [m/s], shape (N,); with the law
@@ -53,8 +53,8 @@ class Decision:
             the feedback is invalid.
         state: state of the assistant.
         reason: description on one line; for a fault, with the measured value and its limit.
-        fault: fault of an input, None if there is none. It is reported even if it has no effect yet
-            because `state` is INACTIVE or DISABLED.
+        fault: fault of an input; None if all inputs are valid. A fault is reported even if it has
+            no effect because `state` is INACTIVE or DISABLED.
     """
 
     stamp_ns: int

@@ -1,4 +1,4 @@
-"""Gate of the twist: all brakes are on unless the twist is valid.
+"""Input gate: checks of the received twist; unless the twist is valid, all brakes are on.
 
 A twist is valid if it is present, finite, recent, accurate enough, and physically possible after
 the last valid twist. A single invalid twist closes the gate. A number of consecutive valid twists
@@ -85,7 +85,7 @@ class Limits(NamedTuple):
 
 
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
-    """Convert a configuration to the limits of the kernel; for `reach` [m], see `Limits`."""
+    """Return the limits of a configuration for the kernel; `Limits` explains `reach` [m]."""
     same = {
         name: getattr(configuration, name)
         for name in Limits._fields
@@ -135,7 +135,8 @@ def check_inputs(
         memory: from `new_gate`; changed in place.
         now_ns: stamp of the demand [ns].
         sample: latest twist, possibly the same as in the last call.
-        braking: whether the driver brakes, so that the twist must change with time.
+        braking: whether the driver brakes; if so, a twist that does not change with time is
+            invalid.
         weighed: whether the filter bank compares the twist with the IMU.
 
     Returns:
@@ -163,7 +164,7 @@ def check_inputs(
 
 @lean
 def since(later_ns: int, earlier_ns: int) -> int:
-    """Return the difference between two stamps [ns], limited to the range of 64-bit integers."""
+    """Return the difference between two stamps [ns], clipped to the range of 64-bit integers."""
     difference = float(later_ns) - float(earlier_ns)
     if difference > _LONG_NS:
         return _LONG_NS

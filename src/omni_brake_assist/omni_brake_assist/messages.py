@@ -13,7 +13,7 @@ from omni_ros.messages import joint_state, planar_twist_of, to_nanoseconds
 
 
 def pedal_of(message: Any) -> PedalSample:
-    """Return the pedal position in a `JointState`; if empty, NaN, which counts as full braking."""
+    """Return the pedal position in a `JointState`; NaN (full braking) if it is missing."""
     position = float(message.position[0]) if len(message.position) else math.nan
     return PedalSample(to_nanoseconds(message.header.stamp), position)
 

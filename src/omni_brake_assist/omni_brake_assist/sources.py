@@ -76,7 +76,7 @@ def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text for `/diagnostics`; if a source is lost, at least a warning."""
+    """Return level and text for `/diagnostics`; at least a warning if a source is lost."""
     lost = ", ".join(source.name for source in found if source.state == LOST)
     if not lost:
         return decision.state.level, decision.reason

@@ -1,4 +1,4 @@
-"""Newest inputs of the brake assistant, and their pairing in lockstep."""
+"""Newest inputs of the brake assistant, and pairing of the inputs of a step in lockstep."""
 
 from typing import Any, TypeVar
 
@@ -34,18 +34,18 @@ class StepPairing:
         self._answered_ns = -1  # stamp of the newest answered demand
 
     def newest(self, kind: type[_S]) -> _S | None:
-        """Return the sample of this type that arrived last, None before the first one."""
+        """Return the last received sample of a given type; None before the first sample."""
         return self._newest.get(kind)
 
     @property
     def newest_ns(self) -> int:
-        """Newest stamp of pedal, twist and IMU [ns]."""
+        """Largest stamp among the newest pedal, twist and IMU samples [ns]."""
         kinds = (PedalSample, TwistSample, ImuSample)
         samples = [self._newest[kind] for kind in kinds if kind in self._newest]
         return int(max(sample.stamp_ns for sample in samples))
 
     def take(self, sample: Sample) -> BrakeDemand | None:
-        """Store a sample; return each demand once, when all inputs of its step are received."""
+        """Store a sample; return the demand of a step once all inputs of the step are known."""
         self._newest[type(sample)] = sample
         pedal, twist = self.newest(PedalSample), self.newest(TwistSample)
         if pedal is None or twist is None:
@@ -60,7 +60,7 @@ class StepPairing:
         return self._demand(pedal)
 
     def newest_demand(self) -> BrakeDemand | None:
-        """Return a demand with the newest samples and stamp; None if no pedal was received."""
+        """Return a demand with the newest samples; None before the first pedal sample."""
         pedal = self.newest(PedalSample)
         return self._demand(pedal._replace(stamp_ns=self.newest_ns)) if pedal else None
 

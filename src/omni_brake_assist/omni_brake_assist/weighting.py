@@ -47,7 +47,7 @@ class Weighting:
 
     Attributes:
         kind: number of the weighting, its index in `WEIGHTINGS`.
-        k: tuning constant of ``enhanced`` [1]; the others ignore it.
+        k: tuning constant of ``enhanced`` [1]; other weightings ignore it.
     """
 
     kind: int
@@ -70,7 +70,7 @@ def weighting_function(name: str, k: int) -> Weighting:
 
     Args:
         name: one of `WEIGHTINGS`.
-        k: tuning constant of ``enhanced`` [1], odd and positive; the others ignore it.
+        k: tuning constant of ``enhanced`` [1], odd and positive; other weightings ignore it.
 
     Raises:
         ValueError: the name is unknown, or k is not odd and positive.

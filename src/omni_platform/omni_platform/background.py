@@ -1,9 +1,9 @@
 """Single background thread for numba kernels that release Python's global interpreter lock (GIL).
 
-A thread that waits for the GIL loses about ten microseconds. Background work should therefore be
-one kernel that takes a few tenths of a millisecond, with little Python code around it. Two
-processors then run two such kernels in the time of one. With a single processor, the work is done
-when its result is needed.
+Waiting for the GIL takes time. Background work should therefore be a single kernel that runs for a
+few tenths of a millisecond, with little Python code around it. On a computer with two processors, a
+kernel in the background and one in the main thread then run at the same time. On a computer with a
+single processor, the main thread does the work when it needs the result.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, Generic, TypeVar
 _T = TypeVar("_T")
 
 ALONE = "OMNI_ONE_THREAD"
-"""Environment variable that limits a process to one thread if it is not empty."""
+"""Name of an environment variable; if it is set and not empty, a process uses only one thread."""
 
 
 class _Work(Generic[_T]):
@@ -81,9 +81,10 @@ os.register_at_fork(after_in_child=_queue.cache_clear)  # a forked process does 
 
 
 def in_background(work: Callable[[], _T], *, worth: bool = True) -> Callable[[], _T]:
-    """Queue work for the background thread; return a function that returns the work's result.
+    """Queue a function for the background thread; return a function that returns its result.
 
-    The returned function must be called once; it does the work itself if no thread has started it.
+    The returned function must be called once. If the background thread has not started the work
+    yet, the returned function does the work itself.
 
     Args:
         work: usually a call of one long kernel.

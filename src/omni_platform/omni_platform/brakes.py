@@ -1,4 +1,4 @@
-"""Parameters of a wheel's brake: true values in the simulator, nominal values in the assistant."""
+"""Parameters of a wheel's brake; true values for the simulator, nominal ones for the assistant."""
 
 import math
 from collections.abc import Mapping
@@ -19,15 +19,16 @@ TYPICAL: Mapping[str, Mapping[str, Any]] = {
     TORQUE: {"kind": PROPORTIONAL},
     VELOCITY: {"kind": VELOCITY},
 }
-"""Typical values for the section `brake`: on-off valves; spring-applied electromagnetic brakes,
-which take 40 to 120 ms according to data sheets; proportional brakes; drives with a torque or a
-speed command"""
+"""Typical values of the section `brake`, for each kind of brake: on-off valves; spring-applied
+electromagnetic brakes, which need 40 to 120 ms to act according to data sheets; proportional
+brakes; motor drives with a torque or a speed command"""
 
 
 def typical_changes(brakes: str) -> tuple[str, ...]:
     """Return the overrides that give a vehicle the brakes with this name in `TYPICAL`.
 
-    The overrides replace kind and timing of the vehicle's brakes; torque, power and ramp remain.
+    The overrides replace the kind and the timing of the vehicle's brakes, but not torque, power and
+    ramp.
     """
     timing = ("dead_time", "release_time", "time_constant")
     values = {key: getattr(BrakeConfiguration, key) for key in timing}
@@ -39,9 +40,9 @@ class BrakeConfiguration(Configuration):
     """Brake of each wheel."""
 
     kind: str = parameter(ON_OFF, choices=KINDS)
-    """Kind of brake: 'on_off' valves, which are open if the enable is at least one half;
-    'proportional' brakes, electric or with servo valves, which follow any enable; or 'velocity'
-    drives, whose speed command decreases along a ramp"""
+    """Kind of brake: 'on_off' for valves that are open if the enable is at least one half;
+    'proportional' for electric brakes or servo valves, which follow any enable; 'velocity' for
+    motor drives whose speed command decreases along a ramp"""
     resolution: float = parameter(0.0, minimum=0.0, maximum=0.5)
     """Resolution of the enable of a proportional brake (0: continuous)"""
     max_torque: float = parameter(2000.0, unit="N m", minimum=0.0, maximum=1.0e6)
@@ -66,7 +67,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def settling_time(self) -> float:
-        """Time until 86 % of a pressure change: dead time plus two time constants [s]."""
+        """Time until 86 % of a pressure change [s]: dead time plus two time constants."""
         return self.dead_time + 2.0 * self.time_constant
 
     @property

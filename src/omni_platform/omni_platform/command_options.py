@@ -1,8 +1,9 @@
 """A `Configuration` as the options of a command line.
 
 A command declares its options as the fields of a `Configuration`; type, bounds, default and help
-follow from them. A field ``max_rotation`` becomes ``--max-rotation N``, a bool becomes a
-switch, a tuple an option that may be repeated, and ``X | None`` an option that may be left out.
+follow from them. A field ``max_rotation`` becomes the option ``--max-rotation N``. A bool becomes a
+switch, a tuple becomes an option that may be repeated, and a field of the type ``X | None`` becomes
+an option that may be omitted.
 """
 
 import argparse
@@ -40,7 +41,7 @@ def option(
     many: bool = False,
     **declared: Any,
 ) -> Any:
-    """Declare a field with further properties of its command-line option.
+    """Declare a field of a configuration, with additional properties of its command-line option.
 
     Args:
         default: value used if none is given; without a default the option is required.
@@ -70,7 +71,7 @@ def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
 
 
 def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configuration]) -> None:
-    """Declare the parameters of `cls` as options; the parsed result lacks options not given.
+    """Declare the parameters of `cls` as options of a parser; omitted options get no value.
 
     Args:
         parser: parser of the command.
@@ -109,7 +110,7 @@ def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configu
 def parse_options(
     cls: type[C], words: Sequence[str], parser: argparse.ArgumentParser | None = None
 ) -> C:
-    """Return the options given by the words of a command line.
+    """Return the options that the words of a command line specify.
 
     Args:
         cls: declares the options.

@@ -12,8 +12,8 @@ An option of a command (`omni_platform.command_options`) may also be a `Path`, o
 Invalid values are never corrected: they raise `ConfigurationError`, which names the key, the value
 and what is permitted.
 
-Every number except a seed has a smallest and a largest permitted value. The range is that of
-wheeled vehicles and their sensors, widened by about a factor of ten: values outside this range are
+Every number except a seed has a smallest and a largest permitted value. The permitted range is
+about ten times as wide as the range of wheeled vehicles and their sensors. Values outside it are
 typing errors, and results computed from them could overflow.
 """
 
@@ -51,14 +51,14 @@ C = TypeVar("C", bound="Configuration")
 
 
 class InputError(ValueError):
-    """Input that is rejected before anything starts; the message names the value and a remedy."""
+    """An input is rejected before work starts; the message names the value and a remedy."""
 
     def __init__(self, words: str) -> None:
         super().__init__(shortened(words))
 
 
 class WorkError(RuntimeError):
-    """Work that has begun and cannot be finished; the message gives the reason."""
+    """A computation has begun and cannot be completed; the message gives the reason."""
 
 
 class ConfigurationError(InputError):
@@ -85,7 +85,7 @@ class ConfigurationError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class ParameterInfo:
-    """Properties of a parameter in addition to its value; a missing bound is None.
+    """Properties of a parameter other than its value; a bound that does not exist is None.
 
     The description is the one given in the declaration or, without one, the string below the field,
     which is read from the source when it is shown.
@@ -110,7 +110,7 @@ class ParameterInfo:
 
     @property
     def description(self) -> str:
-        """Description from the declaration or from the string below the field, on one line."""
+        """Description from the declaration or from the string below the field, as one line."""
         if self.given is not None or self.field is None:
             return self.given or ""
         cls, name = self.field
@@ -196,7 +196,7 @@ class Configuration:
         self.check_consistency()
 
     def check_consistency(self) -> None:
-        """Raise `ConfigurationError` if individually valid values are inconsistent."""
+        """Raise `ConfigurationError` if values that are valid individually are inconsistent."""
 
 
 def declared_parameters(cls: type[Configuration]) -> tuple[tuple[str, Any, ParameterInfo], ...]:
@@ -315,7 +315,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def shortened(text: str, longest: int = 255) -> str:
-    """Return a text in which words of more than `longest` characters are shortened.
+    """Return a text with all words shortened to at most `longest` characters.
 
     The default is the maximum length of a file name.
     """
@@ -327,10 +327,11 @@ def shortened(text: str, longest: int = 255) -> str:
 
 
 def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
-    """Check that a value is one of the known values.
+    """Raise an error unless a value is one of the permitted values.
 
     Raises:
-        ConfigurationError: the value is unknown; the message names the known and a similar one.
+        ConfigurationError: the value is not permitted; the message names the permitted values and a
+            similar one.
     """
     names = list(known)
     if value not in names:

@@ -23,8 +23,8 @@ def urdf(
     """Return the URDF of a vehicle.
 
     `base_link` is on the ground below the platform's center. The joint of a wheel has the name of
-    the wheel, so that `wheel_states` are joint states. The frame of a camera is in its footprint,
-    with x along the measuring direction.
+    the wheel, so that `wheel_states` are joint states. The origin of a camera's frame is the center
+    of the footprint of the camera, and the x axis of the frame is its measuring direction.
 
     Args:
         name: name of the robot.

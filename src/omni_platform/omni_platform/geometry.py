@@ -98,7 +98,7 @@ class PlatformGeometry:
 
     @cached_property
     def rim(self) -> FloatArray:
-        """Return ``R_i u_i . n_wi``, rim speed along n_wi per wheel speed [m], shape (N,)."""
+        """Return ``R_i u_i . n_wi`` [m], (N,): rim speed along n_wi divided by wheel speed."""
         return np.asarray(self.radius * np.sum(self.active * self.rolling, axis=1))
 
 

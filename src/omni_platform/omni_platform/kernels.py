@@ -1,11 +1,11 @@
 """Decorators that declare compiled kernels.
 
-numba counts the references to every array whenever it passes or unpacks the array. A kernel that
-receives the state of a vehicle or an assistant as a tuple of dozens of arrays would spend two
-thirds of its run time, and of its compilation time, on these counts. A `lean` kernel does not count
-references. It must therefore neither create an array (assigning a slice creates one) nor return
-one, not even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared
-as `kernel` and should be short. The largest kernels are also declared as `linked`.
+numba updates the reference count of an array whenever it passes or unpacks the array. A kernel that
+receives the state of a vehicle or an assistant as a tuple of dozens of arrays would spend most of
+its run time and of its compilation time on these counts. A `lean` kernel does not count references.
+It must therefore neither create an array (a slice of an array is a new array) nor return one, not
+even in a tuple; its caller provides all arrays. A kernel that creates arrays is declared as
+`kernel` and should be short. The largest kernels are also declared as `linked`.
 """
 
 import functools
@@ -27,7 +27,7 @@ __all__ = ["inlined", "kernel", "lean", "lean_inline", "linked", "njit"]
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 njit = numba.njit
-"""numba's decorator; importing it from this module installs the cache of `compilation.cache`."""
+"""Decorator of numba; importing it from this module activates the cache of `compilation.cache`."""
 
 
 def _enable_caching(dispatcher: Any) -> None:
@@ -102,10 +102,10 @@ kernel = _declares(_nrt=True)
 """Declares a kernel that creates or returns arrays."""
 
 lean = _declares(_nrt=False)
-"""Declares a kernel that, like all kernels it calls, neither creates nor returns arrays."""
+"""Declares a kernel that neither creates nor returns arrays and calls only kernels of this kind."""
 
 lean_inline = _declares(forceinline=True, _nrt=False)
-"""Declares a kernel that is lean and inlined; for kernels with many arguments and few callers."""
+"""Declares a lean kernel that is inlined into its callers; for kernels with many arguments."""
 
 inlined = _declares(inline="always", _nrt=False)
-"""Declares a kernel that numba never compiles alone but makes a part of its callers."""
+"""Declares a function that numba inlines into the kernels that call it."""

@@ -2,7 +2,8 @@
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 2.5.1, after G. Indiveri, IEEE Transactions on Robotics 25 (2009) 164-171. Equation (32)
-is garbled in print; it is read as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i cos gamma_i)``.
+contains a printing error; it is interpreted as ``omega_i = M_i (v_cx, v_cy, Omega)^T / (R_i cos
+gamma_i)``.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class PlatformKinematics:
 
     @staticmethod
     def of(wheels: Mapping[str, WheelMount]) -> PlatformKinematics:
-        """Return the kinematics of these wheels, cached for all runs of a campaign."""
+        """Return the kinematics of a set of wheels, from a cache if it was computed before."""
         return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""User classes that a configuration names as ``module:Class`` or as an entry point."""
+"""Import of user classes that a configuration names as ``module:Class`` or by an entry point."""
 
 import ast
 import functools
@@ -46,7 +46,7 @@ def _constant(tree: ast.Module, name: str) -> Any:
 
 
 def check_name(key: str, name: str, built_in: Collection[str], group: str) -> None:
-    """Check that the name of a class is known; nothing is imported.
+    """Check that the name of a class is valid, without importing the class.
 
     Args:
         key: key of the configuration.
@@ -72,7 +72,7 @@ def load_class(
 ) -> type[Any]:
     """Import a user's class.
 
-    The module is searched for on the path of Python and in the working directory.
+    Python searches for the module in `sys.path` and in the working directory.
 
     Args:
         key: key of the configuration.

@@ -18,5 +18,5 @@ SECOND_NS = 1_000_000_000
 """One second [ns]."""
 
 LARGEST_OFFSET = 100.0
-"""Limit on the distance of a part from the platform's center, along x or y [m]; a
-larger value is treated as a typing error."""
+"""Limit on the coordinates x and y of any part relative to the platform's center [m]; a larger
+value is assumed to be a typing error."""

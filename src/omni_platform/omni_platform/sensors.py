@@ -15,7 +15,8 @@ from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import LARGEST_OFFSET, FloatArray
 
 OVERLAP = 0.6
-"""Minimum share of a line's field of view that the next line must show again [1], section 4.4."""
+"""Smallest share of its field of view that a line must have in common with the next line [1],
+section 4.4."""
 
 
 class Mount(Configuration):
@@ -59,9 +60,10 @@ class LineSensor(Mount):
     line_rate: float = parameter(2500.0, unit="1/s", above=0.0, maximum=1e6)
     """Line rate"""
     non_uniformity: float = parameter(0.01, minimum=0.0, maximum=1.0)
-    """Standard deviation of the pixel gains relative to their mean (PRNU of EMVA 1288; a data sheet
-    states it). Without a white reference, and until the camera has moved, standstill is measured
-    only on a texture with more contrast than that"""
+    """Standard deviation of the pixel gains relative to their mean (photo-response non-uniformity,
+    PRNU, in data sheets according to EMVA 1288). Without a white reference, and until the camera
+    has moved, the odometry measures standstill only if the relative contrast of the ground is
+    larger than this value"""
 
     @property
     def pixel_pitch(self) -> float:
@@ -70,7 +72,7 @@ class LineSensor(Mount):
 
     @property
     def sideways_speed(self) -> float:
-        """Largest speed across the axis at which consecutive lines have `OVERLAP` [m/s]."""
+        """Speed across the axis at which consecutive lines have the overlap `OVERLAP` [m/s]."""
         return (1.0 - OVERLAP) * self.width * self.line_rate
 
 
@@ -80,10 +82,10 @@ class FlowSensor(Mount):
     rate: float = parameter(100.0, unit="1/s", minimum=0.1, maximum=1e5)
     """Measurement rate"""
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
-    """Standard deviation of each velocity, used if a measurement does not state it"""
+    """Standard deviation of each velocity component, used if a measurement has no covariance"""
     maximum_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=1000.0)
-    """Largest speed that the sensor can measure; a faster velocity counts as unmeasured. For a
-    sensor that measures angular rates, the largest rate times the height above the ground; 0 for
+    """Largest speed that the sensor can measure; a higher measured speed is rejected. For a sensor
+    that measures angular rates, this is the largest rate times the height above the ground; 0 for
     no limit"""
 
     @property

@@ -18,7 +18,7 @@ VALID, MISSING, INVALID = range(3)
 """Validity of a sample: MISSING if none has been received, INVALID if its content is malformed."""
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance at and above which a component counts as not measured [square of its unit]."""
+"""Variance from which on a component is regarded as not measured [square of its unit]."""
 
 
 class PedalSample(NamedTuple):
@@ -69,7 +69,7 @@ class WheelSample(NamedTuple):
 
     Attributes:
         stamp_ns: time of validity [ns from the start of the run].
-        speed: speed of each wheel about its axis, in the order of the configuration [rad/s], shape
+        speed: rotational speed of each wheel [rad/s], in the order of the configuration, shape
             (N,).
         validity: VALID, MISSING or INVALID.
     """

@@ -1,4 +1,4 @@
-"""Topics of a vehicle: name, message type, publisher and durability of each, in one place.
+"""Topics of a vehicle, each with its name, message type, publisher and durability.
 
 All topics are reliable unless a node's parameter ``qos_overrides`` or the odometry's parameter
 `best_effort_cameras` changes this. `omni_ros.qos` defines the depths of the queues.

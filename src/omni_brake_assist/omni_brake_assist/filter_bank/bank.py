@@ -1,4 +1,4 @@
-"""One step of the bank at the twist's time of validity, and the prediction to the present time."""
+"""One step of the filter bank at the stamp of the twist, and prediction to the present time."""
 
 import math
 

@@ -20,7 +20,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 GATE = 30.0
-"""Squared normalized innovation above which a reading is rejected: 5.5 standard deviations [1]."""
+"""Normalized innovation squared above which a reading is rejected (5.5 standard deviations) [1]."""
 
 # A released wheel counts as idle while its rim gains less speed than _GAIN [m/s]. An idle wheel
 # either rolls, or its brake still acts. On ice (friction 0.1, load 2500 N, radius 0.2 m, inertia
@@ -63,7 +63,7 @@ class _Wheel(NamedTuple):
 
 @lean
 def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: float) -> None:
-    """Correct the filters that use the gyro with its yaw rate [rad/s]."""
+    """Correct the filters that use the gyro, with the yaw rate that it measures [rad/s]."""
     record, h = memory.record[0], memory.h
     own = constants.gyro**2 + (bank.SHARE * rate) ** 2
     change = rate - record.gyro
@@ -302,7 +302,7 @@ def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: 
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Reduce the likelihoods of filters whose deceleration brakes and tires cannot cause.
+    """Reduce the likelihoods of filters whose deceleration is too large for the brakes and tires.
 
     Args:
         constants: constants of the vehicle.

@@ -13,7 +13,7 @@ from omni_platform.quantities import FloatArray
 
 IntArray = NDArray[np.int64]
 Record = Any
-"""A record of a structured array, by reference."""
+"""Reference to a record of a structured array."""
 
 # Hypotheses on which source is faulty. Each hypothesis except NO_ESTIMATE has a filter that does
 # not use this source.
@@ -26,12 +26,12 @@ U_X, U_Y, RATE, BIAS_RATE, BIAS_X, BIAS_Y, SCALE, OFFSET = range(8)
 STATES = 8
 
 READINGS = 64
-"""Number of past steps whose readings are stored, for a twist that arrives late."""
+"""Number of past steps whose readings are stored; they are needed if a twist arrives late."""
 ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
 """Index of the first column of pedal, IMU and wheels in a row of readings."""
 
 LOSS_STEPS = 10
-"""Number of steps over which the loss of speed is measured."""
+"""Number of steps over which the decrease of the speed is measured."""
 
 FAULTY = 0.5
 """Probability of a faulty encoder above which the encoder is isolated [1]."""
@@ -217,10 +217,10 @@ class BankMemory(NamedTuple):
 
 
 def least_loss(wheels: int) -> float:
-    """Return the deceleration on a slippery ground if half of the wheels brake [m/s^2].
+    """Return the deceleration on slippery ground with half of the wheels braked [m/s^2].
 
-    Half of the wheels brake on a diagonal course. On a vehicle with three wheels, a single wheel
-    may brake.
+    In motion along a diagonal, only half of the wheels can brake. On a vehicle with three wheels,
+    it may be only one wheel.
     """
     return LEAST_FRICTION * (wheels // 2) / wheels
 
@@ -310,7 +310,7 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Restart a filter with the state and covariance of the best one."""
+    """Restart a filter with the state and the covariance of the most probable filter."""
     for i in range(STATES):
         memory.state[k, i] = memory.state[best, i]
         for j in range(STATES):

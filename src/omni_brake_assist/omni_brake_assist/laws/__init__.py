@@ -1,1 +1,1 @@
-"""Control laws, one module each. A law computes brake enables from a valid twist."""
+"""Control laws. A law computes brake enables from a valid twist."""

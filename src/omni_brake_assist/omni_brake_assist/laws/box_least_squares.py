@@ -23,7 +23,7 @@ _TOLERANCE = 1e-9  # tolerance for rounding errors of a multiplier [1]
 
 
 class Box(NamedTuple):
-    """A problem of R rows and M unknowns of the order of 1, with the workspace of the solver.
+    """A problem with R rows and M unknowns of the order of 1, with working memory.
 
     Attributes:
         rows: ``b``, shape (R, M).

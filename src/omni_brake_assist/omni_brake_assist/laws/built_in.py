@@ -1,4 +1,4 @@
-"""The built-in laws, called through one compiled function."""
+"""Call of the selected built-in law through one compiled function."""
 
 from typing import NamedTuple
 
@@ -14,14 +14,14 @@ SLIDING_MODE, ALLOCATION = range(2)
 
 
 class LawConstants(NamedTuple):
-    """Constants of all built-in laws; one kernel with a branch compiles faster than two kernels.
+    """Constants of all built-in laws, which one compiled kernel contains.
 
     Attributes:
         kind: number of the chosen law.
         replans: whether `allocation` controls the rest of a stop after a brake has failed; true
-            only with at most `MOST_VALVES` on-off valves and a built-in law. With proportional
-            brakes, some vehicles would rotate more than with all brakes on, so all brakes act after
-            a failure.
+            only for a built-in law and at most `MOST_VALVES` on-off valves. With proportional
+            brakes, `allocation` would rotate some vehicles more than all brakes on, so all brakes
+            act after a failure.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """
@@ -52,7 +52,7 @@ def step(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Call the chosen law if time has passed since its last call; `Law.step` defines the arguments.
+    """Call the chosen law, unless it was already called for this stamp; arguments as in `Law.step`.
 
     After a brake has failed, `allocation` controls the rest of the stop with the other brakes if
     `LawConstants.replans` is true; otherwise the result is NO_HELP.

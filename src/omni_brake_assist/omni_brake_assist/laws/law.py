@@ -2,8 +2,8 @@
 
 A law is called once for each new time stamp at which the pedal is down and the motion is known. Its
 result is reused for further demands with the same stamp. For each wheel the law returns the share
-of the brake pressure that should pass. The assistant puts all brakes on whenever this is safer
-(`assist_step`), so a law needs no fail-safe.
+of the brake pressure that should pass. The fail-safe reactions are in `assist_step`, so a law needs
+none.
 """
 
 import sys
@@ -57,7 +57,7 @@ class Motion(NamedTuple):
 
 @lean
 def is_new(motion: Motion) -> bool:
-    """Return whether a stop begins or time has passed since the last step."""
+    """Return whether a law must be called: a stop begins, or the stamp has changed."""
     return bool(motion.first or motion.dt > 0.0)
 
 
@@ -83,10 +83,10 @@ _reported: set[type] = set()  # laws whose first error has been printed
 def call_law(
     law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
 ) -> tuple[int, str]:
-    """Call a user's law; return its result, and the error message if it failed.
+    """Call a user's law; return its result, and an error message if the law raised an exception.
 
-    If the law may release brakes (`enabled`), its first error is printed to standard error,
-    together with the lines of the law's file at which the error occurred.
+    If the law may release brakes (`enabled`), this function prints the first exception to standard
+    error, with the lines of the law's file at which it occurred.
     """
     if not is_new(motion):
         return HELD, ""
@@ -124,7 +124,7 @@ def _report(law: Law, problem: BaseException) -> None:
 
 
 def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry) -> Law | None:
-    """Create the user's law that a configuration names; None for a built-in law.
+    """Return the user's law that a configuration names; None for a built-in law.
 
     Args:
         configuration: configuration of the assistant.

@@ -28,8 +28,8 @@ _LEAST_CAPACITY = 1.0  # lower limit, so that shares of the capacity are defined
 def advance_brakes(law: Constants, memory: Memory) -> None:
     """Advance the nominal brake forces by one period, and estimate the dead time.
 
-    The dead time increases while the wheels slow much less than the nominal torque predicts. The
-    brakes then have no force yet.
+    The estimated dead time increases while the wheels lose much less speed than the nominal torque
+    predicts. During this time the brakes are assumed to exert no force.
     """
     body = memory.body[0]
     expected = lost = 0.0

@@ -28,7 +28,7 @@ def step(manifold: Manifold, motion: Motion, error: FloatArray, enable: FloatArr
 
 
 class SlidingMode:
-    """The law `sliding_mode` as a Python object.
+    """The law `sliding_mode` with the interface `Law`, for use from Python.
 
     Attributes:
         manifold: error functions of the wheels.

@@ -3,8 +3,9 @@
 If the friction force demanded of a wheel equals its capacity, a speed controller keeps the wheel at
 the target slip. Every other wheel receives the brake force that causes the demanded friction force.
 On-off valves are switched to the pattern whose forces have the lowest cost in the QP. For both
-kinds of brakes, the state of the wheel when a new command begins to act is predicted from the
-commands of the last dead time.
+kinds of brakes, the law predicts the state of the wheel at the time when a new command begins to
+act. This prediction uses the commands that were sent but have not acted yet because of the dead
+time.
 """
 
 import math

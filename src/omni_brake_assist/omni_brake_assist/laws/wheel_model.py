@@ -38,7 +38,7 @@ class BrakedWheel(NamedTuple):
 
     Attributes:
         capacity: largest friction force [N].
-        peak_slip: lowest ratio of sliding speed to rim speed at which the friction force equals the
+        peak_slip: ratio of sliding speed to rim speed from which on the friction force equals the
             capacity [1].
         mass: inertia of the wheel as a mass at its rim [kg].
         hub: speed of the wheel's center along the active direction [m/s], at least 0.
@@ -99,7 +99,7 @@ def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tupl
 
 @lean
 def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> float:
-    """Return the commanded force with which a brake reaches the force `wanted` after a step [N]."""
+    """Return the command with which the force of a brake equals `wanted` after a step [N]."""
     if brake.time_constant <= 0.0:
         return wanted
     return force - (wanted - force) / math.expm1(-dt / brake.time_constant)

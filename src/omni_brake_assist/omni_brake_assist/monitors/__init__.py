@@ -1,1 +1,1 @@
-"""Monitors, one module each, that detect failed brakes and braking with too little effect."""
+"""Monitors that detect failed brakes and braking with too little effect."""

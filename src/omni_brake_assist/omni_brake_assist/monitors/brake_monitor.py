@@ -98,7 +98,7 @@ def watch_brakes(
     wheels: BrakedWheels,
     twist: tuple[float, float, float],
 ) -> int:
-    """Update the memory over one step; return the wheel whose brake failed, or NO_WHEEL.
+    """Update the memory by one step; return the index of the wheel whose brake failed, or NO_WHEEL.
 
     Args:
         constants: constants of the vehicle.

@@ -41,7 +41,7 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 Record = Any
-"""A record of the array that `effect_memory` returns, by reference."""
+"""Reference to the record in the array that `effect_memory` returns."""
 
 _LEDGER = np.dtype(
     [
@@ -123,7 +123,7 @@ def watch_effect(
     speeds: FloatArray,
     force: FloatArray,
 ) -> bool:
-    """Update the distances with the last step; return whether all brakes must act.
+    """Update the missed and braked distances by one step; return whether all brakes must act.
 
     Args:
         constants: constants of the vehicle.

@@ -1,13 +1,14 @@
 """A cache of compiled kernels that detects every change of the code of a kernel.
 
-numba compares the text of the file that a kernel is in. It therefore misses changes of functions
-and constants in other files, and compiles again after an edit of a comment. Here the name of a
-cached file contains a digest of the kernel's bytecode and options and of all functions, constants
-and tuple classes that it refers to, directly or not. Several versions of a kernel may be in the
-cache.
+numba compares the text of the file that a kernel is in. It therefore does not detect changes of
+functions and constants in other files, and compiles again after a comment has been edited. In this
+cache, the name of a file contains a digest of the kernel's bytecode and options, and of all
+functions, constants and tuple classes to which the kernel refers, directly or indirectly. The cache
+may contain several versions of a kernel.
 
-Processes share the cache: the first that needs a kernel compiles it, and the others wait for that
-kernel only. numba has no lock, so two processes that store a kernel could damage its index.
+Processes share the cache: the first process that needs a kernel compiles it, and other processes
+that need the same kernel wait. This lock is necessary because numba has none: two processes that
+store the same kernel at the same time could damage its index file.
 """
 
 import contextlib
@@ -41,7 +42,7 @@ _KEPT_VERSIONS = 3  # versions of a kernel on disk, so that another branch need 
 
 
 class KernelCache(FunctionCache):
-    """numba's cache, with a digest instead of a line number in the names of its files."""
+    """Cache of numba whose file names contain a digest of the code instead of a line number."""
 
     _impl_class = CompiledKernel
 

@@ -1,9 +1,9 @@
-"""Linkage of compiled kernels: a kernel calls its own copies of its callees, or linked kernels.
+"""Linkage of compiled kernels: a kernel contains copies of its callees, or calls linked kernels.
 
 numba includes the code of a kernel in every kernel that calls it, and LLVM optimizes it again with
-each level of the call tree. The copies differ in their rounding. They are private to the caller
-here; as numba links them, a call reaches the copy that the process has loaded first. The callers of
-a `linked` kernel contain only a call of its address.
+each level of the call tree. These copies may differ in their rounding. With numba's own linkage, a
+call would reach the copy that the process has loaded first; this module makes the copies private to
+their caller. The callers of a `linked` kernel contain no copy, but only a call of its address.
 """
 
 import functools
@@ -21,7 +21,7 @@ from numba.core.dispatcher import Dispatcher
 _Kernel = tuple[str, str, Any]  # module, name, types of the arguments
 
 linked_kernels: set[Dispatcher] = set()
-"""Linked kernels: a caller contains a call of the kernel instead of its code."""
+"""Linked kernels; a caller contains only a call of a linked kernel, not a copy of its code."""
 
 _EMPTY_MODULE = llvmlite.binding.parse_assembly("").as_bitcode()
 
@@ -47,11 +47,11 @@ JITCPUCodegen._library_class = _KernelLibrary
 
 
 def linked(dispatcher: Any) -> Any:
-    """Mark a kernel whose callers only call it and do not include its code.
+    """Mark a kernel as linked, so that its callers do not contain a copy of its code.
 
-    The decorator is for the top of a large call tree and is written above `kernel` or `lean`.
-    Callers take less time to compile and to load, and their results are bit-identical. A call
-    takes about 0.1 us more.
+    Use this decorator for the top function of a large call tree, and write it above `kernel` or
+    `lean`. Callers then take less time to compile and to load, and their results do not change. A
+    call of a linked kernel takes slightly longer than a call of an ordinary kernel.
     """
     linked_kernels.add(dispatcher)
     del dispatcher.get_call_template, dispatcher.get_overload  # compiled once, for all callers
