@@ -1,4 +1,4 @@
-"""Inputs, constants and memory of a step of the brake assistant."""
+"""Inputs, constants and memory of the compiled step of the brake assistant."""
 
 from typing import NamedTuple
 
@@ -42,15 +42,15 @@ _VALVE = np.dtype(
 
 
 class Constants(NamedTuple):
-    """Constants of an assistant step.
+    """Constants of the compiled step of the brake assistant.
 
     Attributes:
         limits: limits within which the twist is valid.
         laws: constants of the control laws.
         fault_detection: whether the filter bank and the monitors are used.
-        bank: constants of the filter bank.
-        effect: constants of the effect monitor.
-        brakes: constants of the brake monitor.
+        bank: constants of the filter bank, which detects sensor faults.
+        effect: constants of the effect monitor, which detects braking with too little effect.
+        brakes: constants of the brake monitor, which detects failed brakes.
         r_x: wheel positions, x [m], shape (N,).
         r_y: wheel positions, y [m], shape (N,).
         pedal_threshold: pedal position from which on the driver is regarded as braking [1].
@@ -80,11 +80,12 @@ class Constants(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of the assistant between steps; see `new_memory`.
+    """State of the brake assistant between two steps; `new_memory` creates it.
 
     Attributes:
-        gate: state of the gate, a record of `fail_safe.GATE_STATE`, shape (1,).
-        step: stamps and flags, shape (1,).
+        gate: state of the gate, which checks the twist; a record of `fail_safe.GATE_STATE`, shape
+            (1,).
+        step: stamps and flags of the last step, shape (1,).
         line: line of motion to keep, see `braking_line`, shape (1,).
         valves: state of the valves, shape (N,).
         laws: state of the law `allocation`; the other built-in law has no state.
@@ -93,11 +94,13 @@ class Memory(NamedTuple):
         brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
         law_speeds: wheel speeds given to the law [rad/s], NaN where faulty or unknown, shape (N,).
         commanded: brake enables of the last step [1], shape (N,).
-        answer: estimated twist at the present time [m/s, m/s, rad/s], shape (3,).
+        answer: twist at the present time that the filter bank estimates [m/s, m/s, rad/s], shape
+            (3,).
         speeds: received wheel speeds [rad/s], NaN where not received, shape (N,).
         workspace: temporary storage for the IMU reading and the variances of the twist,
             shape (2, 3).
-        held: errors [m/s] and enables [1] from the last call of the law, shape (2, N).
+        held: errors [m/s] and brake enables [1] of the wheels from the last call of the law, shape
+            (2, N).
     """
 
     gate: NDArray[np.void]
@@ -117,7 +120,7 @@ class Memory(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Inputs of an assistant step.
+    """Inputs of one step of the brake assistant.
 
     Attributes:
         now_ns: stamp of the driver's demand [ns].
@@ -145,7 +148,8 @@ class LawCall(NamedTuple):
     Attributes:
         ready: whether a law may act in this step.
         motion: input of the law.
-        answer: result of the law, which `laws.law` defines: ASSIST, NO_HELP, FAILED or HELD.
+        answer: result of the law: ASSIST (apply the enables), NO_HELP (all brakes on), FAILED (the
+            law raised an error) or HELD (repeat the last result, because the law was not called).
     """
 
     ready: bool
@@ -156,7 +160,7 @@ class LawCall(NamedTuple):
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
-    """Convert a configuration to the constants of the compiled step."""
+    """Return the constants of the compiled step for a configuration and wheel geometry."""
     r_x, r_y = np.ascontiguousarray(geometry.position.T)
     return Constants(
         fail_safe.make_limits(configuration, float(np.max(np.hypot(r_x, r_y)))),

@@ -7,8 +7,9 @@ two halves of a step, `receive` and `act`.
 
 Some valves cannot switch in every control step of 10 ms. A valve that has switched keeps its state
 for the dwell time. There are two exceptions, and both apply more brakes. If all brakes must act,
-all valves open immediately. If otherwise no brake would act, the valves with a command to brake
-open immediately. With a dwell time of 0, every valve follows its command in every step.
+all valves open immediately. If no brake would act during the dwell time, the valves that are
+commanded to brake open immediately. With a dwell time of 0, every valve follows its command in
+every step.
 """
 
 import math
@@ -46,12 +47,12 @@ def assist_step(
         constants: from `assist_state.make_constants`.
         memory: from `assist_state.new_memory`, changed in place.
         inputs: inputs of this step.
-        error: output, error of each wheel in the control law [m/s], shape (N,); zeros while the
-            pedal is up or the motion has no valid estimate.
+        error: output, error of each wheel that the control law computes [m/s], shape (N,); zeros
+            while the pedal is up or no valid estimate of the motion exists.
         enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
     Returns:
-        Row of `conditions.CONDITIONS` that describes the state of the assistant.
+        Index of the row in `conditions.CONDITIONS` that describes the state of the assistant.
     """
     error[:] = 0.0
     ready, motion = _receive(constants, memory, inputs)
@@ -63,7 +64,7 @@ def assist_step(
 
 @kernel
 def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Check the inputs and update the line of motion.
+    """Check the inputs, estimate the motion, and update the line of motion.
 
     Args:
         constants: from `assist_state.make_constants`.
@@ -71,7 +72,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
         inputs: inputs of this step.
 
     Returns:
-        Whether to call the law, and the motion to pass to it.
+        Whether the law is to be called, and the motion that is its input.
     """
     ready, motion = _receive(constants, memory, inputs)
     return ready, motion
@@ -222,19 +223,22 @@ def act(
     error: FloatArray,
     enable: FloatArray,
 ) -> int:
-    """Apply the enables of the law, or all brakes if the law may not act; then apply dwell times.
+    """Determine the brake enables from the result of the law, and apply the dwell times.
+
+    If the law may not act, all brakes are on.
+
 
     Args:
         constants: from `assist_state.make_constants`.
         memory: changed in place.
         inputs: inputs of this step.
         call: input and result of the law.
-        error: errors written by the law [m/s], shape (N,).
-        enable: enables written by the law [1], shape (N,); overwritten with the enables that
-            respect the dwell times.
+        error: error of each wheel, which the law has written [m/s], shape (N,).
+        enable: enable of each brake, which the law has written [1], shape (N,). This function
+            overwrites it with enables that respect the dwell times.
 
     Returns:
-        Row of `conditions.CONDITIONS` that describes the state of the assistant.
+        Index of the row in `conditions.CONDITIONS` that describes the state of the assistant.
     """
     outcome = _outcome(constants, memory, inputs, call, error, enable)
     step = memory.step[0]
@@ -374,7 +378,7 @@ def open_valves(valves: NDArray[np.void], dwell: float, elapsed: float) -> None:
     """Open all valves, regardless of their dwell time.
 
     Args:
-        valves: changed in place, shape (N,).
+        valves: state of the valves, changed in place, shape (N,).
         dwell: minimum time between two switching operations of a valve [ns].
         elapsed: time since the last step [ns].
     """
@@ -392,11 +396,12 @@ def switch_valves(
     """Switch the valves whose dwell time has passed.
 
     Args:
-        valves: changed in place, shape (N,).
+        valves: state of the valves, changed in place, shape (N,).
         dwell: minimum time between two switching operations of a valve [ns].
         elapsed: time since the last step [ns].
-        enable: command to each valve [1], shape (N,); 0 shuts a valve, and at least one command is
-            above 0. The command to a valve that must keep its state is overwritten with 0 or 1.
+        enable: command to each valve [1], shape (N,). A command of 0 shuts a valve, and at least
+            one command is above 0. If a valve must keep its state, this function overwrites the
+            command with 0 or 1.
     """
     acting = False
     for i in range(valves.size):

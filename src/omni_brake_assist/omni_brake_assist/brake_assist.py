@@ -87,8 +87,8 @@ class BrakeAssist:
 
         Args:
             stamp_ns: time of the decision [ns].
-            silence: fault NO_DEMAND, NO_FEEDBACK, STALE_FEEDBACK or SECOND_PUBLISHER with its
-                reason.
+            silence: fault with the state NO_DEMAND, NO_FEEDBACK, STALE_FEEDBACK or
+                SECOND_PUBLISHER.
         """
         self._stamp_ns = stamp_ns
         codes = {
@@ -115,7 +115,7 @@ class BrakeAssist:
             names: wheel names in the message, in any order.
 
         Returns:
-            The fault of the input; None if the names agree.
+            The fault UNKNOWN_WHEEL; None if the names agree.
         """
         fault = self._compare_wheels(names)
         self._faults.pop(conditions.UNKNOWN_WHEEL, None)

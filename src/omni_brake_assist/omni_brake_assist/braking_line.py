@@ -1,4 +1,4 @@
-"""Line of motion that the vehicle should keep, fixed in the world frame.
+"""Line of motion that the vehicle should keep while it brakes; the line is fixed in the world.
 
 Eq. (51) of the dissertation describes the line by the unit vector ``p`` across it. The velocity at
 the start of braking is stored as a direction in the world frame. Only the rotation since the start
@@ -38,7 +38,7 @@ def forget_line(line: Record) -> None:
     """Delete the line, for example when the pedal is released.
 
     Args:
-        line: changed in place.
+        line: memory of the line, changed in place.
     """
     line.stored = False
     line.across_x = line.across_y = line.heading = line.yaw_rate = 0.0
@@ -46,10 +46,10 @@ def forget_line(line: Record) -> None:
 
 @lean
 def store_line(line: Record, minimum_speed: float, v_x: float, v_y: float, yaw_rate: float) -> None:
-    """Store the line of motion along the velocity ``v_c0``, unless the speed is below the minimum.
+    """Store the line of motion along the given velocity, unless the speed is below the minimum.
 
     Args:
-        line: changed in place.
+        line: memory of the line, changed in place.
         minimum_speed: speed below which a velocity has no usable direction [m/s].
         v_x: body velocity, x [m/s].
         v_y: body velocity, y [m/s].
@@ -69,7 +69,7 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
     """Integrate the heading up to the time of a new twist.
 
     Args:
-        line: changed in place.
+        line: memory of the line, changed in place.
         dt: time since the last twist [s].
         yaw_rate: yaw rate of the new twist [rad/s].
     """
@@ -79,7 +79,10 @@ def advance_line(line: Record, dt: float, yaw_rate: float) -> None:
 
 @lean
 def perpendicular(line: Record) -> tuple[float, float]:
-    """Return ``p`` in the body frame of the last twist [1]; zeros if there is no line to keep."""
+    """Return the unit vector ``p`` across the line of motion in the present body frame [1].
+
+    Both components are zero if no line is stored.
+    """
     c, s = math.cos(line.heading), math.sin(line.heading)
     p_x, p_y = line.across_x, line.across_y
     return c * p_x + s * p_y, c * p_y - s * p_x

@@ -45,7 +45,7 @@ class AssistState(enum.Enum):
 
     @property
     def is_fault(self) -> bool:
-        """Whether this state is a fault, as opposed to a state of normal operation."""
+        """Whether a fault causes this state; False for the states of normal operation."""
         return self.level > OK
 
     @property
@@ -62,7 +62,7 @@ OK, WARNING, ERROR = range(3)
 
 
 class Condition(NamedTuple):
-    """A row of the table.
+    """A row of the table of conditions.
 
     Attributes:
         state: state of the assistant while the condition holds.
@@ -116,7 +116,7 @@ class Condition(NamedTuple):
     ASSISTING,
 ) = range(36)
 GOOD = ASSISTING
-"""No fault."""
+"""Condition without a fault."""
 
 _S = AssistState
 _FAILED = "the brake of {wheel} does not act"

@@ -25,11 +25,12 @@ class AllocationConfiguration(Configuration):
     """Parameters of the law `allocation`; docs/allocation.md explains the effect of each."""
 
     target_slip: float = parameter(0.13, minimum=0.01, maximum=1.0)
-    """Slip at which a tire transmits its largest force; the set-point of wheel-slip control, the
-    limit of the friction observer, and a parameter of the wheel model and the published error"""
+    """Slip at which a tire transmits its largest force. It is the set-point of wheel-slip control,
+    and above it the friction observer regards a wheel as sliding. The wheel model and the published
+    error also depend on it"""
     observer_time: float = parameter(0.025, unit="s", minimum=0.001, maximum=1.0)
-    """Time constant of the friction observer. The time constants of the other loops are multiples
-    of it: slip control 0.5, disturbances 2, mass 4, return of the heading at least 4"""
+    """Time constant of the friction observer. The time constants of all other loops are multiples
+    of this value: slip control 0.5, disturbances 2, mass 4, return of the heading at least 4"""
     relaxation_speed: float = parameter(3.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Sliding speed that slip control adds to the set-point until the tire has deflected (tire
     relaxation)"""
@@ -52,7 +53,7 @@ class BrakeAssistConfiguration(Configuration):
     """Configuration of the brake assistant."""
 
     wheels: Mapping[str, WheelMount] = parameter()
-    """Wheels of the platform by name; their order is that of the brake enables"""
+    """Wheels of the platform, keyed by name; the brake enables have the same order"""
     enabled: bool = parameter(True)
     """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")

@@ -9,7 +9,7 @@ from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """A fault of an input, with its description.
+    """A fault of an input of the assistant, with a description.
 
     Attributes:
         state: state of the assistant; `AssistState.is_fault` is true for it.
@@ -48,9 +48,9 @@ class Decision:
         stamp_ns: stamp of the demand for which this decision was made [ns].
         enable: share of the brake pressure that passes [1], shape (N,); a wheel with 0 rolls
             freely.
-        error: error of each wheel in the control law [m/s], shape (N,); with the law
-            `sliding_mode`, ``s_i`` of Eq. (44) of the dissertation. Zeros while the pedal is up or
-            the feedback is invalid.
+        error: error of each wheel that the control law computes [m/s], shape (N,). With the law
+            `sliding_mode`, it is ``s_i`` of Eq. (44) of the dissertation. It is zero while the
+            pedal is up or the feedback is invalid.
         state: state of the assistant.
         reason: description on one line; for a fault, with the measured value and its limit.
         fault: fault of an input; None if all inputs are valid. A fault is reported even if it has

@@ -1,11 +1,11 @@
 """Input gate: checks of the received twist; unless the twist is valid, all brakes are on.
 
 A twist is valid if it is present, finite, recent, accurate enough, and physically possible after
-the last valid twist. A single invalid twist closes the gate. A number of consecutive valid twists
-opens it, at start-up and after each fault. Each twist is compared with the last valid one, and the
-permitted change grows with time, so that valid data are not rejected for long. With an IMU, the
-filter bank weights the twist by its variance and compares it with all other sources. The limits on
-the standard deviation and on the change then do not apply.
+the last valid twist. A single invalid twist closes the gate. At start-up and after each fault, the
+gate opens after a number of consecutive valid twists. Each twist is compared with the last valid
+one, and the permitted change grows with time, so that valid data are not rejected for long. With an
+IMU, the filter bank weights the twist by its variance and compares it with all other sources. The
+limits on the standard deviation and on the change then do not apply.
 
 The gate is one compiled kernel, `check_inputs`, which the node, the simulation and the campaigns
 share. It stores the number of the violated condition, a row of `conditions.CONDITIONS`.
@@ -45,7 +45,7 @@ GATE_STATE = np.dtype(
         ("uncertain", "?"),  # whether the variance of the last twist was too large without an IMU
     ]
 )
-"""Record of the gate's memory, see `new_gate`."""
+"""Data type of the gate's memory, which `new_gate` creates."""
 
 
 class Limits(NamedTuple):
@@ -115,7 +115,7 @@ def close_gate(gate: Any, check: int, value: float, limit: float, within: float)
         check: violated condition, a row of `conditions.CONDITIONS`.
         value: measured value.
         limit: limit on the value.
-        within: time in which the value changed, if it is a change [s]; otherwise 0.
+        within: time in which the change occurred [s], if the value is a change; otherwise 0.
     """
     gate.cause = check
     gate.value = value

@@ -1,4 +1,4 @@
-"""Conversion of ROS messages to inputs of the brake assistant, and of its decisions to messages."""
+"""Conversion of ROS messages to inputs of the brake assistant, and of decisions to messages."""
 
 import math
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ def wheel_speeds_of(message: Any, wheels: Sequence[str]) -> WheelSample | None:
     """Return the wheel speeds in a `JointState`; None if the speed of a wheel is missing.
 
     Args:
-        message: contains all wheels, in any order.
+        message: message that contains all wheels, in any order.
         wheels: names of the wheels in the order of the result.
     """
     if len(message.velocity) != len(message.name):
@@ -48,7 +48,7 @@ def imu_reading_of(message: Any) -> ImuSample:
 
 
 def decision_messages(decision: Decision, wheels: Sequence[str]) -> dict[str, Any]:
-    """Return the enables and the errors of a decision as `JointState` messages by topic name."""
+    """Return enables and errors of a decision as `JointState` messages, keyed by topic name."""
     stamp_ns = decision.stamp_ns
     return {
         topics.ENABLE.name: joint_state(stamp_ns, wheels, effort=decision.enable),

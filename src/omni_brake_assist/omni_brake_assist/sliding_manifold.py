@@ -60,7 +60,7 @@ class Manifold(NamedTuple):
 def wheel_error(
     manifold: Manifold, i: int, v_x: float, v_y: float, omega: float, p_x: float, p_y: float
 ) -> tuple[float, float, float]:
-    """Return the components of one wheel's error function.
+    """Return the three components of the error of one wheel.
 
     Args:
         manifold: constants of the error functions.
@@ -104,7 +104,7 @@ def _errors(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ManifoldErrors:
-    """Components of the error functions of N wheels [m/s], each of shape (N,).
+    """Components of the errors of N wheels [m/s], shape (N,) each.
 
     Attributes:
         perpendicular: ``s_perp,i`` of Eq. (50).
@@ -118,7 +118,7 @@ class ManifoldErrors:
 
     @property
     def total(self) -> FloatArray:
-        """``s_i`` [m/s], shape (N,), Eq. (44)."""
+        """Error ``s_i`` of each wheel, the sum of the components [m/s], shape (N,), Eq. (44)."""
         return self.perpendicular + self.angular + self.parallel
 
 
@@ -142,7 +142,7 @@ class SlidingManifold:
         self.constants = Manifold(r_x, r_y, n_x, n_y, geometry.lever, kind, k)
 
     def errors(self, twist: FloatArray, perpendicular: FloatArray | None) -> ManifoldErrors:
-        """Return the error functions of all wheels.
+        """Return the errors of all wheels.
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (3,).

@@ -24,13 +24,13 @@ _GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard de
 
 
 class Source(NamedTuple):
-    """A measurement source in one step.
+    """Test ratio and state of a measurement source after one step.
 
     Attributes:
         name: twist, gyro, accelerometer or the name of a wheel.
         test_ratio: normalized innovation squared divided by `GATE` [1], NaN without an innovation.
         state: FUSED, REJECTED, ISOLATED, MISSING or LOST, or BRAKED for a wheel that does not roll.
-        reason: why the source is not fused, empty if it is fused.
+        reason: reason why the source is not fused; empty for a fused source.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Source(NamedTuple):
 
 
 def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
-    """Return all sources after a step.
+    """Return the test ratio and state of all sources after a step.
 
     Args:
         memory: memory of the assistant.

@@ -14,12 +14,12 @@ class StepPairing:
 
     The samples may arrive in any order. The newest camera line of a step may be up to one line
     period older than the step. A twist therefore belongs to the first demand whose stamp is not
-    before that of the twist. Wheel speeds and IMU readings have the stamp of their step. If the
-    sampling period of the twist is longer than a step, a twist belongs to all steps within it.
+    before the stamp of the twist. Wheel speeds and IMU readings have the stamp of their step. If
+    the sampling period of the twist is longer than a step, a twist belongs to all steps within it.
 
     Args:
         fault_detection: whether a demand waits for the wheel speeds of its step.
-        imu: whether a demand waits for the IMU too.
+        imu: whether a demand also waits for the IMU reading of its step.
         twist_period_ns: time between two samples of the twist [ns], 0 if each step has its own
             twist.
     """

@@ -1,4 +1,4 @@
-"""Weight of the parallel error component as a function of an angle: Eqs. (55)-(59), Figure 28.
+"""Weight of the parallel error component as a function of a wheel's angle, Eqs. (55)-(59).
 
 Source: V. Kalman, "On modeling and control of omnidirectional wheels", BME Budapest 2013,
 section 3.4.3. The angle delta, 0 to pi/2, is the unsigned angle between the axis along the active
@@ -43,7 +43,7 @@ def psi(kind: int, k: int, delta: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Weighting:
-    """A weighting ``psi(delta)``.
+    """Function ``psi(delta)`` that gives the weight of a wheel with the angle delta, Figure 28.
 
     Attributes:
         kind: number of the weighting, its index in `WEIGHTINGS`.
@@ -66,7 +66,7 @@ def check_tuning_constant(k: int) -> None:
 
 
 def weighting_function(name: str, k: int) -> Weighting:
-    """Return the weighting of the given name as a function of delta [rad].
+    """Return the weighting with the given name, a function of the angle delta [rad].
 
     Args:
         name: one of `WEIGHTINGS`.

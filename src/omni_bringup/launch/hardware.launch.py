@@ -26,7 +26,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def start(context: LaunchContext) -> list[Any]:
-    """Return the nodes that the launch arguments select, with their exit handlers."""
+    """Return the nodes that the launch arguments select, and the exit handler of each node."""
     given = given_arguments(Path(__file__).name, ARGUMENTS, context)
     nodes = hardware_nodes(given)
     for node in nodes:

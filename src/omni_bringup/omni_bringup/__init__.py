@@ -1,1 +1,1 @@
-"""Start, recording and shutdown of the nodes, and the command line."""
+"""Command line of the project, and start, recording and shutdown of the nodes."""

@@ -1,9 +1,9 @@
 """Command line ``./omni COMMAND``.
 
 A command returns a `Report` or raises an error. Only this module prints, writes JSON and determines
-the exit code. With ``--json``, standard output contains exactly one document, even if a command is
-rejected or fails. Exit codes: 0 done, 1 failed, 2 rejected before anything started, 130 ended by
-Ctrl-C (143 by SIGTERM).
+the exit code. With ``--json``, standard output contains exactly one JSON document, even if a
+command is rejected or fails. Exit codes: 0 done, 1 failed, 2 rejected before anything started, 130
+ended by Ctrl-C (143 by SIGTERM).
 """
 
 import argparse
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
-    """Return the program name (such as ``omni bag info``), the command's module and its options.
+    """Return program name (such as ``omni bag info``), module and options of a command line.
 
     Raises:
         InputError: the value of an option is invalid.

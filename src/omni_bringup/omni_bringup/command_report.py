@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Result of a command.
+    """Result of a command: metrics, printed text, files and problems.
 
     Attributes:
-        name: name of the JSON document; empty for the name of the command.
-        metrics: metrics of the document, by ``quantity.case``.
-        details: further entries of the document.
-        text: lines and `rich` tables that are printed without ``--json``; with ``--json`` they are
-            not computed.
+        name: name of the JSON document; if empty, the document has the name of the command.
+        metrics: metrics in the JSON document, keyed by ``quantity.case``.
+        details: further entries of the JSON document.
+        text: lines and `rich` tables that are printed without ``--json``; with ``--json``, this
+            iterator is not used.
         files: paths of the written files, printed after the text.
         hints: lines printed at the end, such as how to use the files.
         summary: folder in which the document is stored as ``summary.json``.
         problems: sentences for standard error; if there are any, the exit code is 1.
-        ok: whether the result meets the requirements in the options; if not, the exit code is 1.
+        ok: whether the result meets the limits in the options; if False, the exit code is 1.
     """
 
     name: str = ""
@@ -48,21 +48,21 @@ class Report:
 
 
 def entries(values: Mapping[str, tuple[float, str]]) -> dict[str, dict[str, Any]]:
-    """Convert pairs (value, unit), keyed by ``quantity.case``, to metrics of the JSON document."""
+    """Return metrics of the JSON document from pairs (value, unit), keyed by ``quantity.case``."""
     return {key: {"value": value, "unit": unit} for key, (value, unit) in values.items()}
 
 
 def entries_by_case(
     cases: Mapping[str, Mapping[str, tuple[float, str]]],
 ) -> dict[str, dict[str, Any]]:
-    """Convert pairs (value, unit), keyed by case and quantity, to metrics of the JSON document."""
+    """Return metrics of the JSON document from pairs (value, unit), keyed by case and quantity."""
     return entries(
         {f"{key}.{case}": value for case, row in cases.items() for key, value in row.items()}
     )
 
 
 def in_words(row: Mapping[str, tuple[float, str]]) -> str:
-    """Convert pairs (value, unit), keyed by quantity, to one line of text."""
+    """Return pairs (value, unit), keyed by quantity, as one line of text."""
     return ", ".join(f"{key.replace('_', ' ')} {v:.4g} {unit}" for key, (v, unit) in row.items())
 
 
@@ -94,7 +94,7 @@ def estimate_table(metrics: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def make_folder(folder: Path) -> Path:
-    """Create a folder for results before they are computed, and return its absolute path.
+    """Create a folder for results, which are computed later, and return its absolute path.
 
     Raises:
         ConfigurationError: the folder cannot be created.
@@ -107,7 +107,7 @@ def make_folder(folder: Path) -> Path:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Create the folder, write the file atomically, and return its absolute path."""
+    """Write a text file atomically, with its folder if missing, and return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.part")
     try:
@@ -121,7 +121,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def printable(text: str, longest: int = 1000) -> str:
-    """Return a recorded text, shortened and without control characters."""
+    """Return a text from a recording, shortened and without control characters."""
     if len(text) > longest:
         text = f"{text[:longest]}... ({len(text)} characters)"
     return "".join(

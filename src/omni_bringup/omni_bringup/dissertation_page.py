@@ -37,7 +37,7 @@ class Row(NamedTuple):
 
 
 def chapters(folder: Path) -> dict[str, list[Row]]:
-    """Return the items in the workspace's ``docs/dissertation.yaml``, by chapter."""
+    """Return the items in the workspace's ``docs/dissertation.yaml``, keyed by chapter."""
     text = (folder / "docs/dissertation.yaml").read_text(encoding="utf-8")
     document = yaml.safe_load(filled(text, "", stored(folder)))
     return {title: [Row(*map(str, row)) for row in rows] for title, rows in document.items()}

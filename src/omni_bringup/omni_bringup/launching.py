@@ -38,7 +38,7 @@ def run_description(mode: str) -> LaunchDescription:
 
 
 def declared(arguments: Mapping[str, tuple[str | None, str]]) -> list[DeclareLaunchArgument]:
-    """Return the declarations of launch arguments, given as (default, description) by name."""
+    """Return declarations of launch arguments from pairs (default, description), keyed by name."""
     return [
         DeclareLaunchArgument(name, default_value=default, description=words)
         for name, (default, words) in arguments.items()
@@ -46,11 +46,11 @@ def declared(arguments: Mapping[str, tuple[str | None, str]]) -> list[DeclareLau
 
 
 def given_arguments(file: str, known: Mapping[str, Any], context: Any) -> dict[str, str]:
-    """Return the values of the known launch arguments by name.
+    """Return the values of the known launch arguments, keyed by name.
 
     Args:
         file: name of the launch file.
-        known: launch arguments by name.
+        known: launch arguments, keyed by name.
         context: context of the launch.
 
     Raises:

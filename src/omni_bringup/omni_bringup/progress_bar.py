@@ -64,7 +64,7 @@ def progress_lines(
 
     Args:
         name: name at the beginning of each line.
-        clock: returns the time [s].
+        clock: function that returns the time [s].
         period: minimum interval [s]; intervals grow to a fifth of the elapsed time.
     """
     begun = last = clock()

@@ -23,10 +23,10 @@ _NAME_PART = re.compile(r".[^/_ -]*[/_ -]?")  # a heading may wrap after each pa
 class ComparisonTable:
     """Table with a row for each quantity and a column for each variant.
 
-    Variants that do not fit the width follow in further tables below, so that numbers never wrap;
-    names may wrap. A value
-    that misses its limit is marked with ``!``. The value in the dissertation follows in
-    parentheses. A dash stands for an undefined quantity, with the reason below the table.
+    If the terminal is too narrow for all variants, the remaining ones follow in further tables, so
+    that numbers never wrap; names may wrap. A value that misses its limit is marked with ``!``. If
+    the dissertation gives a value, it follows in parentheses. A dash stands for an undefined
+    quantity; the reason is below the table.
 
     Attributes:
         metrics_by_variant: results of `run_metrics` by variant, in the order of the columns.
@@ -112,10 +112,10 @@ def _wrapped(name: str, width: int) -> Text:
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return the unit of a row and its entries in this unit, which is mm if all lengths are short.
+    """Return unit and entries of a row; if all entries are short lengths, they are converted to mm.
 
     Args:
-        entries: entries of one quantity by column, None if a column lacks it.
+        entries: entry of each column; None if the variant of the column does not have the quantity.
     """
     known = [entry for entry in entries if entry is not None]
     unit = known[0].unit if known else ""

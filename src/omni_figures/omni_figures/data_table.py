@@ -35,12 +35,12 @@ def write_table(
 
 
 def write_cases(path: Path, head: str, cases: Mapping[str, Mapping[str, Any]]) -> Path:
-    """Write a table with a row for each case and a column for each entry of any case.
+    """Write a table with a row for each case, and a column for each name that any case contains.
 
     Args:
         path: path of the file.
         head: heading of the column that contains the cases.
-        cases: entries by case and name.
+        cases: values of each case, keyed by case and then by column name.
     """
     names = list(dict.fromkeys(name for entries in cases.values() for name in entries))
     rows = ([case, *(own.get(name, "") for name in names)] for case, own in cases.items())

@@ -19,15 +19,16 @@ def draw_run_figures(
     histories: Mapping[str, history.RunHistory],
     folder: Path,
 ) -> list[Path]:
-    """Draw the top view (as Figures 24, 30) and the time series (as Figures 31, 32).
+    """Draw the top view (like Figures 24, 30) and the time series (like Figures 31, 32).
 
     Args:
-        configurations: configurations of the variants; vehicle and ground are taken from the first.
-        histories: histories by variant, in the order of the panels.
+        configurations: configurations keyed by variant; vehicle and ground are taken from the first
+            one.
+        histories: time history of each variant's run, keyed by variant, in the order of the panels.
         folder: folder for the files.
 
     Returns:
-        The files written.
+        Paths of the written files.
     """
     first = next(iter(configurations.values()))
     figures = {

@@ -30,7 +30,7 @@ class GroundPatch:
 
     @classmethod
     def of(cls, patch: FrictionPatch) -> GroundPatch:
-        """Return a rectangle or an ellipse around its center, with its length along its heading."""
+        """Return a configured patch, a rectangle or an ellipse, as an outline in `odom`."""
         corners = rectangle(patch.length, patch.width)
         if patch.shape == "ellipse":
             angle = np.linspace(0.0, math.tau, 72, endpoint=False)
@@ -47,7 +47,7 @@ class Scene:
     Attributes:
         chassis_length: length of the chassis along x of the body frame [m].
         chassis_width: width of the chassis along y of the body frame [m].
-        wheels: mounts by wheel name.
+        wheels: position and orientation of each wheel, keyed by wheel name.
         center_of_gravity: common center of gravity of vehicle and load in the body frame [m]; None
             if unknown.
         load: position of the load in the body frame [m]; None if there is no load.
@@ -101,14 +101,14 @@ def rectangle(length: float, width: float) -> FloatArray:
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Transform points (M, 2) [m] from a frame with pose x, y, yaw [m, m, rad] to the world."""
+    """Return points (M, 2) [m] of a frame in the world frame; `pose` is x, y, yaw [m, m, rad]."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)
 
 
 def ahead_up(points: FloatArray) -> FloatArray:
-    """Rotate points (M, 2) of the body frame so that forward is up in the figure."""
+    """Return points (M, 2) of the body frame, rotated so that forward is up in the figure."""
     return np.column_stack((-points[:, 1], points[:, 0]))
 
 

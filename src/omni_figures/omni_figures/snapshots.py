@@ -23,7 +23,7 @@ _SHIFTS = (0, 1, -1, 2, -2)  # steps from the common moment, in order of prefere
 
 @dataclasses.dataclass(frozen=True)
 class Snapshots:
-    """Indices of the stamps to draw, in order, with their labels (times)."""
+    """Moments to draw: indices of the time stamps in a run, and labels with the times."""
 
     indices: tuple[int, ...]
     labels: tuple[str, ...]
@@ -54,11 +54,11 @@ class _Span:
 def choose_snapshots(
     scene: Scene, histories: Mapping[str, RunHistory], arrow_scale: float, most: int = 7
 ) -> dict[str, Snapshots]:
-    """Choose the snapshots of every variant.
+    """Return the snapshots to draw of every variant, keyed by variant.
 
     Args:
         scene: the vehicle.
-        histories: runs by variant, at least one.
+        histories: time history of each variant's run, keyed by variant; at least one.
         arrow_scale: length of a velocity arrow per speed [m / (m/s)].
         most: limit on the number of snapshots.
     """
@@ -79,12 +79,12 @@ def choose_snapshots(
 def velocity_arrow(
     scene: Scene, history: RunHistory, index: int, arrow_scale: float, shortest: float = 0.1
 ) -> FloatArray | None:
-    """Return tail and tip of a snapshot's velocity arrow in `odom` [m], shape (2, 2).
+    """Return tail and tip of the velocity arrow of a snapshot in `odom` [m], shape (2, 2).
 
     Args:
         scene: the vehicle.
-        history: run of the vehicle.
-        index: index of the stamp.
+        history: time history of the vehicle's run.
+        index: index of the time stamp in the history.
         arrow_scale: length of a velocity arrow per speed [m / (m/s)].
         shortest: length of the shortest arrow, as a multiple of the chassis length.
 
@@ -105,8 +105,8 @@ def snapshot_outlines(
 
     Args:
         scene: the vehicle.
-        history: run of the vehicle.
-        index: index of the stamp.
+        history: time history of the vehicle's run.
+        index: index of the time stamp in the history.
         arrow_scale: length of a velocity arrow per speed [m / (m/s)].
         clearance: minimum distance between an arrow's tip or a load and other elements, as a
             multiple of the chassis length.

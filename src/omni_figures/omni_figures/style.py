@@ -85,12 +85,12 @@ def legend_below(figure: Figure, columns: int) -> None:
 def note(
     axes: Axes, words: str, place: tuple[float, float], offset: tuple[float, float], **look: Any
 ) -> None:
-    """Write `words` near a data point `place`, shifted by `offset` [points]."""
+    """Write `words` near the data point `place`, shifted from it by `offset` [points]."""
     axes.annotate(words, place, offset, textcoords="offset points", **look)
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
-    """Return the label of `RunHistory.braking_time` for these runs."""
+    """Return the axis label that states what the time of these runs is counted from."""
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
 

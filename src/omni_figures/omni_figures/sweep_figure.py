@@ -1,4 +1,4 @@
-"""Figure of a sweep: metrics as functions of one key."""
+"""Figure of a parameter sweep: metrics as functions of one swept key."""
 
 import itertools
 from collections.abc import Sequence
@@ -11,7 +11,9 @@ from omni_loop.sweep import SHOWN, SweptRun, number
 
 
 def sweep_figure(runs: Sequence[SweptRun], title: str) -> Figure:
-    """Draw four quantities versus the first swept key, one line per variant and other values.
+    """Draw four quantities versus the first swept key.
+
+    There is one line for each variant and each combination of values of the other swept keys.
 
     Args:
         runs: runs of the sweep, at least one.

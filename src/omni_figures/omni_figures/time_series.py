@@ -1,10 +1,10 @@
 """Velocities and errors over time while braking, like Figures 31 and 32.
 
-The figure has one column per variant: linear velocity in the body frame, yaw rate, the errors s_i
-of the wheels, and the times at which each brake was on. The time axis starts at the start of
-braking. All panels of a row have the same scale, except a panel that would show only a flat line;
-the scale of such a panel is labeled. Solid lines show the true motion, and thin dashed lines the
-measurement of the odometry.
+The figure has one column per variant. Its rows show the linear velocity in the body frame, the yaw
+rate, the switching functions s_i of the wheels ("errors"), and the times at which each brake was
+on. Time zero is the start of braking. All panels of a row have the same scale. A panel that would
+show only a flat line with this scale has a scale of its own, which is labeled. Solid lines show the
+true motion, and thin dashed lines the measurement of the odometry.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,7 +39,8 @@ def time_series(
     """Draw velocities, errors and brake enables of every variant over time.
 
     Args:
-        histories: runs by variant, in the order of the columns.
+        histories: time history of each variant's run, keyed by variant, in the order of the
+            columns.
         title: title above the columns.
         before: time that is shown before the start of braking [s].
 
@@ -81,7 +82,7 @@ def _draw_twist(panels: Sequence[Axes], history: RunHistory) -> None:
 
 
 def while_braking(history: RunHistory, values: FloatArray) -> FloatArray:
-    """Return the values with NaN before the start of braking."""
+    """Return a copy of `values` that is NaN before the start of braking."""
     shown = values.copy()
     shown[: history.brake_start] = np.nan
     return shown

@@ -66,13 +66,13 @@ def draw_paths(axes: Axes, history: RunHistory) -> None:
 def draw_snapshot(
     axes: Axes, scene: Scene, history: RunHistory, index: int, arrow_scale: float, age: float
 ) -> None:
-    """Draw the platform as it was at one stamp.
+    """Draw the platform with its pose, velocity and brake pressures at one time stamp.
 
     Args:
         axes: axes to draw on.
         scene: the vehicle.
         history: run of the vehicle.
-        index: index of the stamp.
+        index: index of the time stamp in the history.
         arrow_scale: length of the velocity arrow per speed [m / (m/s)].
         age: 0 for the last snapshot, nearly 1 for the first one; older snapshots are fainter.
     """
@@ -133,7 +133,7 @@ def legend_handles(scene: Scene, fastest: float, time_label: str) -> list[Line2D
     """Return the legend entries of a top view.
 
     Args:
-        scene: determines the entries.
+        scene: vehicle and ground, which determine the entries.
         fastest: speed of the longest arrow [m/s].
         time_label: meaning of the times next to the snapshots.
     """
@@ -187,9 +187,9 @@ def top_view(
 
     Args:
         scene: vehicle and ground.
-        histories: runs by variant, in the order of the panels.
+        histories: time history of each variant's run, keyed by variant, in the order of the panels.
         title: title above the panels.
-        arrow: length of the velocity arrow at the largest speed, as a multiple of the chassis
+        arrow: length of the velocity arrow at the highest speed, as a multiple of the chassis
             length.
 
     Raises:

@@ -90,12 +90,12 @@ class MessageDecoder:
 def decoded_messages(
     bag: Bag, topics: Collection[str], *, ordered: bool = False
 ) -> Iterator[tuple[RecordedMessage, Any]]:
-    """Yield the messages of some topics, as recorded and decoded.
+    """Yield each message of the given topics, as recorded and as decoded.
 
     Args:
         bag: the recording.
         topics: names of the topics.
-        ordered: whether to sort them by time, see `in_time_order`.
+        ordered: whether to sort the messages by log time, see `in_time_order`.
 
     Raises:
         BagError: the recording or a message cannot be read.

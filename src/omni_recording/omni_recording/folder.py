@@ -36,12 +36,13 @@ class Bag:
 
     Attributes:
         path: path of the folder or of the single file.
-        files: MCAP files of the recording in order of time.
+        files: MCAP files of the recording in the order in which they were written.
         message_count: number of messages according to the metadata; None without metadata.
-        counts: number of messages by topic according to the metadata; empty without metadata.
+        counts: number of messages according to the metadata, keyed by topic; empty without
+            metadata.
         ros_distro: ROS distribution of the recorder; empty if unknown.
-        namespace: namespace, such as ``/robot1``, that is removed from the topics of messages and
-            summary.
+        namespace: namespace, such as ``/robot1``, that is removed from the topic names of the
+            messages and of the summary.
     """
 
     path: Path
@@ -152,7 +153,7 @@ def bag_messages(bag: Bag) -> Iterator[mcap.RecordedMessage]:
 
 
 def bag_summary(bag: Bag) -> mcap.McapSummary:
-    """Return topics, counts and times of the whole recording.
+    """Return the topics, message counts, and first and last log time of the whole recording.
 
     The values are read from the summaries of the files; a file without a summary is read
     completely.
@@ -272,10 +273,10 @@ def _require_regular(folder: Path, path: Path) -> None:
 
 
 def read_plain_yaml(text: str) -> Any:
-    """Return a YAML document of plain values.
+    """Return the content of a YAML text that consists of plain values.
 
     Raises:
-        ValueError: the text is not such a document; the message states the reason in one line.
+        ValueError: the text contains anything else; the message states the reason in one line.
     """
     load: Callable[..., Any] = yaml.load
     try:
@@ -327,9 +328,9 @@ def in_time_order(messages: Iterable[mcap.RecordedMessage]) -> Iterator[mcap.Rec
 
 
 def in_rounds(messages: Iterable[mcap.RecordedMessage]) -> Iterator[list[mcap.RecordedMessage]]:
-    """Group messages so that each topic occurs at most once in a round.
+    """Yield rounds: lists of consecutive messages in which each topic occurs at most once.
 
-    If all topics are sampled at the same times, a round has one sample of each topic.
+    If all topics are sampled at the same times, a round contains one sample of each topic.
     """
     group: dict[str, mcap.RecordedMessage] = {}
     for message in messages:

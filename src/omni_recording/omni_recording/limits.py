@@ -5,7 +5,7 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Limits on sizes and counts; a length is a number of characters.
+    """Limits on sizes and counts of the content of a recording; a length is a number of characters.
 
     Attributes:
         record: size of a record, and of an unpacked chunk [B].

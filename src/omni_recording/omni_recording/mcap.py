@@ -33,11 +33,11 @@ _MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class McapError(ValueError):
-    """A file is not an MCAP file, is damaged, or states lengths beyond the limits.
+    """A file is not an MCAP file, is damaged, or contains lengths that exceed the limits.
 
     Attributes:
         problem: the defect of the file.
-        unfinished: whether the file is only incomplete, for example because the recorder was
+        unfinished: whether the file is valid but incomplete, for example because the recorder was
             killed.
     """
 
@@ -93,7 +93,7 @@ class McapSummary:
 
     Attributes:
         channels: all channels of the file.
-        counts: number of messages, by topic.
+        counts: number of messages, keyed by topic.
         first_ns: earliest log time [ns]; 0 without messages.
         last_ns: latest log time [ns]; 0 without messages.
         chunks: number of chunks.

@@ -32,14 +32,14 @@ class RecordedTopic:
 
 @dataclasses.dataclass(frozen=True)
 class Extent:
-    """Extent of a recording: number of messages by topic, and first and last stamp [ns]."""
+    """Extent of a recording: number of messages of each topic, and first and last stamp [ns]."""
 
     counts: Mapping[str, int]
     first_ns: int = UNSET_TIME
     last_ns: int = 0
 
     def information(self) -> dict[str, Any]:
-        """Return rosbag2's entries for this extent, for a single file or a whole recording."""
+        """Return the extent as entries of rosbag2's metadata about a file or a whole recording."""
         return {
             "starting_time": {"nanoseconds_since_epoch": self.first_ns},
             "duration": {"nanoseconds": max(0, self.last_ns - self.first_ns)},

@@ -41,7 +41,7 @@ class RecorderConfiguration(Configuration):
     """Wait for the disk at every flush, so that a power failure loses no more messages than a crash
     of the recorder"""
     transforms_from: str = parameter("")
-    """Topic of an odometry whose poses are also recorded on /tf; empty for none"""
+    """Topic of odometry messages whose poses are also recorded on /tf; empty for none"""
     fixed_frames: tuple[str, ...] = parameter(())
     """Frames fixed to base_link, recorded on /tf_static"""
     fixed_poses: tuple[float, ...] = parameter((), minimum=-LARGEST_OFFSET, maximum=LARGEST_OFFSET)
@@ -74,16 +74,16 @@ class RecorderConfiguration(Configuration):
 
 
 class StampedRecording:
-    """Writes messages with their own stamps, so that a recording does not depend on timing.
+    """Writes each message with its own stamp, so that a recording does not depend on timing.
 
     A list of stamped messages receives the stamp of its first message if this stamp is plausible. A
-    message without a stamp receives the latest stamp of any topic. Messages of a shared topic are
-    buffered for one second, measured by their stamps, and sorted, so that their order does not
-    depend on the speed of the nodes.
+    message without a stamp receives the latest stamp of any topic. Several nodes publish on a
+    shared topic (`SHARED_TOPICS`). Its messages are buffered for one second, measured by the
+    stamps, and sorted by stamp, so that their order does not depend on the speed of the nodes.
 
     Args:
         writer: the recording.
-        definitions: message definition by topic.
+        definitions: definition of the message type of each topic, keyed by topic.
     """
 
     def __init__(self, writer: Rosbag2Writer, definitions: Mapping[str, MessageDefinition]) -> None:

@@ -5,8 +5,8 @@ from typing import Any
 import yaml
 
 LARGEST_YAML = 1 << 20
-"""Largest number of characters of a configuration, and of values in any YAML text after aliases are
-replaced; reading as many takes a few seconds."""
+"""Limit on the number of characters of a configuration, and on the number of values in any YAML
+text after aliases are replaced. Reading so much text takes a few seconds."""
 
 # Errors of PyYAML's constructors if a value does not fit its explicit tag, as in `!!bool maybe`.
 _UNFIT = (AttributeError, IndexError, KeyError, TypeError)
@@ -42,11 +42,11 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
         return node
 
     def construct_document(self, node: yaml.Node) -> Any:
-        """Construct every value where it stands, so that an error has the place of its value."""
+        """Construct all values; an error names the place in the text at which its value stands."""
         return self.construct_object(node, deep=True)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """Construct a value; reject one that does not fit its tag."""
+        """Construct a value; reject a value that does not match its YAML tag."""
         try:
             return super().construct_object(node, deep)
         except _UNFIT:

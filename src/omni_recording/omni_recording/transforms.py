@@ -1,4 +1,4 @@
-"""Transforms that viewers need in a recording: `/tf` from an odometry, and `/tf_static`.
+"""Transforms that viewers need in a recording: `/tf` from odometry messages, and `/tf_static`.
 
 The type of these topics is `tf2_msgs/msg/TFMessage`. The ROS wheels do not contain this type, so no
 node can publish it. The recorder writes the transforms directly: the pose of every
@@ -35,7 +35,7 @@ class RecordedTransforms:
         """Prepare the transforms.
 
         Args:
-            odometry: full name of the topic whose poses become transforms; empty for none.
+            odometry: full name of the odometry topic whose poses become transforms; empty for none.
             frames: names of the frames that are fixed to the platform.
             poses: x, y [m] and heading [rad] of each frame in `base_link`, one frame after the
                 other.
@@ -69,7 +69,7 @@ class RecordedTransforms:
             recording.add(STATIC_TOPIC, self._fixed)
 
     def follow(self, recording: plan.StampedRecording, topic: str, data: bytes) -> None:
-        """Write the transform of a recorded message if its topic is that of the odometry.
+        """Write the pose of an odometry message as a transform; ignore messages of other topics.
 
         Raises:
             RecordingError: the file can no longer be written.

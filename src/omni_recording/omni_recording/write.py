@@ -109,7 +109,7 @@ class Rosbag2Writer:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of messages in the file up to the last flush, by topic."""
+        """Number of messages in the file up to the last flush, keyed by topic."""
         return dict(self._safe.counts)
 
     def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:

@@ -1,11 +1,11 @@
 """Claims about the metrics of a study, and the limits on these metrics.
 
-``limits.yaml`` contains the limits by study and metric, and ``claims.yaml`` contains the claims by
-study. A claim consists of a sentence, an expression and a comparison. In an expression,
-``quantity.case`` is a metric, ``quantity`` stands for the values of all cases, and ``of(quantity,
-"pattern")`` for the values of the cases whose names match the pattern. The functions ``min``,
-``max``, ``mean``, ``abs`` and ``zip`` are available. A claim about metrics that a run does not
-have, such as those of another ground, is omitted.
+``limits.yaml`` contains the limits, keyed by study and metric, and ``claims.yaml`` contains the
+claims, keyed by study. A claim consists of a sentence, an expression and a comparison. In an
+expression, ``quantity.case`` is a metric, ``quantity`` stands for the values of all cases, and
+``of(quantity, "pattern")`` for the values of the cases whose names match the pattern. The functions
+``min``, ``max``, ``mean``, ``abs`` and ``zip`` are available. A claim about metrics that a run does
+not have, such as those of another ground, is omitted.
 """
 
 import dataclasses
@@ -50,7 +50,7 @@ class Claim:
 
 
 class _Cases(dict[str, float]):
-    """Values of a quantity by case; a case can also be accessed as an attribute."""
+    """Values of a quantity, keyed by case; a value can also be accessed as an attribute."""
 
     def __getattr__(self, case: str) -> float:
         return self[case]
@@ -88,7 +88,7 @@ def _read(name: str) -> Any:
 
 
 def limited(study: str, metrics: Mapping[str, Metric]) -> dict[str, Metric]:
-    """Return a study's metrics with their limits; the arguments are those of `evaluate`."""
+    """Return the metrics of a study with their limits; the arguments are those of `evaluate`."""
     limits = _read("limits.yaml").get(study, {})
     chosen: dict[str, Any] = {
         name: next((limits[pattern] for pattern in limits if fnmatchcase(name, pattern)), {})
@@ -102,7 +102,7 @@ def evaluate(study: str, metrics: Mapping[str, Metric]) -> tuple[Claim, ...]:
 
     Args:
         study: name of the study.
-        metrics: metrics by ``<quantity>.<case>``.
+        metrics: metrics, keyed by ``<quantity>.<case>``.
 
     Returns:
         The claims for which all metrics exist.

@@ -42,7 +42,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 Numbers = Mapping[str, Mapping[str, float | None]]
-"""Values of metrics, by study and metric name."""
+"""Values of metrics, keyed by study and metric name."""
 
 _PLACE = re.compile(r"\{(?:(\w+):)?([a-z]\w*\.[\w.]+?)(?::([^{}]*))?\}")
 _BLOCK = re.compile(r"(<!-- numbers: (\w+)\n(.*?)-->\n).*?(<!-- /numbers -->)", re.DOTALL)
@@ -51,7 +51,7 @@ _PAGES = ("README.md", "docs/*.md", "benchmarks/*.md", "src/*/README.md")
 
 
 class Place(NamedTuple):
-    """Reference to a metric in a template.
+    """Reference in a page's template to a metric of a study.
 
     Attributes:
         study: the study of the metric.
@@ -89,7 +89,7 @@ def _word(text: str) -> str:
 
 
 def places(template: str, study: str) -> Iterator[Place]:
-    """Yield the references in a template; `study` is the study of references that name none."""
+    """Yield the references in a template; `study` applies to references without a study."""
     for found in _PLACE.finditer(expanded(template)):
         yield Place(found[1] or study, found[2], found[3] or "")
 
@@ -99,7 +99,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
     Args:
         template: template with references as in the module's docstring.
-        study: study of references that name none.
+        study: study of the references that do not name a study.
         numbers: numbers to insert.
     """
 
@@ -111,7 +111,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of each block, and of each row of the dissertation's page."""
+    """Yield page, study and template of each block, and of each row in the dissertation's page."""
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             yield page, block[2], block[3]
@@ -120,23 +120,25 @@ def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
 
 
 def page_with(text: str, numbers: Numbers) -> str:
-    """Return the text of a page with its blocks filled."""
+    """Return the text of a page in which all blocks are filled with numbers."""
     return _BLOCK.sub(lambda b: b[1] + filled(b[3], b[2], numbers) + b[4], text)
 
 
 def stored(workspace: Path) -> dict[str, dict[str, float | None]]:
-    """Return the stored numbers of the pages."""
+    """Return the numbers stored in ``docs/numbers.json``, keyed by study and metric."""
     text = (workspace / "docs/numbers.json").read_text(encoding="utf-8")
     numbers: dict[str, dict[str, float | None]] = json.loads(text)
     return numbers
 
 
 def measured(arguments: list[str], used: Iterable[Place]) -> dict[str, dict[str, float | None]]:
-    """Return the numbers in documents, by study; a run over the graph is the study ``run_NAME``.
+    """Return the numbers in the given documents, keyed by study and metric.
+
+    A run over the ROS graph counts as the study ``run_NAME``.
 
     Args:
         arguments: paths of ``summary.json`` files, or ``NAME=path``.
-        used: references to fill, which determine the tables to read.
+        used: references that are to be filled; they determine which tables are read.
 
     Raises:
         SystemExit: if two documents have different values of one metric of one study.

@@ -38,7 +38,7 @@ def _silent(share: float, words: str) -> None: ...
 
 @dataclasses.dataclass(frozen=True)
 class StudyRun:
-    """Context of a study.
+    """Context in which a study runs, and the files that it has written.
 
     Attributes:
         experiments: library of experiments and vehicles.
@@ -78,13 +78,13 @@ class StudyRun:
         fingerprint: str,
         name: str = "stops.csv",
     ) -> list[Row]:
-        """Make many runs and write their table `name`; see `run_campaign` for the arguments."""
+        """Run a campaign and write the table `name` of results; arguments as in `run_campaign`."""
         path = self.folder / name
         self.written.append(path)
         return run_campaign(work, seeds, row, options, path, fingerprint, self.report)
 
     def result(self, metrics: Mapping[str, Metric], *findings: str) -> StudyResult:
-        """Return the result, with all files written so far."""
+        """Return the result of the study, including the list of all files written so far."""
         return StudyResult(metrics, tuple(self.written), findings)
 
 
@@ -93,7 +93,7 @@ class StudyResult:
     """Results of a study.
 
     Attributes:
-        metrics: metrics by ``<quantity>.<case>``.
+        metrics: metrics, keyed by ``<quantity>.<case>``.
         files: written figures and data.
         findings: sentences about the results.
         claims: claims of the study, which `run_study` evaluates with the metrics.
@@ -106,13 +106,13 @@ class StudyResult:
 
     @property
     def missed(self) -> list[str]:
-        """Names of the metrics that miss their limits, and claims that are not true."""
+        """Names of metrics outside their limits, and sentences of claims that are not true."""
         found = {claim.sentence: claim.found for claim in self.claims} | dict(self.metrics)
         return [name for name, metric in found.items() if metric.status == "missed"]
 
 
 class Study(Protocol):
-    """A study: a module, or one case of a module with ``CASES``."""
+    """A study: a module, or one of the studies that a module lists in ``CASES``."""
 
     __doc__: str
     Options: type[configuration.Configuration]
@@ -137,7 +137,7 @@ class _Case:
 
 
 def load_study(name: str) -> Study:
-    """Return a study.
+    """Return the study with a given name.
 
     Args:
         name: name of the study, as listed by `./omni list studies`.

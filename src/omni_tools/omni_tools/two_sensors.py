@@ -1,4 +1,4 @@
-"""Displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78), as a reference.
+"""Displacement of a platform from two two-dimensional sensors, Eqs. (73)-(78).
 
 The reference point R is on the line between the sensors, sensor 1 at the distance d_1 to the left
 (+y) and sensor 2 at the distance d_2 to the right. By ``v_i = v_c + Omega k x r_i``, the sensors
@@ -11,7 +11,8 @@ weights the y displacements as if Y varied along the line. Weighted least square
 variances of the y displacements instead and give a more accurate mean; for equal variances and d_1
 = d_2, both results are equal. X and the angle do not depend on the variances.
 
-**The straight line between two instants.** If the platform moves on an arc and rotates by phi,
+**Error of the straight-line approximation between two instants.** If the platform moves on an arc
+and rotates by phi,
 
 - displacements along the axes of the first instant fulfill (73)-(75) *exactly*: the y
   displacements differ by ``(d_1 + d_2)(1 - cos phi)``, and the weights of (74) remove exactly this
@@ -64,7 +65,7 @@ class PlanarDisplacement(NamedTuple):
     angle: float
 
     def at(self, x: float, y: float) -> PlanarDisplacement:
-        """Return the displacement of another point, exact for a rigid platform.
+        """Return the displacement of another point of the (rigid) platform.
 
         Args:
             x: coordinate x of the other point relative to this one, forward at the first instant
@@ -77,7 +78,7 @@ class PlanarDisplacement(NamedTuple):
         )
 
     def along_arc(self) -> PlanarDisplacement:
-        """Return the motion for measurements along axes that rotate with the sensors.
+        """Return this motion, corrected for measurements along axes that rotate with the sensors.
 
         The argument of the arcsine in (75) is then the angle, and the path is an arc. The result is
         exact for constant velocity and yaw rate.
@@ -121,7 +122,7 @@ def two_sensor_displacement(
 def first_sensor_displacement(
     first: SensorDisplacement, second_x: float, distance: float
 ) -> PlanarDisplacement:
-    """Return the displacement of the first sensor, Eqs. (76)-(78): d_1 = 0.
+    """Return the displacement of the first sensor's position, Eqs. (76)-(78), which have d_1 = 0.
 
     The y displacement of the second sensor is not needed, so this sensor may be a single line
     camera.

@@ -1,14 +1,16 @@
-"""Conversion of the wheels' brake enables to commands of brakes and drives.
+"""Conversion of the brake enables of the wheels to commands for brakes or motor drives.
 
 An enable is the share of the braking demand that passes to a wheel, 0 to 1. The resulting command
 to the controller depends on the kind of brake:
 
 - ``spring``: a spring-applied brake that a coil releases; command 1 energizes the coil,
 - ``proportional``: a brake that follows a demand of 0 to 1,
-- ``torque``: a drive with a torque command [N m], which must never drive the wheel,
-- ``velocity``: a drive with a speed command [rad/s], which decreases along a configured ramp.
+- ``torque``: a motor drive that receives a torque [N m]; this torque must never accelerate the
+  wheel,
+- ``velocity``: a motor drive that receives a speed [rad/s]; the commanded speed decreases along a
+  configured ramp.
 
-Missing and NaN inputs count as full braking.
+A missing or NaN input causes full braking.
 """
 
 import dataclasses
@@ -51,14 +53,14 @@ class BrakeAdapterConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WheelDemand:
-    """Inputs of a step for N wheels.
+    """Inputs of one step of the brake adapter, for N wheels.
 
     Attributes:
-        pedal: braking demand, 0 to 1; NaN if it is unknown.
+        pedal: braking demand of the driver, 0 to 1; NaN if it is unknown.
         enable: share of the demand that passes to each wheel [1], NaN where unknown, shape (N,).
         speed: speed of the wheels [rad/s], NaN where unknown, shape (N,).
-        drive: command of the vehicle's own drive [N m] or [rad/s], passed on while the pedal is up,
-            shape (N,).
+        drive: command for each motor drive while the pedal is up, a torque [N m] or a speed
+            [rad/s], shape (N,).
     """
 
     pedal: float
@@ -68,7 +70,7 @@ class WheelDemand:
 
 
 class BrakeAdapter:
-    """Converts enables to the commands of one kind of brake."""
+    """Converts brake enables to commands for one kind of brake or motor drive."""
 
     def __init__(self, configuration: BrakeAdapterConfiguration) -> None:
         self.configuration = configuration
@@ -81,7 +83,7 @@ class BrakeAdapter:
         """Return the command to each wheel, in the unit of its kind of brake, shape (N,).
 
         Args:
-            demand: demands of driver and assistant, and wheel speeds.
+            demand: braking demand of the driver, brake enables of the assistant, and wheel speeds.
             dt: time since the previous step [s].
         """
         pedal = demand.pedal if 0.0 <= demand.pedal <= 1.0 else 1.0

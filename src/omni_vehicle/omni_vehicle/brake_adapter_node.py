@@ -1,4 +1,4 @@
-"""ROS node of the brake adapter: subscribes to enables, publishes commands to brakes or drives.
+"""ROS node that converts brake enables to commands for brakes or motor drives.
 
 The README of this package describes the contract: topics, types, parameters and timeouts.
 """
@@ -41,7 +41,7 @@ _SHOWN = 12  # number of names in a message about joint_states
 
 
 class TopicsConfiguration(Configuration):
-    """Message types of the vehicle's own topics."""
+    """Message types and timing of the topics that connect the brake adapter with the vehicle."""
 
     joints: tuple[str, ...] = parameter(())
     """Names of the joints on joint_states, in the order of the wheels; default: the wheel names"""

@@ -52,7 +52,7 @@ class FlowChipError(Exception):
 
 
 class FlowSample(NamedTuple):
-    """A reading of a chip.
+    """A reading of an optical-flow chip.
 
     Attributes:
         velocity: velocity v_x, v_y of the chip relative to the ground along the chip's axes, and
@@ -73,7 +73,7 @@ class FlowSample(NamedTuple):
 
 
 class FlowChip(Protocol):
-    """A chip that has been opened."""
+    """An opened optical-flow chip."""
 
     def read(self, time: float) -> FlowSample:
         """Return the reading of the chip at the present time [s], which the caller passes.
@@ -84,7 +84,7 @@ class FlowChip(Protocol):
 
 
 class FlowChipConfiguration(Configuration):
-    """Type of a chip, its bus and its calibration."""
+    """Type, bus and calibration of an optical-flow chip."""
 
     chip: str = parameter(choices=CHIPS)
     """Type of the chip"""
@@ -118,7 +118,7 @@ class FlowChipConfiguration(Configuration):
     """Scale factor of an OTOS's distances"""
 
     def check_consistency(self) -> None:
-        """Check that the calibration that the chip requires is given."""
+        """Check that the configuration contains the calibration that the chip requires."""
         if self.chip != OTOS and self.counts_per_meter == 0.0:
             raise ConfigurationError(
                 "counts_per_meter",
@@ -128,7 +128,7 @@ class FlowChipConfiguration(Configuration):
 
 
 def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
-    """Open and initialize a chip.
+    """Open an optical-flow chip, initialize it and return it.
 
     Raises:
         FlowChipError: the chip does not answer.
@@ -147,10 +147,10 @@ def open_chip(configuration: FlowChipConfiguration) -> FlowChip:
 
 
 class CountingChip:
-    """A PMW3901 or PAA5100JE.
+    """A PMW3901 or PAA5100JE, which counts how far the ground has moved since the last reading.
 
     Attributes:
-        counts: sums of the counts along x and y since the chip was opened.
+        counts: sums of all counts along x and along y since the chip was opened.
     """
 
     def __init__(self, configuration: FlowChipConfiguration) -> None:
@@ -168,7 +168,7 @@ class CountingChip:
         self.counts = [0, 0]
 
     def read(self, time: float) -> FlowSample:
-        """Return the mean velocity since the last reading."""
+        """Return the mean velocity between the last reading and this one."""
         try:
             # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)

@@ -22,7 +22,7 @@ from omni_vehicle import flow_chips
 
 
 class FlowNodeConfiguration(Configuration):
-    """Name and rate of the sensor."""
+    """Name of the flow sensor, and periods with which the node reads and reopens it."""
 
     sensor: str = parameter("flow")
     """Name of the sensor, as in flow_sensors"""
@@ -33,7 +33,7 @@ class FlowNodeConfiguration(Configuration):
 
 
 class FlowSensorNode(Node):
-    """Reads a chip at a fixed rate, reopens it after a failure, and publishes its readings."""
+    """Reads an optical-flow chip at a fixed rate, reopens it on failure, and publishes readings."""
 
     def __init__(self) -> None:
         super().__init__("flow_sensor")

@@ -26,7 +26,7 @@ _TYPES = {
 
 
 class TwistAdapterConfiguration(Configuration):
-    """Source of the body twist."""
+    """Message type, standard deviations and frame of the received body twist."""
 
     input_type: str = parameter(choices=tuple(_TYPES))
     """Message type of the topic 'input'"""

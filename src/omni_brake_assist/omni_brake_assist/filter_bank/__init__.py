@@ -30,11 +30,11 @@ hypotheses and of faulty encoders are updated by Bayes' rule with a constant tra
 (Blom and Bar-Shalom 1988). These probabilities alone decide which source is isolated and when it
 recovers.
 
-The estimate is that of the most probable hypothesis. A component of a fused twist replaces that of
-the estimate if its variance is smaller. No estimate exists if too many sources are faulty, if the
-variance is too large, or if the twist is isolated and either the IMU gives no reading or no
-released wheel rolls. All brakes then act. Unless only the variance is too large, they act until the
-pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
+The estimate is that of the most probable hypothesis. A component of a fused twist replaces the same
+component of the estimate if it has a smaller variance. No estimate exists if too many sources are
+faulty, if the variance is too large, or if the twist is isolated and either the IMU gives no
+reading or no released wheel rolls. All brakes then act. Unless only the variance is too large, they
+act until the pedal is released. Without an IMU, only the wheels can show that the twist is faulty.
 
 The filters run at the time of validity of the newest twist (delayed fusion horizon). With the
 readings of gyro and accelerometer, the estimate is predicted from that time to the present.

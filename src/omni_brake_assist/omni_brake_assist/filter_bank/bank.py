@@ -23,18 +23,18 @@ def estimate(
     twist: bank.Twist,
     answer: FloatArray,
 ) -> int:
-    """Advance the bank by one step.
+    """Advance the filter bank by one step, and estimate the present twist.
 
     Args:
         constants: constants of the vehicle.
-        memory: changed in place.
+        memory: memory of the filter bank, changed in place.
         now_ns: time of validity of the readings [ns].
         readings: pedal, enables and readings of this step.
-        twist: the latest twist.
+        twist: latest received twist.
         answer: output, the twist at the present time [m/s, m/s, rad/s], shape (3,).
 
     Returns:
-        The most probable hypothesis, whose filter gave the estimate, or NO_ESTIMATE.
+        Number of the most probable hypothesis, whose filter gave the estimate, or NO_ESTIMATE.
     """
     record = memory.record[0]
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9

@@ -1,4 +1,4 @@
-"""Prediction of the filters with the accelerometer, and correction by a scalar measurement."""
+"""Prediction of the bank's filters with the accelerometer, and correction with a measurement."""
 
 import math
 
@@ -10,7 +10,7 @@ from omni_platform.quantities import FloatArray
 
 @lean
 def propagate(state: FloatArray, rate: float, dt: float, force: tuple[bool, float, float]) -> None:
-    """Propagate the velocity with the yaw rate and, if it is valid, with the specific force.
+    """Advance the velocity of a filter with the yaw rate and, if valid, the specific force.
 
     Args:
         state: state of a filter, changed in place, shape (8,).
@@ -37,7 +37,7 @@ def predict(
     force: tuple[bool, float, float],
     braking: bool,
 ) -> None:
-    """Predict all filters over a step, with the specific force in those filters that use it.
+    """Predict all filters over a step; filters that use the accelerometer use the specific force.
 
     Args:
         constants: constants of the vehicle.
@@ -77,7 +77,7 @@ def predict(
 
 @lean
 def variance_along(covariance: FloatArray, h: FloatArray) -> float:
-    """Return the variance of ``h . x`` for a state ``x`` with the given covariance."""
+    """Return the variance of the scalar ``h . x`` for a state ``x`` with the given covariance."""
     total = 0.0
     for i in range(STATES):
         if h[i] != 0.0:
@@ -91,7 +91,7 @@ def variance_along(covariance: FloatArray, h: FloatArray) -> float:
 def correct(
     memory: BankMemory, k: int, innovation: float, variance: float, learned: tuple[int, int]
 ) -> None:
-    """Correct a filter by a scalar measurement of ``h . x``, where ``h`` is `BankMemory.h`.
+    """Correct the state ``x`` of a filter with a scalar measurement of ``h . x`` (`BankMemory.h`).
 
     While the pedal is down or a source is faulty, biases, scale and offset are not corrected, but
     their variances are taken into account (Schmidt-Kalman filter). Otherwise a filter could explain

@@ -86,7 +86,7 @@ def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: flo
 
 @lean
 def twist_direction(constants: BankConstants, h: FloatArray, j: int) -> None:
-    """Set `h` to the direction in the state space that component `j` of the twist measures."""
+    """Write to `h` the direction in the state space that component `j` of the twist measures."""
     h[:] = 0.0
     if j == RATE:
         h[RATE] = h[bank.OFFSET] = 1.0
@@ -116,7 +116,7 @@ def _twist_innovation(memory: BankMemory, k: int, reading: float) -> float:
 
 @lean
 def fuse_twist(constants: BankConstants, memory: BankMemory, dt: float, twist: bank.Twist) -> None:
-    """Correct the filters that use the twist.
+    """Correct all filters that use the twist with a received twist.
 
     Args:
         constants: constants of the vehicle.
@@ -179,7 +179,7 @@ def fuse_wheels(
     speeds: FloatArray,
     push: float,
 ) -> None:
-    """Correct all filters with the wheels that roll.
+    """Correct all filters with the speeds of the wheels that roll.
 
     A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
     locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a

@@ -28,13 +28,13 @@ STATES = 8
 READINGS = 64
 """Number of past steps whose readings are stored; they are needed if a twist arrives late."""
 ROW_PEDAL, ROW_IMU, ROW_WHEELS = 0, 1, 4
-"""Index of the first column of pedal, IMU and wheels in a row of readings."""
+"""Index of the first column of the pedal, the IMU and the wheels in a row of stored readings."""
 
 LOSS_STEPS = 10
 """Number of steps over which the decrease of the speed is measured."""
 
 FAULTY = 0.5
-"""Probability of a faulty encoder above which the encoder is isolated [1]."""
+"""Probability that an encoder is faulty above which the encoder is isolated [1]."""
 
 WHEEL = 0.03  # standard deviation of a rolling rim's speed and a fault-free twist's velocity [m/s]
 SHARE = 0.005  # further standard deviation of both and of yaw rates, as a share of the reading [1]
@@ -114,9 +114,9 @@ class BankConstants(NamedTuple):
         twist_wait: limit on the time for which the filters wait for a late twist [ns].
         longest: limit on the time step; after a longer step the filters are initialized again [s].
         prior: probabilities of the hypotheses [1], shape (6,).
-        initial: standard deviations of the states at the start, each in the unit of its state,
-            shape (8,).
-        nothing: an empty record, used for a reset.
+        initial: standard deviations of the states at the start, in the units of the states, shape
+            (8,).
+        nothing: initial record of the memory, which is copied for a reset.
         rate_deviation: limit on the standard deviation of the yaw rate of a valid estimate [rad/s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
         force: random walk of the velocity when the specific force is used [m/s/sqrt(s)].
@@ -124,8 +124,8 @@ class BankConstants(NamedTuple):
         turn: random walk of the yaw rate: 30 rad/s^2 for 0.01 s [rad/s/sqrt(s)].
         gyro: standard deviation of the gyro [rad/s].
         rate: standard deviation of the yaw rate of a fault-free twist [rad/s].
-        rebound: standard deviation of a rim's speed after a release, while the tire springs back
-            [m/s].
+        rebound: standard deviation of a rim's speed while the tire springs back after a release of
+            the brake [m/s].
         rebound_time: duration for which the tire springs back [s].
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
@@ -176,15 +176,15 @@ class BankMemory(NamedTuple):
         record: stamps and flags, a record of `BANK`, shape (1,).
         released: time for which each brake has been released [s], shape (N,).
         rim: last speed of each rim along the active direction [m/s], shape (N,).
-        mark: lowest recent speed of each released rim, from which its gain in speed is measured
-            [m/s], shape (N,).
-        idle: time for which each released rim has not gained speed [s], shape (N,).
+        mark: lowest recent speed of the rim of each released wheel, from which its gain in speed is
+            measured [m/s], shape (N,).
+        idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
         faulty: probability of a faulty encoder of each wheel [1], shape (N,).
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
-        loss: speed of each of the 5 filters after the last steps [m/s], and their times [ns] in the
-            last column, shape (11, 6).
+        loss: speed of each of the 5 filters after each of the last steps [m/s], and the times of
+            these steps [ns] in the last column, shape (11, 6).
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
             specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
@@ -228,7 +228,7 @@ def least_loss(wheels: int) -> float:
 def bank_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BankConstants:
-    """Convert a configuration to the constants of the filter bank."""
+    """Return the constants of the filter bank for a configuration and wheel geometry."""
     p_x, p_y = configuration.imu_x, configuration.imu_y
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     return BankConstants(
@@ -251,7 +251,7 @@ def bank_constants(
 
 
 def bank_memory(wheels: int) -> BankMemory:
-    """Return the initial memory, without any received message."""
+    """Return the initial memory of the filter bank for N wheels, without any reading."""
     return BankMemory(
         np.zeros((FILTERS, STATES)),
         np.zeros((FILTERS, STATES, STATES)),

@@ -1,8 +1,8 @@
 """Control allocation: friction forces for the shortest stop that keeps heading and line of motion.
 
-In each step the law estimates the friction force ``f_i`` and the friction capacity ``c_i`` of each
-wheel, then the mass and the accelerations that these forces do not explain (`observers`), and
-solves an optimization problem (`braking_qp`)
+In each step, the law estimates the friction force ``f_i`` and the friction capacity ``c_i`` of each
+wheel, and then the mass and the accelerations that these forces do not explain (`observers`). It
+solves the optimization problem (`braking_qp`)
 
 ``min (1 - b_0 x)^2 + W (|b_1 x - g_1| + |b_2 x - g_2|)``
 subject to ``0 <= x <= 1``
@@ -36,7 +36,7 @@ _PERIOD = 0.01  # control period assumed at the first step [s]
 def make_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> Constants:
-    """Convert a configuration to the constants of the law."""
+    """Return the constants of the law for a configuration and wheel geometry."""
     brake, rim, position = configuration.brake, geometry.rim, geometry.position
     return Constants(
         n_x=geometry.active[:, 0].copy(),
@@ -55,7 +55,7 @@ def make_constants(
 
 
 def new_memory(wheels: int) -> Memory:
-    """Return the initial memory of the law."""
+    """Return the initial memory of the law for N wheels."""
     return Memory(
         body=np.zeros(1, BODY),
         wheel=np.zeros(wheels, WHEEL),

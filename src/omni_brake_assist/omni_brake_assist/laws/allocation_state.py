@@ -1,8 +1,8 @@
 """Constants and memory of the law `allocation`.
 
-With the lever of the friction force about the axle, each wheel is reduced to its rim. The wheel
-speed becomes the speed of the rim along the active direction, the wheel's inertia becomes a mass,
-and the brake torque becomes a force.
+Each wheel is reduced to its rim, by means of the lever of the friction force about the axle. The
+wheel speed becomes the speed of the rim along the active direction, the wheel's inertia becomes a
+mass, and the brake torque becomes a force.
 """
 
 from typing import NamedTuple
@@ -55,7 +55,7 @@ BODY = np.dtype(
 
 
 class Constants(NamedTuple):
-    """Parameters of law, vehicle and brakes.
+    """Constants of the law `allocation`: parameters of the law, the vehicle and the brakes.
 
     Attributes:
         n_x: active directions, x component [1], shape (N,).
@@ -78,9 +78,9 @@ class Constants(NamedTuple):
         return_share: time constant of the heading correction as a share of the remaining time of
             the stop [1].
         deviation_weight: weight of heading and line of motion in the QP [1].
-        locked_share: limit on the rim speed of a locked wheel, and on the hub speed of a wheel that
-            the motion does not drive, as a share of the rolling speed and of the vehicle's speed
-            [1].
+        locked_share: limit on the rim speed of a locked wheel, as a share of the rolling speed, and
+            limit on the hub speed of a wheel that the motion does not drive, as a share of the
+            vehicle's speed [1].
     """
 
     n_x: FloatArray
@@ -103,7 +103,7 @@ class Constants(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of the law between steps.
+    """State of the law `allocation` between two steps.
 
     Attributes:
         body: state of the vehicle, a record of `BODY`, shape (1,).
@@ -111,8 +111,8 @@ class Memory(NamedTuple):
         sent: forces commanded to the brakes in past steps [N], a ring buffer, shape (QUEUE, N).
         qp: the braking QP with the unknowns listed in `braking_qp`. Its solution begins with the
             demanded shares of the wheels' capacities.
-        forces: predicted low-passed forces with the valve shut and open, as shares of the
-            capacities [1], shape (2, N).
+        forces: predicted low-passed friction force of each wheel with the valve shut and with the
+            valve open, as a share of the capacity [1], shape (2, N).
     """
 
     body: NDArray[np.void]

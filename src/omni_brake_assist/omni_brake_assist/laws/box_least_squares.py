@@ -1,10 +1,10 @@
-"""Least squares with box constraints by an active-set method, for a few unknowns.
+"""Solver for least squares with box constraints, an active-set method for a few unknowns.
 
 ``min 1/2 sum_r w_r (b_r x - g_r)^2 + 1/2 sum_i d_i x_i^2 + p x`` for ``0 <= x <= u``, ``d > 0``.
-The unknowns are either free or held at a bound, and each step leads to the minimum over the free
-ones. A step that would leave the box ends at the first bound that it reaches. An unknown is freed
-from its bound if the multiplier of the bound has the wrong sign. Each step reduces the cost, so the
-method terminates; the limit on the number of steps is needed only for an ill-posed problem.
+Each unknown is either free or held at a bound, and each step leads to the minimum over the free
+unknowns. A step that would leave the box ends at the first bound that it reaches. An unknown is
+freed from its bound if the multiplier of the bound has the wrong sign. Each step reduces the cost,
+so the method terminates; the limit on the number of steps is needed only for an ill-posed problem.
 
 Since there are fewer rows than unknowns, each step is solved in the space of the rows (the
 Sherman-Morrison-Woodbury identity).
@@ -33,7 +33,7 @@ class Box(NamedTuple):
         linear: ``p``, shape (M,).
         upper: ``u >= 0``, shape (M,).
         solution: initial value, then the solution, shape (M,).
-        place: for each unknown, whether it is free or at a bound, and at which, shape (M,).
+        place: whether each unknown is free, at the lower bound or at the upper bound, shape (M,).
         slope: gradient of the cost, shape (M,).
         step: step from the solution to the minimum, shape (M,).
         matrix: Cholesky factor in the space of the rows, shape (R, R).

@@ -32,10 +32,10 @@ _ROUNDING = 20.0  # weight of the quadratic part of the costs near zero [1]
 
 
 def new_qp(wheels: int) -> Box:
-    """Return the QP of N wheels; `allocate` writes the parts that depend on the motion.
+    """Return the quadratic program of N wheels; `allocate` writes the values of each step.
 
-    The unknowns are the shares of the wheels' capacities, then for each of `YAW` and `SIDE` the
-    excess above the demand and the excess below it.
+    The unknowns are the used shares of the wheels' capacities. They are followed, for each of `YAW`
+    and `SIDE`, by the amount above the demand and the amount below the demand.
     """
     qp = new_box(3, wheels + _SLACKS)
     qp.damping[:] = _SPREAD / wheels**2
@@ -46,7 +46,7 @@ def new_qp(wheels: int) -> Box:
 
 @lean
 def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Solve the QP for the demanded shares of the wheels' capacities."""
+    """Solve the quadratic program; the result is the share of each wheel's capacity to be used."""
     body, wheel, qp, n = memory.body[0], memory.wheel, memory.qp, law.rim.size
     total = wheel["capacity"].sum()
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]
@@ -83,7 +83,7 @@ def cost(memory: Memory, pattern: int) -> float:
     """Return the cost of the forces that are predicted for a pattern of valves.
 
     Args:
-        memory: contains the solved QP and the predictions.
+        memory: memory of the law, with the solved QP and the predicted forces.
         pattern: number in which bit `i` is set if valve `i` is open.
     """
     qp, n = memory.qp, memory.wheel.size

@@ -35,7 +35,7 @@ class LawConstants(NamedTuple):
 def law_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> LawConstants:
-    """Convert a configuration to the constants of the laws."""
+    """Return the constants of the laws for a configuration and wheel geometry."""
     law = sliding_mode.SlidingMode(configuration, geometry)
     kind = ALLOCATION if configuration.law == "allocation" else SLIDING_MODE
     made = allocation.make_constants(configuration, geometry)
@@ -54,7 +54,7 @@ def step(
 ) -> int:
     """Call the chosen law, unless it was already called for this stamp; arguments as in `Law.step`.
 
-    After a brake has failed, `allocation` controls the rest of the stop with the other brakes if
+    After a brake has failed, `allocation` controls the rest of the stop with the working brakes if
     `LawConstants.replans` is true; otherwise the result is NO_HELP.
     """
     if not is_new(motion):

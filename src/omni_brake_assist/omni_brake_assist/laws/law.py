@@ -35,8 +35,8 @@ class Motion(NamedTuple):
         v_x: velocity of base_link along x in the body frame [m/s].
         v_y: velocity of base_link along y in the body frame [m/s].
         yaw_rate: yaw rate [rad/s].
-        across_x: x component of the unit vector across the line of motion, ``p`` of Eq. (51) of the
-            dissertation, in the present body frame [1]; 0 if there is no line to keep.
+        across_x: x component of the unit vector across the line of motion in the present body
+            frame, ``p`` of Eq. (51) of the dissertation [1]; 0 if there is no line to keep.
         across_y: y component of this vector [1].
         pedal: the driver's brake demand, 0 to 1.
         wheel_speed: wheel speeds about the axes [rad/s], NaN where unknown, shape (N,).
@@ -69,7 +69,8 @@ class Law(Protocol):
 
         Args:
             motion: motion of the vehicle and its wheels.
-            error: output, the law's error of each wheel [m/s], shape (N,); only recorded.
+            error: output, error of each wheel that the law defines [m/s], shape (N,); it is only
+                recorded.
             enable: output, share of the brake pressure that passes, 0 to 1, shape (N,).
 
         Returns:
@@ -131,7 +132,7 @@ def own_law(configuration: BrakeAssistConfiguration, geometry: PlatformGeometry)
         geometry: wheels of the vehicle.
 
     Raises:
-        ConfigurationError: there is no such law, or it cannot be imported or created.
+        ConfigurationError: the law does not exist, or it cannot be imported or created.
     """
     if configuration.law in LAWS:
         return None

@@ -93,7 +93,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
 
 @lean
 def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Update heading, mass and disturbances with the motion over the last period."""
+    """Update the estimates of heading, mass and disturbances with the motion in the last period."""
     body, dt = memory.body[0], memory.body[0].dt
     f_x = f_y = moment = 0.0
     for i in range(law.rim.size):

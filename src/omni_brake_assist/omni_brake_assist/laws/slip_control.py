@@ -23,7 +23,7 @@ _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 @lean
 def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
-    """Write the brake enables of all wheels to `enable`."""
+    """Compute the brake enables of all wheels, and write them to `enable`."""
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times = body.dt, law.observer_time
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]

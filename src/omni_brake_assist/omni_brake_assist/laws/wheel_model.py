@@ -66,7 +66,7 @@ class Rim(NamedTuple):
 
 @lean
 def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
-    """Return the force that was commanded to brake `i` some steps ago [N].
+    """Return the force that was commanded to brake `i` at a time in the past [N].
 
     Args:
         sent: forces commanded in past steps [N], a ring buffer, shape (QUEUE, N).
@@ -82,7 +82,7 @@ def command_at(sent: FloatArray, newest: int, delay: float, i: int) -> float:
 
 @lean
 def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tuple[float, float]:
-    """Return the brake force after a step, and its mean over the step [N].
+    """Return the force of a brake with lag after one step, and its mean over the step [N].
 
     Args:
         brake: nominal lag of the brake; its dead time has passed.
@@ -107,7 +107,7 @@ def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> 
 
 @lean
 def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tuple[float, float]:
-    """Advance the speed of a braked wheel by one step, implicitly because the tire is stiff.
+    """Return the rim speed of a braked wheel after one implicit step, and the friction force.
 
     With the friction capacity ``c``, the speed ``u`` of the rim, and its speed ``u_p`` at the peak
     slip, the friction force is ``c (1 - q^2)`` with ``q = (u - u_p)/(hub - u_p)`` limited to the
@@ -139,7 +139,7 @@ def advance_rim(wheel: BrakedWheel, speed: float, brake: float, dt: float) -> tu
 def advance(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> Rim:
-    """Advance brake, rim and low-passed friction force by one step.
+    """Return brake force, rim speed and low-passed friction force after one step.
 
     Args:
         brake: nominal lag of the brake; its dead time has passed.

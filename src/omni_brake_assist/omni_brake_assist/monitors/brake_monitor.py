@@ -54,7 +54,7 @@ class BrakeConstants(NamedTuple):
 
 
 class BrakedWheels(NamedTuple):
-    """Commands to the brakes and speeds of the wheels.
+    """Commands to the brakes, and speeds of the wheels, in one step.
 
     Attributes:
         commanded: share of the pedal's pressure that each brake was commanded to pass [1],
@@ -71,18 +71,19 @@ class BrakedWheels(NamedTuple):
 def brake_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> BrakeConstants:
-    """Convert a configuration to the constants of the monitor."""
+    """Return the constants of the brake monitor for a configuration and wheel geometry."""
     n_x, n_y = np.ascontiguousarray(geometry.active.T)
     time = 0.1 + configuration.brake.settling_time
     return BrakeConstants(n_x, n_y, geometry.lever, geometry.rim, time)
 
 
 def brake_memory(wheels: int) -> FloatArray:
-    """Return the initial memory, shape (2 N + 1,).
+    """Return the initial memory of the brake monitor, shape (2 N + 1,).
 
-    The entries are the cumulative sum of each wheel, which rises by the duration of the step if a
-    braked wheel rolls exactly [s]; the time for which each brake was commanded to act minus the
-    time for which it was then released, at least 0 [s]; and the time since any wheel slid [s].
+    The first N entries are the cumulative sums of the wheels [s]; a sum rises by the duration of
+    the step if a braked wheel rolls exactly. The next N entries are the times for which the brakes
+    were commanded to act, minus the times for which they were then released, at least 0 [s]. The
+    last entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY

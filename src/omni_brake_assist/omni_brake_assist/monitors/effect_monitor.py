@@ -75,10 +75,11 @@ class EffectConstants(NamedTuple):
 
     Attributes:
         roll: speed of the rim along the active direction per wheel speed [m], shape (N,).
-        empty: an empty record for a reset, shape (1,).
-        allowance: missed distance allowed per initial speed, for the time until brakes act [s].
+        empty: initial record of the memory, which is copied for a reset, shape (1,).
+        allowance: missed distance that is allowed per initial speed, because brakes act with a
+            delay [s].
         least_loss: smallest deceleration of a braked vehicle, see `least_loss` [m/s^2].
-        share: missed distance allowed per braked distance [1].
+        share: missed distance that is allowed per braked distance [1].
         creep: missed distance that is always allowed [m].
         loss: assumed deceleration if neither rims nor the specific force measure it [m/s^2].
         force_time: time constant of the low-pass of the specific force [s].
@@ -103,13 +104,13 @@ class EffectConstants(NamedTuple):
 def effect_constants(
     configuration: BrakeAssistConfiguration, geometry: PlatformGeometry
 ) -> EffectConstants:
-    """Convert a configuration to the constants of the monitor."""
+    """Return the constants of the effect monitor for a configuration and wheel geometry."""
     allowance = 0.15 + configuration.brake.settling_time
     return EffectConstants(geometry.rim, effect_memory(), allowance, least_loss(geometry.rim.size))
 
 
 def effect_memory() -> NDArray[np.void]:
-    """Return the initial memory, shape (1,)."""
+    """Return the initial memory of the effect monitor, shape (1,)."""
     return np.zeros(1, _LEDGER)
 
 

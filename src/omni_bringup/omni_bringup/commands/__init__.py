@@ -30,18 +30,18 @@ PACKAGE = __name__
 
 
 class Command(Protocol):
-    """Module of a command."""
+    """Interface of a module that defines a command."""
 
     __doc__: str
     Options: type[Configuration]
 
     def run(self, options: Any, workspace: Workspace) -> Report:
-        """Run the command."""
+        """Run the command with its options, and return the result."""
 
 
 @functools.cache
 def commands_of(package: str) -> dict[str, str]:
-    """Return names and descriptions of a package's commands, without importing the commands.
+    """Return the description of each command in a package, keyed by name, without importing it.
 
     Args:
         package: dotted name of the package; modules whose names begin with ``_`` are not commands.
@@ -53,7 +53,7 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return a command, or a module whose ``PACKAGE`` has subcommands.
+    """Return the module of a command; a command with subcommands has a ``PACKAGE``.
 
     Args:
         group: module with a ``PACKAGE``, such as this one.
@@ -71,5 +71,5 @@ def _command_name(package: str, module: str) -> str:
 
 
 def first_line(words: str) -> str:
-    """Return the first line of a docstring without the command name."""
+    """Return the first line of a command's docstring without the command name."""
     return re.sub(r"^``[^`]*``: ", "", words.strip().split("\n")[0]).rstrip(".")

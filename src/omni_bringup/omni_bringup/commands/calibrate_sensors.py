@@ -1,9 +1,8 @@
-"""``./omni calibrate-sensors``: estimate the mounting of line cameras from drives of known motion.
+"""``./omni calibrate-sensors``: estimate the mounting of line cameras from a known motion.
 
-Estimate pixel pitch, axis, position, mirroring and line rate of each line camera, with
-uncertainties. The motion of the recorded drives (straight, sideways, turning) must be known from
-the wheel speeds or from a simulation. Write a figure of the residuals and a YAML file of the
-cameras.
+Estimate pixel pitch, direction of the axis, position, mirroring and line rate of each line camera,
+with uncertainties. The recorded motion (straight, sideways, turning) must be known from the wheel
+speeds or from a simulation. Write a figure of the residuals and a YAML file of the cameras.
 """
 
 from __future__ import annotations

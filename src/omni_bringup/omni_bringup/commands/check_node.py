@@ -1,9 +1,9 @@
 """``./omni check-node``: check whether a user's node meets the contract of its topics.
 
-Play a recording to an odometry node or a brake assistant in real time: unchanged, with a gap in one
-input, with unusable values, and cut off during braking. Send valid and invalid enables to a
-simulator. Report each violation of the contract in one sentence; the exit code is 1 if there is
-any violation.
+Publish a recording in real time to an odometry node or a brake assistant: unchanged, with a gap in
+one input, with unusable values in this input, and cut off during braking. Send valid and invalid
+enables to a simulator. Report each violation of the contract in one sentence; the exit code is 1 if
+there is any violation.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Options(CommandOptions):
     )
     """role of the node: odometry, simulator or brake_assist"""
     recording: Path | None = option(None, metavar="BAG")
-    """recording of ./omni run that is played to the node (default: bags/small_stop/assisted)"""
+    """recording of ./omni run that is published to the node (default: bags/small_stop/assisted)"""
     start: str | None = option(None, metavar="COMMAND")
     """command that starts the node in a separate ROS domain (default: the node already runs, in
     the domain of ROS_DOMAIN_ID)"""

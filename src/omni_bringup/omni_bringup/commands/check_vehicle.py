@@ -1,10 +1,10 @@
-"""``./omni check-vehicle``: find errors in the description of a vehicle from a short drive.
+"""``./omni check-vehicle``: find errors in a vehicle's file from a short recorded motion.
 
 Compare a vehicle's file with a recording of three slow motions (forward, to the left,
 counter-clockwise, each from rest to rest) and of stops in different directions. The command checks
-order and signs of the wheels, rollers, radii, positions, twist sensor, IMU, and order and dead
-times of the brakes. Each error is reported with its remedy. The command also reports brakes that
-could be exchanged without a visible effect on these stops.
+order, signs, radii, positions and rollers of the wheels, the twist sensor, the IMU, and the order
+and dead times of the brakes. Each error is reported with its remedy. The command also reports
+brakes whose exchange these stops could not reveal.
 """
 
 import math
@@ -31,7 +31,8 @@ class Options(CommandOptions):
 
     recording: Path = option(positional=True, metavar="RECORDING")
     """rosbag2 folder with wheel_states and brake/pedal; odometry/twist, imu and brake/enable are
-    checked if they are recorded. 'live' for a drive that follows, in the domain of ROS_DOMAIN_ID"""
+    checked if they are recorded. 'live' to receive the motion from the running vehicle, in the
+    domain of ROS_DOMAIN_ID"""
     vehicle: str = option(metavar="NAME")
     """a file of config/vehicles/, a path, or the folder of a vehicle"""
     distance: float = option(1.0, unit="m", above=0.0, maximum=1000.0)
@@ -39,9 +40,9 @@ class Options(CommandOptions):
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
     """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")
-    """namespace of the vehicle, for a live drive"""
+    """namespace of the running vehicle, for 'live'"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
-    """limit on the time until a live drive is complete"""
+    """limit on the time until the motions are complete, for 'live'"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 

@@ -1,7 +1,7 @@
 """``./omni compare``: compare recordings in a table with one column for each stop.
 
-Compute the metrics of each stop: distance, rotation, odometry error and drift (ATE, and RPE over
-1 m).
+Compute the metrics of each stop: distance, rotation, odometry error and odometry drift (absolute
+trajectory error ATE, and relative pose error RPE over 1 m).
 """
 
 from collections.abc import Iterator, Mapping, Sequence

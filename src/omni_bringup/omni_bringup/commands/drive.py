@@ -1,7 +1,7 @@
 """``./omni drive``: drive a vehicle in real time from a page in the browser.
 
-Run the nodes in real time while a person drives from a page in the browser or by cmd_vel. Ctrl-C
-ends the drive.
+Run the nodes in real time while a person drives the vehicle from a page in the browser or by
+cmd_vel. Ctrl-C ends the command.
 """
 
 from __future__ import annotations

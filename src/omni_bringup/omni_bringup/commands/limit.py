@@ -30,7 +30,7 @@ WORK = "bounding the stop"
 
 
 class Options(CommandOptions):
-    """Options of ``omni limit``, which select an experiment, or a vehicle and its motion."""
+    """Options of ``omni limit``: an experiment, or a vehicle and its motion."""
 
     experiment: str | None = option(None, positional=True, metavar="EXPERIMENT")
     """a file of config/experiments/, or a path that ends in .yaml (default: straight_line)"""

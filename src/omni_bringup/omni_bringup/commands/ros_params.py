@@ -24,9 +24,9 @@ class Options(CommandOptions):
     """source of the twist, by its name in ./omni study feedback; a warning states whether
     assistance with this source does more harm than good"""
     feedback: Path | None = option(None, metavar="FILE")
-    """result of ./omni study feedback --vehicle, required for --source; if it does not contain a
-    vehicle with the name of CONFIGURATION, the warning is about the vehicles that it contains
-    (default: results/feedback/summary.json in the workspace)"""
+    """result of ./omni study feedback --vehicle, required for --source; if this result does not
+    contain a vehicle with the name of CONFIGURATION, the warning is about the vehicles in the
+    result (default: results/feedback/summary.json in the workspace)"""
     force: bool = option(False)
     """write the files even if a roller angle seems to have a wrong sign"""
 

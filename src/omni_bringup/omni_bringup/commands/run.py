@@ -41,9 +41,10 @@ class Options(LoopOptions, CommandOptions):
     dpi: float | None = option(None, above=0.0, maximum=50000.0)
     """dots per inch of the picture, or resolution at which a ground is rendered"""
     real_time: bool = option(False)
-    """run the simulation at the pace of the wall clock instead of waiting for every reply"""
+    """run the simulation at the pace of the wall clock instead of waiting for every reply of a
+    node"""
     compression: str = option("none", choices=("none", "zstd", "lz4"))
-    """compression of the recording, which makes a recording of noisy lines an eighth smaller"""
+    """compression of the recording; a recording of noisy lines becomes an eighth smaller"""
     fsync: bool = option(False)
     """wait for the disk at every flush, so that a power failure loses at most a second of data"""
     replace: tuple[str, ...] = option((), metavar="NODE=external")

@@ -24,7 +24,7 @@ _OF_THE_USER = {"experiment", "vehicle", "overrides"}
 
 
 class _Output(CommandOptions):
-    """Options that every study has in addition to its own."""
+    """Options that every study has in addition to the options of its own."""
 
     out: Path | None = option(None, metavar="DIR")
     """folder for figures and data (default: results/STUDY)"""
@@ -33,7 +33,7 @@ class _Output(CommandOptions):
 
 
 def command(name: str) -> _StudyCommand:
-    """Return a study as a command."""
+    """Return the study with the given name as a command."""
     from omni_studies.study import load_study
 
     return _StudyCommand(name, load_study(name))

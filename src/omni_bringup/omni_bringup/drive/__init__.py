@@ -1,1 +1,1 @@
-"""Driving by hand: page, server and driver node."""
+"""Driving a simulated vehicle by hand: page in the browser, server of the page, driver node."""

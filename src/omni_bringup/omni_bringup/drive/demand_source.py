@@ -1,4 +1,4 @@
-"""Selection of page or `cmd_vel` as the source of demands, with a dead man's switch.
+"""Selection of the driver's demands: from a page or `cmd_vel`, with a dead man's switch.
 
 Both a page in a browser and a publisher of `cmd_vel` (a teleoperation node) may send demands. The
 vehicle brakes fully
@@ -20,7 +20,7 @@ REST: Twist = (0.0, 0.0, 0.0)
 
 @dataclasses.dataclass(frozen=True)
 class Demand:
-    """A demand on the vehicle and its source.
+    """Demand of the driver and its source.
 
     Attributes:
         pedal: position of the brake pedal, 0 to 1.
@@ -37,7 +37,7 @@ _NO_SOURCE = Demand(1.0, REST, "none")
 
 
 class DemandSource:
-    """Selects the source of the demands.
+    """Selects the source of the driver's demands: a page in the browser, `cmd_vel`, or none.
 
     Args:
         page_timeout: time without a demand from an open page after which the vehicle brakes [s].
@@ -64,7 +64,7 @@ class DemandSource:
         self._page_open, self._page_left = False, True
 
     def take_page(self, pedal: float, twist: Twist, now: float) -> None:
-        """Store the demand of the page.
+        """Store a demand that the page has sent.
 
         Args:
             pedal: position of the brake pedal, 0 to 1.
@@ -83,7 +83,7 @@ class DemandSource:
             self._page_left = False
 
     def demand(self, now: float) -> Demand:
-        """Return the demand at a time [s]."""
+        """Return the demand at a time `now` of the monotonic clock [s]."""
         commanded = now - self._command_time <= self._command_timeout
         if self._page_open:
             if now - self._page_time > self._page_timeout:

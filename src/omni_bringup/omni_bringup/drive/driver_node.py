@@ -1,4 +1,4 @@
-"""Driver node, which receives inputs of a page or `cmd_vel` and publishes the demands.
+"""Driver node: receives the inputs of a page or `cmd_vel`, and publishes the driver's demands.
 
 The README of this package describes the contract: topics, parameters and timeouts.
 """
@@ -62,9 +62,9 @@ class DriverConfiguration(Configuration):
     chassis_width: float = parameter(unit="m", above=0.0, maximum=100.0)
     """Width of the platform"""
     patches: Mapping[str, FrictionPatch] = section(dict)
-    """Patches of the ground that are drawn, by name"""
+    """Patches of the ground that the page draws, keyed by name"""
     choices: Mapping[str, Choice] = section(dict)
-    """Choices that the page offers, by kind"""
+    """Choices that the page offers, keyed by kind"""
     assist: bool = parameter(True)
     """Whether the brake assistant is switched on at the start"""
     max_speed: float = parameter(5.0, unit="m/s", above=0.0, maximum=50.0)

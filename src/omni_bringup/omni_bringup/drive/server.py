@@ -1,9 +1,9 @@
 """Server of the driving page: files over HTTP, demands and state over a WebSocket.
 
-Unless another address is given, the page can be reached only from this machine, and always only
-with the random token in the page's address. Another page in the same browser does not know the
-token and has another origin. A page whose host name was rebound to this address (DNS rebinding)
-still sends its own host name, and is rejected for this reason.
+Unless another address is given, the page can be reached only from this machine. In any case, a
+request must contain the random token in the page's address. Another page in the same browser does
+not know the token and has another origin. A page whose host name was rebound to this address (DNS
+rebinding) still sends its own host name, and is rejected for this reason.
 """
 
 import enum
@@ -53,7 +53,7 @@ class Demand(NamedTuple):
         pedal: position of the brake pedal, 0 to 1.
         stick: position of the stick forward, left and in rotation, each -1 to 1.
         assist: new position of the assist switch, if it was changed.
-        choose: kind and name of a newly chosen item, such as a ground; None if there is none.
+        choose: kind and name of a newly chosen item, such as a ground; None without a new choice.
     """
 
     pedal: float
@@ -63,7 +63,7 @@ class Demand(NamedTuple):
 
 
 def parse_demand(text: str | bytes) -> Demand:
-    """Parse a message of the page.
+    """Return the demand in a message of the page.
 
     Args:
         text: JSON such as ``{"pedal": 0, "stick": [1, 0, 0]}``, optionally with ``"assist": true``
@@ -97,7 +97,7 @@ def _within(value: Any, lowest: float) -> float:
 
 
 class DriveServer:
-    """Serves the page; the page that was opened last is the source of demands.
+    """Serves the driving page; if several pages are open, the last one is the source of demands.
 
     Attributes:
         url: address of the page, including its token.
@@ -114,11 +114,11 @@ class DriveServer:
         clock: Callable[[], float],
         address: tuple[str, int] = ("127.0.0.1", 0),
     ) -> None:
-        """Bind the port.
+        """Open the port at which the page is served.
 
         Args:
             source: selector of the demand source.
-            largest: body twist at full deflection of the stick [m/s, m/s, rad/s].
+            largest: body twist at full deflection of the page's stick [m/s, m/s, rad/s].
             greeting: first message sent to a page when it opens.
             receive: function that is called with those messages of a page that change more than
                 pedal and stick.
@@ -159,7 +159,7 @@ class DriveServer:
             yield
 
     def show(self, state: Mapping[str, Any]) -> None:
-        """Send the state of the vehicle to the page, if one is open."""
+        """Send the state of the vehicle to the page if a page is open."""
         if self._driver is not None:
             broadcast([self._driver], json.dumps(state, allow_nan=False))
 

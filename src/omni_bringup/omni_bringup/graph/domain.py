@@ -32,7 +32,7 @@ def reserved_domain() -> Iterator[int]:
 
     Raises:
         ConfigurationError: ``ROS_DOMAIN_ID`` is not the number of a domain.
-        NoFreeDomainError: the chosen domain is in use, or all domains are.
+        NoFreeDomainError: the chosen domain is in use, or all domains are in use.
     """
     chosen = chosen_domain(os.environ)
     if chosen is None:

@@ -36,7 +36,7 @@ _READ_AT_START = ("LD_LIBRARY_PATH", "NUMBA_CACHE_DIR", "PYTHONPATH")
 
 
 class ForkServer:
-    """Requesting side of the fork server, which ends together with this process."""
+    """Interface of this process to its fork server, which ends together with this process."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -84,7 +84,7 @@ def _adopting_orphans() -> Iterator[None]:
 
 
 def serve(connection: socket.socket) -> None:
-    """Start the requested programs until the requesting process ends."""
+    """Serve as the fork server: start the requested programs until the requesting process ends."""
     before = dict(os.environ)
     while True:
         data, descriptors, _, _ = socket.recv_fds(connection, _LONGEST_REQUEST, 4)

@@ -70,7 +70,7 @@ class Hardware:
 
     @classmethod
     def of(cls, experiment: ExperimentConfiguration) -> Hardware:
-        """Return the nodes of an experiment."""
+        """Return the configurations that an experiment contains for these nodes."""
         optical = experiment.feedback == "optical"
         return cls(experiment.brake_assist, experiment.odometry if optical else None)
 
@@ -96,7 +96,7 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
-    """Return the nodes that the launch arguments `given` select, by name.
+    """Return the nodes that the launch arguments select; `given` contains these by name.
 
     Raises:
         ConfigurationError: an argument is invalid, or the folder does not contain a required file.
@@ -138,14 +138,14 @@ def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
 
 
 def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
-    """Read the description of a vehicle.
+    """Return the configuration of the nodes of a vehicle, read from a file.
 
     Args:
         name: name of a file in ``hardware/`` or ``experiments/`` of the configuration, folder of a
             vehicle, or path of an experiment, of the ``configuration.yaml`` of a run, or of a file
             with ``wheels``, ``sensors`` or ``flow_sensors`` and optionally ``odometry`` and
             ``brake_assist``.
-        library: the experiments.
+        library: library that contains the experiment and vehicle files.
 
     Raises:
         ConfigurationError: the name is unknown, or a file, key or value is invalid.
@@ -234,7 +234,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
 
     Args:
         configuration: configuration of the node.
-        **others: further parameters.
+        **others: further parameters, keyed by name.
     """
     # An empty list has no type in a parameter file; without an entry, the declared default is used.
     flat = {key: value for key, value in flatten(configuration).items() if value != []}

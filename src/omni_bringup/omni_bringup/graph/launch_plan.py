@@ -1,4 +1,4 @@
-"""Start and end of the nodes in launch files, the same as in `omni run` and `omni drive`."""
+"""Processes that launch files start and end as `omni run` and `omni drive` do."""
 
 import dataclasses
 import json
@@ -88,7 +88,7 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
 
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.
-        given: the launch arguments by name.
+        given: values of the launch arguments, keyed by name.
 
     Raises:
         ConfigurationError: an argument or a value of the configuration is invalid.

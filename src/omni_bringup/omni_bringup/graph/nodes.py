@@ -20,7 +20,7 @@ _RECORDER = 1  # number of subscriptions that the recorder adds to each topic
 
 
 def recorded_topics(configuration: ExperimentConfiguration) -> dict[str, str]:
-    """Return the message type of each recorded topic, by absolute name."""
+    """Return the message type of each recorded topic, keyed by the topic's absolute name."""
     found = [
         topics.CLOCK,
         topics.DIAGNOSTICS,
@@ -162,7 +162,10 @@ class Nodes:
     def of_run(
         self, folder: Path, recording: Mapping[str, Any] = PLAIN
     ) -> list[process_group.NodeProcess]:
-        """Return the nodes of a scripted run in starting order, from the recorder to the simulator.
+        """Return the nodes of a scripted run in the order in which they are started.
+
+        The recorder is the first node and the simulator the last one.
+
 
         Args:
             folder: rosbag2 folder to record to.

@@ -34,7 +34,8 @@ class NodeProcess:
         package: package in the ament index.
         executable: file name in ``lib/PACKAGE``.
         arguments: command-line arguments.
-        own_code: whether the node runs the user's code; its output is then shown on the terminal.
+        own_code: whether the node runs a user's code; the output of this node is shown on the
+            terminal.
     """
 
     name: str
@@ -45,7 +46,7 @@ class NodeProcess:
 
 
 def find_executable(package: str, executable: str) -> Path:
-    """Return an executable through the ament index, as ``ros2 run`` finds it.
+    """Return the path of an executable, found in the ament index as by ``ros2 run``.
 
     Raises:
         ProcessError: no prefix of ``AMENT_PREFIX_PATH`` has the package or the executable.
@@ -155,7 +156,7 @@ class RunningProcess:
         self.signal(signal.SIGCONT)  # a halted process could not end
 
     def stop(self) -> int:
-        """Request the end of the process and return its exit code, as in `wait_or_kill`."""
+        """Request the end of the process; return the exit code as `wait_or_kill` does."""
         self.request_stop()
         return self.wait_or_kill()
 
@@ -256,7 +257,7 @@ def check_counts(reports: Sequence[Mapping[str, Any]], sent: Mapping[str, int]) 
 
     Args:
         reports: reports of the recorder.
-        sent: number of sent messages by topic.
+        sent: number of sent messages, keyed by topic.
 
     Raises:
         ProcessError: messages are missing in the recording.

@@ -52,7 +52,7 @@ def unused(folder: Path, option: str = "--out") -> Path:
 
 
 def time_in_name() -> str:
-    """Return the current date and time, for the name of a folder."""
+    """Return the current date and time as a text for the name of a folder."""
     return datetime.datetime.now().strftime("%Y-%m-%dT%H-%M-%S.%f")[:-3]
 
 

@@ -42,7 +42,7 @@ class VariantResult:
         variant: name of the variant.
         folder: rosbag2 folder of the recording.
         history: time histories, read back from the recording.
-        metrics: metrics by quantity.
+        metrics: metrics of the run, keyed by quantity.
     """
 
     variant: str
@@ -61,11 +61,11 @@ class VariantResult:
 
 
 Run = Generator[None, None, VariantResult]
-"""Generator of a run; each step handles new reports and processes that have ended."""
+"""Generator that performs a run; each step handles new reports and processes that have ended."""
 
 
 def finish_runs(runs: Iterable[Run], at_once: int = 1) -> Iterator[VariantResult]:
-    """Advance runs until they end, and yield their results.
+    """Advance runs until they end, and yield the result of each run.
 
     If a run fails or the iterator is closed, all processes of the other runs are ended.
 

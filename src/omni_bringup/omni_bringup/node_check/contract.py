@@ -1,4 +1,4 @@
-"""Requirements on the messages of a node; each function yields a sentence per violation."""
+"""Requirements on the messages of a node; each check yields one sentence for each violation."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,11 +14,11 @@ from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 @dataclass(frozen=True)
 class Contract:
-    """Limits that a node must meet.
+    """Limits that the messages of a checked node must meet.
 
     Attributes:
-        largest_age: limit on the age of the messages [s], by node. The assistant rejects an older
-            twist, and a vehicle without newer enables applies all brakes.
+        largest_age: limit on the age of the messages [s], keyed by node. The assistant rejects an
+            older twist, and a vehicle without newer enables applies all brakes.
         least_answered: minimum share of the inputs that the node must answer [1].
         least_rate: minimum rate of wheel speeds and pedal messages [1/s].
         warm_up: time after the start in which a node may load its kernels [s].
@@ -40,7 +40,7 @@ CONTRACT = Contract({"odometry": 0.1, "brake_assist": 0.05})
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return share of answered inputs, 99th percentile of the age, and number of answers."""
+    """Return share of answered inputs, 99th percentile of the answers' age, number of answers."""
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
@@ -56,7 +56,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations in number and reliability of publishers, rate, age and stamps."""
+    """Yield violations that concern publishers, rate, age or stamps of the messages of any node."""
     if len(exchange.publishers) != 1:
         yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
     if not all(exchange.publishers):
@@ -110,7 +110,7 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
 
 
 def twist_breaches(exchange: Exchange) -> Iterator[str]:
-    """Yield violations in the twists of an odometry."""
+    """Yield violations in the twists that an odometry node publishes."""
     for one in exchange.answers:
         problem = _twist_problem(one.message)
         if problem:

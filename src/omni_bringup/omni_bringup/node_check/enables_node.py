@@ -17,7 +17,7 @@ from omni_ros import messages, qos
 _PHASE_NS = SECOND_NS // 5
 _SETTLING_NS = SECOND_NS // 10  # time in which the brakes follow the enables
 _FIRST_WHEEL = (1.0, 0.0, math.nan)
-"""Enable of the first wheel in each phase after the pedal is pressed."""
+"""Brake enable of the first wheel in each phase of the test after the pedal is pressed."""
 
 
 class Enables:

@@ -46,12 +46,12 @@ _START = 60.0  # s; time within which the node must appear
 
 @dataclass(frozen=True)
 class Answer:
-    """A message of the node.
+    """A message that the checked node published.
 
     Attributes:
         phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: time since the newest input whose stamp is not later than that of the message [s].
+        age: time since the newest input whose stamp is not later than the stamp of the message [s].
         silence: time since the last input of any kind [s].
         message: the message.
     """
@@ -64,13 +64,13 @@ class Answer:
 
 
 class Exchange:
-    """Messages sent to a node, and its answers.
+    """Messages that were sent to the checked node, and the node's answers.
 
     Attributes:
-        sent: stamps of the inputs that require an answer, by phase [ns].
-        faults: first and last stamp of the gap or of the unusable values, by phase [ns].
+        sent: stamps of the inputs that require an answer [ns], keyed by phase.
+        faults: first and last stamp of the gap or of the unusable values [ns], keyed by phase.
         answers: answers in the order in which they were received.
-        publishers: whether each publisher of the answers' topic is reliable, one entry for each.
+        publishers: whether each publisher on the topic of the answers is reliable.
         incompatible: for each subscription that receives no inputs because of its QoS, the topic
             and the reason.
         kind: message class of the answers.
@@ -88,7 +88,7 @@ class Exchange:
         self._last = 0.0  # send time of the last input on this clock [s]
 
     def keep(self, data: bytes) -> None:
-        """Store an answer."""
+        """Store a serialized answer of the node with its time of arrival."""
         now, stamp = time.monotonic(), leading_stamp(data) or 0
         known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
         age = now - self._arrivals[known] if known is not None else 0.0
@@ -96,7 +96,7 @@ class Exchange:
         self.answers.append(Answer(self._phase, stamp, age, now - self._last, message))
 
     def note(self, stamp: int) -> None:
-        """Store the time at which an input was sent."""
+        """Store the present time as that at which the input with this stamp [ns] was sent."""
         self._last = self._arrivals[stamp] = time.monotonic()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
@@ -124,7 +124,7 @@ class Partner:
             self._executor.spin_once(timeout_sec=left)
 
     def await_node(self, topic: str, alive: Callable[[], bool], sent: Iterable[str]) -> list[bool]:
-        """Wait for a publisher of a topic; return whether each of its publishers is reliable.
+        """Wait until a topic has a publisher; return whether each publisher is reliable.
 
         Args:
             topic: output of the checked node.
@@ -156,7 +156,7 @@ class Partner:
         return self.publishers(topic)
 
     def publishers(self, topic: str) -> list[bool]:
-        """Return whether each discovered publisher of a topic is reliable."""
+        """Return for each discovered publisher of a topic whether it is reliable."""
         found = self.node.get_publishers_info_by_topic(topic)
         reliable = QoSReliabilityPolicy.RELIABLE
         return [entry.qos_profile.reliability == reliable for entry in found]
@@ -176,7 +176,7 @@ def feed(
     output: Topic,
     alive: Callable[[], bool],
 ) -> Exchange:
-    """Publish a recording in all phases, and store the answers.
+    """Publish a recording in all phases of the test; return the inputs and answers.
 
     Args:
         partner: node of this process.
@@ -238,7 +238,7 @@ def subscribe(
 
     Args:
         partner: node of this process.
-        topics: topics by any key.
+        topics: topics to subscribe to, keyed by any text; the result has the same keys.
         qos: quality of service of the subscriptions.
     """
     seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}

@@ -23,7 +23,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
         rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
 
     Returns:
-        Number of rounds that the player sent although the result of an earlier one was missing.
+        Number of rounds that the player sent although the result of an earlier round was missing.
 
     Raises:
         ProcessError: a node ended, stopped sending or lost data; the message names it.

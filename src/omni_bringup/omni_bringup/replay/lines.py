@@ -14,7 +14,7 @@ from omni_recording.folder import Bag, bag_summary
 from omni_ros.messages import line_image
 
 DEPTH = 200
-"""Depth of the queues of the publishers of recorded lines and outputs."""
+"""Queue depth of the publishers, for the metadata of a recording of lines or outputs."""
 
 
 def write_lines(
@@ -29,7 +29,7 @@ def write_lines(
     Args:
         folder: rosbag2 folder to be created.
         lines: lines of each camera, oldest first, shape (m, n).
-        sensors: cameras by name; only their line rates are used.
+        sensors: cameras, keyed by name; only the line rates are used.
         batch_time: time that the lines in one message span [s].
         start_ns: stamp of the first line [ns].
 

@@ -69,7 +69,11 @@ def feedback_topic(configuration: ExperimentConfiguration) -> Topic:
 
 
 def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
-    """Check that a recording contains the inputs of a replay; return its counts by topic.
+    """Check that a recording contains the inputs of a replay.
+
+    Returns:
+        Number of recorded messages, keyed by topic.
+
 
     Raises:
         BagError: topics are missing, empty or of another type; the message lists all missing ones.

@@ -1,10 +1,10 @@
 """Node that publishes recorded messages unchanged to nodes that process them again.
 
 A round consists of one message of each topic. It is sent when the result of the previous round has
-arrived. Messages of one topic therefore cannot overtake those of another, no queue overflows, and
-the results do not depend on the speed. If no result arrives, for example because a sensor is
-missing, the next round is sent after a timeout. At the end the node reports ``{"published": {topic:
-count}, "results": ..., "timeouts": count}``, see `omni_ros.report`.
+arrived. Messages of one topic therefore cannot overtake messages of another topic, no queue
+overflows, and the results do not depend on the speed of the replay. If no result arrives, for
+example because a sensor is missing, the next round is sent after a timeout. At the end the node
+reports ``{"published": {topic: count}, "results": ..., "timeouts": count}``, see `omni_ros.report`.
 """
 
 import time
@@ -95,7 +95,7 @@ class PlayerNode(Node):
 
     @property
     def unanswered(self) -> int:
-        """Number of rounds for which at least one output has not yet arrived."""
+        """Number of sent rounds for which at least one output has not yet arrived."""
         answered = min(self._newest.values())
         while self._waiting and self._waiting[0] <= answered:
             self._waiting.popleft()
@@ -107,7 +107,7 @@ class PlayerNode(Node):
 
 
 def play(node: PlayerNode, spinner: process.Spinner) -> None:
-    """Publish the complete recording, wait for the last results, and report.
+    """Publish the complete recording, wait for the last results, and report the counts.
 
     Raises:
         NodeError: the recording cannot be read, or a node does not answer.

@@ -9,10 +9,10 @@ from omni_recording import decode, folder, mcap
 
 @dataclasses.dataclass(frozen=True)
 class BagCheck:
-    """Results of a check.
+    """Results of the check of a recording.
 
     Attributes:
-        counts: number of messages found, by topic.
+        counts: number of messages found, keyed by topic.
         problems: defects, one line each; empty for a valid recording.
         remarks: parts that could not be checked, and unusual properties that are not defects.
     """
@@ -23,7 +23,7 @@ class BagCheck:
 
 
 def check_bag(path: Path | str) -> BagCheck:
-    """Read a recording from end to end.
+    """Read a recording from end to end, and return the defects that were found.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.

@@ -22,8 +22,8 @@ class TopicComparison:
         second: number of messages in the second recording.
         identical: number of message pairs with the same bytes.
         unpaired: number of messages whose stamp does not occur in the other recording.
-        different_texts: number of message pairs that differ in texts, in the names of their
-            columns, or in the columns that are NaN.
+        different_texts: number of message pairs that differ in a text, in the names of their
+            columns (plain values), or in which columns are NaN.
         largest_difference: largest absolute difference between two values, in the unit of the
             column.
         worst: column and stamp [ns] of the largest difference; empty if all values agree.
@@ -39,10 +39,10 @@ class TopicComparison:
     worst: str = ""
 
     def agrees(self, tolerance: float) -> bool:
-        """Return whether there are message pairs and all their values agree within the tolerance.
+        """Return whether message pairs exist and all their values agree within the tolerance.
 
         Args:
-            tolerance: largest accepted absolute difference, in the unit of the values.
+            tolerance: limit on the absolute difference, in the unit of the values.
         """
         paired = not self.unpaired and not self.different_texts and self.first > 0
         return paired and self.largest_difference <= tolerance

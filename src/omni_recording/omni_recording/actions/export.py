@@ -29,9 +29,9 @@ class BagExport:
     """Files of an export.
 
     Attributes:
-        files: path of each file, by topic.
-        rows: number of rows, by topic.
-        skipped: reason why a topic has no file, by topic.
+        files: path of each file, keyed by topic.
+        rows: number of rows in each file, keyed by topic.
+        skipped: reason why a topic has no file, keyed by topic.
     """
 
     files: Mapping[str, Path]
@@ -54,7 +54,7 @@ def export_bag(
         topics: topics to export; empty for all topics that a table can represent.
 
     Raises:
-        BagError: the recording is damaged or of another kind.
+        BagError: the recording is damaged or has another format.
         ExportError: the recording does not contain a topic, or the folder is not empty.
         WorkError: the files cannot be written.
     """

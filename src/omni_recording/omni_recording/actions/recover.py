@@ -23,7 +23,7 @@ class Recovery:
 
     Attributes:
         folder: folder of the new recording.
-        counts: number of recovered messages, by topic.
+        counts: number of recovered messages, keyed by topic.
         first_ns: earliest recovered log time [ns].
         last_ns: latest recovered log time [ns].
         problems: defects of the original recording, file by file; empty if there are none.
@@ -39,8 +39,8 @@ class Recovery:
 def recover(path: Path, folder: Path) -> Recovery | None:
     """Copy every complete message of a recording into a new one.
 
-    A chunk that cannot be unpacked is omitted. After an invalid record, the rest of the file is
-    omitted. A file that cannot be opened, such as a broken link, is omitted too.
+    A chunk that cannot be unpacked is omitted, and so is the rest of a file after an invalid
+    record. A file that cannot be opened, such as a broken link, is also omitted.
 
     Args:
         path: a rosbag2 folder, with or without metadata, or a single ``.mcap`` file.

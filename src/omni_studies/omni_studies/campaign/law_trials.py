@@ -1,4 +1,4 @@
-"""Random stops that compare control laws in pairs, on proportional and on on-off brakes.
+"""Random stops that compare control laws on proportional and on on-off brakes.
 
 As in the robustness campaign, a seed draws vehicle, load, ground, motion and sensor noise, but no
 sensor faults. It also draws deviations that a law may not know: a brake lag that is nominal or not
@@ -34,8 +34,8 @@ NEUTRAL = {
     "deviation_weight": 0.0,
     "locked_share": 0.0,
 }
-"""Values at which the fields of `AllocationConfiguration` have no effect: no filter, limit or
-cost."""
+"""Values at which fields of `AllocationConfiguration` have no effect, because they then disable a
+filter, a limit or a cost."""
 
 
 class LawTrial(NamedTuple):
@@ -56,10 +56,10 @@ class LawTrial(NamedTuple):
 
 
 class LawTrials:
-    """Runs the trial with a given number; an instance is sent to the workers.
+    """Callable that runs the trial with a given number; worker processes receive an instance.
 
     Args:
-        library: library with the vehicles.
+        library: library that contains the vehicle files.
         laws: names of the laws to compare; each seed is also run with all brakes on.
         first: first seed of the draws.
     """
@@ -81,7 +81,7 @@ class LawTrials:
         return LawTrial(number, run.stopping_distance, run.orientation_change, int(run.stopped))
 
     def configuration(self, seed: int, kind: str, law: str) -> ExperimentConfiguration:
-        """Return the experiment of a seed.
+        """Return the experiment that a seed draws, with given brakes and law.
 
         Args:
             seed: seed of the random draws.
@@ -116,7 +116,10 @@ class LawTrials:
 
 
 def ablations() -> dict[str, str]:
-    """Return the names of `allocation` with one parameter halved, doubled or disabled, by label."""
+    """Return variants of the law `allocation` that differ in one parameter, keyed by label.
+
+    The parameter is halved, doubled or disabled. The values are names for `LawTrials`.
+    """
     laws = {"allocation": "allocation"}
     for field, neutral in NEUTRAL.items():
         value = getattr(AllocationConfiguration(), field)
@@ -126,10 +129,12 @@ def ablations() -> dict[str, str]:
 
 
 def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return the changes of distance and rotation from the first law, in two sets of stops.
+    """Return how much each law changes distance and rotation compared with the first law.
+
+    The trials are divided into two equal sets, and each change is computed for both sets.
 
     Args:
-        trials: trials of an even number of whole seeds, in the order of `LawTrials`.
+        trials: all trials of an even number of seeds, in the order of `LawTrials`.
         laws: names of the laws.
     """
     middle = len(trials) // 2
@@ -141,7 +146,11 @@ def ablation_costs(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str,
 
 
 def removable(metrics: Mapping[str, Metric]) -> list[str]:
-    """Return the parameters whose removal does not worsen the result in either set of stops."""
+    """Return the parameters that could be removed from the law `allocation`.
+
+    A parameter is needed if disabling it significantly increases the distance or the rotation in
+    both sets of stops, on either kind of brakes. `metrics` are those of `ablation_costs`.
+    """
 
     def worse(key: str) -> bool:
         return metrics[key].value > 2.0 * metrics[key.replace("_change", "_change_error")].value
@@ -158,10 +167,10 @@ def removable(metrics: Mapping[str, Metric]) -> list[str]:
 
 
 def compare(trials: Sequence[LawTrial], laws: Sequence[str]) -> dict[str, Metric]:
-    """Return metrics that compare the laws with the first one and with all brakes on.
+    """Return metrics that compare each law with the first law and with all brakes on.
 
     Args:
-        trials: trials of whole seeds, in the order of `LawTrials`.
+        trials: all trials of each seed, in the order of `LawTrials`.
         laws: names of the laws.
     """
     shape = -1, len(_KINDS), 1 + len(laws)

@@ -1,4 +1,4 @@
-"""Random braking maneuvers, determined by the seed of a run, and the limits of their results.
+"""Random braking maneuvers, each drawn with a seed, and the limits that they must meet.
 
 The seed draws the vehicle (`VEHICLES`), its load with position and height, the friction of the
 ground with up to three patches along the path, the motion and the pedal. It also draws noise,
@@ -53,7 +53,7 @@ class RandomBraking:
     """Draws and runs the stop of each seed of a campaign.
 
     Args:
-        library: library with the vehicles.
+        library: library that contains the vehicle files.
         changes: ``dotted.key=value`` overrides of values that are not drawn at random.
 
     Raises:
@@ -78,7 +78,7 @@ class RandomBraking:
         return digest(self._bases, [draw(seed) for seed in range(20)])
 
     def configurations(self, drawn: Tree) -> dict[str, experiment.ExperimentConfiguration]:
-        """Return the configurations of a drawn run, without and with the assistant, by variant."""
+        """Return the configurations without and with the assistant, keyed by variant."""
         base, ground = self._bases[drawn["vehicle"]], drawn["ground"]
         patches = {name: FrictionPatch(**patch) for name, patch in ground["patches"].items()}
         friction = ground["friction"]
@@ -112,7 +112,7 @@ class RandomBraking:
 
 
 def draw(seed: int) -> Tree:
-    """Draw a run; return the values in which its configuration differs from ``straight_line``.
+    """Draw a random run; return the values in which it differs from ``straight_line``.
 
     Args:
         seed: seed of the run; the same seed gives the same run.
@@ -204,10 +204,10 @@ class Allowed(NamedTuple):
     Attributes:
         orientation: limit on the excess of the orientation change over that of the unassisted stop
             [deg].
-        distance: limit on the ratio of the stopping distance to the unassisted one [1], which
-            permits the release of half of the wheels.
-        energy: limit on the rise of the energy during braking, relative to the start of braking
-            [1].
+        distance: limit on the ratio of the stopping distance to that of the unassisted stop [1]. A
+            value of 2 permits the release of half of the wheels.
+        energy: limit on the rise of the energy during braking, relative to the energy at the start
+            of braking [1].
         shortest: lower limit on the stopping distances that are used in comparisons [m].
     """
 
@@ -239,8 +239,8 @@ class Outcome(NamedTuple):
         orientation_assisted: change of orientation with the assistant [deg].
         distance_unassisted: stopping distance without the assistant [m].
         distance_assisted: stopping distance with the assistant [m].
-        energy_rise_unassisted: largest relative rise of the energy without the assistant [1].
-        energy_rise_assisted: largest relative rise of the energy with the assistant [1].
+        energy_rise_unassisted: result of `energy_rise` without the assistant [1].
+        energy_rise_assisted: result of `energy_rise` with the assistant [1].
         stopped_unassisted: whether the vehicle came to rest without the assistant, 0 or 1.
         stopped_assisted: whether the vehicle came to rest with the assistant, 0 or 1.
         tipping: whether the vehicle would have tipped over in any of the runs, 0 or 1; the planar
@@ -249,7 +249,8 @@ class Outcome(NamedTuple):
         energy: cause of a violated energy limit, one of `CAUSES`; empty without a violation.
         orientation: cause of a violated orientation limit; empty without a violation.
         distance: cause of a violated distance limit; empty without a violation.
-        rest: cause if the assisted vehicle does not come to rest but the unassisted one does.
+        rest: cause if the vehicle comes to rest without the assistant but not with it; otherwise
+            empty.
     """
 
     seed: int
@@ -271,7 +272,7 @@ class Outcome(NamedTuple):
 
 
 def outcome(braking: RandomBraking, seed: int) -> Outcome:
-    """Run a seed without and with the assistant, and find the causes of violations."""
+    """Run the stop of a seed without and with the assistant; find the causes of violated limits."""
     drawn = draw(seed)
     result = compare(braking, drawn)
     open_limits = violations(result)
@@ -288,7 +289,7 @@ def outcome(braking: RandomBraking, seed: int) -> Outcome:
 
 
 def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
-    """Run a drawn stop without and with the assistant, and return both results."""
+    """Run a drawn stop without and with the assistant; return the results without causes."""
     configurations = braking.configurations(drawn)
     unassisted, assisted = (
         compiled.run_fast_loop(configurations[variant]) for variant in ("unassisted", "assisted")
@@ -311,7 +312,7 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
 
 
 def without(drawn: Tree, cause: str) -> Tree:
-    """Return a drawn run after removal of one of its disturbances."""
+    """Return a copy of a drawn run without the disturbance that belongs to `cause` (`CAUSES`)."""
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
         return drawn | {"velocity_sensor": kept}
@@ -337,7 +338,7 @@ def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfi
 
 
 def violations(result: Outcome) -> tuple[str, ...]:
-    """Return the limits from `LIMITS` that a run violates."""
+    """Return the names of the limits (`LIMITS`) that a run violates."""
     longest = ALLOWED.distance * max(result.distance_unassisted, ALLOWED.shortest)
     rise = max(result.energy_rise_unassisted, result.energy_rise_assisted)
     turned = result.orientation_assisted - result.orientation_unassisted

@@ -32,13 +32,13 @@ CASES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "table_2": ("straight_line", "assisted", ("vehicle=table_2_mecanum", "maneuver.speed=6")),
     "six_wheels": ("straight_line", "assisted", ("vehicle=six_wheel_mecanum", "maneuver.speed=6")),
 }
-"""Experiment, assisted variant and overrides, by name of the case."""
+"""Experiment, assisted variant and overrides, keyed by the name of the case."""
 
 LAWS: dict[str, tuple[str, ...]] = {
     "sliding_mode": ("brake_assist.law=sliding_mode",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""Overrides by law: `allocation` requires proportional brakes."""
+"""Overrides of the experiment, keyed by law; `allocation` requires proportional brakes."""
 
 EXTENTS = ("single", "single", "pair", "brake")
 """Extents of a fault; repeated entries are drawn more often."""
@@ -72,8 +72,8 @@ class Fault(NamedTuple):
         kind: entry of `FaultConfiguration.kind` or `WheelCondition`.
         axis: index of the faulty axis or wheel; -1 for all.
         onset: time from pressing the pedal to the fault [s].
-        amplitude: size of the fault in the unit of the first channel; the size in a second channel
-            is at the same relative position in the range of that channel.
+        amplitude: size of the fault in the unit of the first channel. The size in a second channel
+            has the same relative position in that channel's range.
         period: period of a ramp, sine or delay [s].
     """
 
@@ -152,10 +152,10 @@ class Stop(NamedTuple):
 
 
 class FaultyStops:
-    """Draws and runs the stop of each seed.
+    """Callable that draws conditions and fault with a seed, and runs the stop.
 
     Args:
-        library: library of experiments and vehicles.
+        library: library that contains the experiment and vehicle files.
         changes: ``dotted.key=value`` changes of all assistants and vehicles; if they name a law,
             only this law is run.
         searched: n; for every n-th seed, a search for a worse fault is run.
@@ -193,7 +193,10 @@ class FaultyStops:
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
-        """Choose conditions and a fault by the seed; return the worst of the simulated stops."""
+        """Run the stop with the conditions and the fault that a seed draws, and return the result.
+
+        If a worse fault is searched for, the result is that of the worst stop.
+        """
         random = np.random.default_rng([seed, 29])
         imu = bool(random.random() < 0.6)
         setting = Setting(str(random.choice(self._laws)), imu, str(random.choice(list(CASES))))
@@ -249,7 +252,10 @@ class FaultyStops:
         )
 
     def reference(self, setting: Setting) -> Reference:
-        """Return the longer distance and the larger rotation of both fault-free stops."""
+        """Return the longer distance and the larger rotation of two fault-free stops.
+
+        The stops are an unassisted and an assisted one under the conditions of `setting`.
+        """
         if setting not in self._references:
             bases = [self._bases[setting, assisted] for assisted in (False, True)]
             self._references[setting] = _reference([run_fast_loop(base) for base in bases])
@@ -354,7 +360,7 @@ def _still_assists(run: FastRun, configuration: ExperimentConfiguration, fault: 
 
 
 class Limits(NamedTuple):
-    """Limits on the stops with faults of one extent; None if there is no limit.
+    """Limits on the results of stops whose faults have a given extent; None if there is no limit.
 
     Attributes:
         distance: limit on the ratio of the distance to that of the reference [1].
@@ -368,7 +374,7 @@ class Limits(NamedTuple):
 
 
 def limits(extent: str, *, imu: bool) -> Limits:
-    """Return the limits of stops with faults of an extent; they are valid for both laws."""
+    """Return the limits on stops whose faults have the given extent; they hold for both laws."""
     if extent == "brake":
         return Limits(1.2, 5.0, None)
     if extent == "pair":
@@ -380,7 +386,7 @@ def loss_of_twist(stops: FaultyStops, onset: float = 0.3) -> float:
     """Return the change of orientation in ``straight_line`` after a lasting loss of twist [deg].
 
     Args:
-        stops: campaign that runs the stop, with the law that rotates more.
+        stops: campaign that runs the stop with each of its laws; the larger rotation is returned.
         onset: time of the drop-out after the start of braking [s].
     """
     fault = Fault("twist", "drop_out", -1, onset, 0.0, 0.1)

@@ -58,8 +58,8 @@ _CHIPS = {
     # Data sheet: 80 mm and more, 7.4 rad/s: 0.74 m/s at 0.1 m; noise 3 % of the speed.
     "PMW3901": (0.02, 0.03, 0.74),
 }
-"""By chip type: standard deviation [m/s], noise and scale error per speed [1], maximum speed
-[m/s]."""
+"""Errors of each chip type: constant standard deviation [m/s], standard deviation and scale error
+relative to the speed [1], and maximum speed [m/s]."""
 
 
 def _chips(chip: str, count: int, lever: float = 0.4) -> Source:
@@ -105,7 +105,7 @@ SOURCES = {
 
 
 class SourceEstimator:
-    """Estimator that returns the measurements of a source.
+    """Estimator that returns the simulated measurements of a source of the twist.
 
     Args:
         source: error model of the source.
@@ -123,7 +123,7 @@ class SourceEstimator:
         self._sampled_ns = -(10**18)
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest received measurement; before the first one, an unmeasured twist."""
+        """Return the latest received measurement, or an unmeasured twist before the first one."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
             self._sampled_ns = now_ns

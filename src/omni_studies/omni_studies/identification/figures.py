@@ -1,4 +1,4 @@
-"""Figures on Table 2: trade-off and sensitivities."""
+"""Figures on Table 2: trade-off between rotation and distance, and sensitivities."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -41,7 +41,7 @@ def weighting_functions() -> Figure:
 
 
 def trade_off(measured: Mapping[str, float]) -> Figure:
-    """Draw orientation change against stopping distance, with the dissertation's values.
+    """Draw simulated orientation change versus stopping distance, with the dissertation's values.
 
     Args:
         measured: simulated values of all metrics in `table_2.REFERENCES`, in their units.
@@ -77,7 +77,7 @@ def trade_off(measured: Mapping[str, float]) -> Figure:
 
 
 def sensitivity_map(sensitivity: Sensitivity) -> Figure:
-    """Draw the change of each number of Table 2 per step of each parameter, in tolerances."""
+    """Draw how much a step of each parameter changes each number of Table 2, in tolerances."""
     values = sensitivity.in_tolerances.T
     figure, ((axes,),) = style.panels("", size=(10.0, 7.6))
     axes.grid(False)

@@ -77,7 +77,7 @@ Parameters = Mapping[str, float]
 
 
 def rounded(vector: Sequence[float] | quantities.FloatArray) -> dict[str, float]:
-    """Return the values of a candidate by parameter, rounded as in a configuration file.
+    """Return the values of a candidate, keyed by parameter, rounded as in a configuration file.
 
     Args:
         vector: values in the order of `QUANTITIES`.
@@ -93,7 +93,7 @@ def configure(base: ExperimentConfiguration, parameters: Parameters) -> Experime
 
     Args:
         base: a variant of ``turn_while_translate``, from which all other values are taken.
-        parameters: parameters by the names of `QUANTITIES`.
+        parameters: values of the parameters, keyed by the names in `QUANTITIES`.
 
     Raises:
         ConfigurationError: the vehicle would tip over at rest.
@@ -165,7 +165,7 @@ def measure(configurations: Mapping[str, ExperimentConfiguration]) -> dict[str, 
     """Run the cases of Table 2; return the ten numbers, NaN for a case that does not stop.
 
     Args:
-        configurations: configurations by case.
+        configurations: configurations, keyed by case.
     """
     measured = {}
     for case, configuration in configurations.items():
@@ -200,14 +200,14 @@ def cost(
     sound: bool = False,
     abort_above: float = 25.0,
 ) -> float:
-    """Return the sum of powers of the deviations from Table 2, in tolerances [1].
+    """Return the sum of the powers of the deviations from Table 2, each in tolerances [1].
 
     After a case with a very large deviation, the remaining cases are skipped, and each adds a high
     cost.
 
     Args:
-        bases: variants of ``turn_while_translate``, by case.
-        parameters: parameters by the names of `QUANTITIES`.
+        bases: variants of ``turn_while_translate``, keyed by case of Table 2.
+        parameters: values of the parameters, keyed by the names in `QUANTITIES`.
         exponent: even exponent; a larger one gives more weight to the largest deviation.
         sound: whether vehicles with an `assumption_violation` have a higher cost than all others.
         abort_above: mean cost per case above which the remaining cases are skipped [1].
@@ -256,7 +256,7 @@ def search(
     same seed and the same versions of the libraries, the result is the same.
 
     Args:
-        bases: variants of ``turn_while_translate``, by case.
+        bases: variants of ``turn_while_translate``, keyed by case of Table 2.
         start: candidate near which the second search begins; if given, the first search is omitted.
         seed: seed of all random numbers.
         generations: limit on the number of generations of each search. The first search ends at a
@@ -267,7 +267,7 @@ def search(
             current search, and with the lowest cost so far.
 
     Returns:
-        The best candidate found, by the names of `QUANTITIES`.
+        The best candidate found, keyed by the names in `QUANTITIES`.
     """
     from scipy.optimize import OptimizeResult, differential_evolution  # slow import
 

@@ -44,7 +44,7 @@ class Sensitivity:
         return np.asarray(self.slope / tolerance[:, np.newaxis])
 
     def columns(self) -> dict[str, Any]:
-        """Return the columns of a table with one row per parameter: step, slopes, scatters."""
+        """Return table columns with step, slopes and scatters; every parameter is a row."""
         return {
             "parameter": list(self.parameters),
             "step": [quantity.step for quantity in identification.QUANTITIES],
@@ -60,11 +60,11 @@ class Sensitivity:
 def sensitivities(
     bases: Mapping[str, ExperimentConfiguration], parameters: identification.Parameters
 ) -> Sensitivity:
-    """Return the sensitivities at a candidate, from straight lines fitted over varied parameters.
+    """Return the sensitivities at a candidate: slopes of lines fitted while a parameter varies.
 
     Args:
-        bases: the variants of ``turn_while_translate`` by case.
-        parameters: the candidate, by the names of `QUANTITIES`.
+        bases: the variants of ``turn_while_translate``, keyed by case of Table 2.
+        parameters: the candidate, keyed by the names in `QUANTITIES`.
     """
     numbers = tuple(table_2.REFERENCES)
     slope = np.full((len(numbers), len(identification.QUANTITIES)), np.nan)
@@ -151,18 +151,18 @@ OTHERS: dict[str, identification.Parameters] = {
         0.596, 0.275, -0.31, 4.0, 7.12, 2.48,
     )),
 }  # fmt: skip
-"""Vehicles identified by ``study table2 --identify --sound`` with the seeds 1 and 2, as values
-in the order of `QUANTITIES`."""
+"""Parameters of two vehicles that ``study table2 --identify --sound`` identified with the seeds 1
+and 2, keyed by vehicle."""
 
 
 def under(
     library: ExperimentLibrary, parameters: identification.Parameters
 ) -> Iterator[dict[str, float]]:
-    """Yield the ten numbers of Table 2 for a candidate under each of the `ASSUMPTIONS`.
+    """Yield the ten numbers of Table 2 for a candidate, once for each of the `ASSUMPTIONS`.
 
     Args:
-        library: library with the experiment.
-        parameters: the candidate, by the names of `identification.QUANTITIES`.
+        library: library that contains the experiment file.
+        parameters: the candidate, keyed by the names in `identification.QUANTITIES`.
     """
     for _, overrides, sought, patch_width in ASSUMPTIONS:
         changed = {

@@ -8,19 +8,19 @@ CASES = ("unassisted", "zero", "cosine", "k1", "k7")
 """Variants of the experiment ``turn_while_translate``, in the order of the table's columns."""
 
 TWIST_ALONE = "brake_assist.fault_detection=false"
-"""Override of the experiment: the dissertation's assistant uses only the twist."""
+"""Override of the experiment for the dissertation's assistant, which uses only the twist."""
 
 ORIENTATION_CHANGE = dict(zip(CASES, (83.8, 18.9, 63.2, 52.0, 26.3), strict=True))
-"""Changes of orientation from the start of braking to the final position [deg]."""
+"""Changes of orientation from the start of braking to the final position [deg], keyed by case."""
 
 STOPPING_DISTANCE = dict(zip(CASES, (10.0, 12.2, 9.7, 9.3, 10.4), strict=True))
-"""Stopping distances in the order of the table's columns [m]."""
+"""Stopping distances [m], keyed by case."""
 
 REFERENCES: dict[str, float] = {
     **{f"orientation_change.{case}": value for case, value in ORIENTATION_CHANGE.items()},
     **{f"stopping_distance.{case}": value for case, value in STOPPING_DISTANCE.items()},
 }
-"""The ten numbers of Table 2, by metric name."""
+"""The ten numbers of Table 2, keyed by metric name."""
 
 
 def tolerance(name: str) -> float:
@@ -44,7 +44,7 @@ def unit(name: str) -> str:
 
 
 def deviations(measured: Mapping[str, float]) -> dict[str, float]:
-    """Return the deviations from the dissertation's numbers, in tolerances [1].
+    """Return the deviations from the dissertation's numbers, in multiples of the tolerances [1].
 
     Args:
         measured: simulated values of all metrics in `REFERENCES`, in their units.

@@ -28,7 +28,7 @@ class Scale(NamedTuple):
 
 
 def view_lengths(lengths: Sequence[float]) -> Scale:
-    """Return the axis for lengths of a field of view [m]."""
+    """Return the axis of a map for the given lengths of the field of view [m]."""
     return Scale("length of field of view [mm]", [1e3 * length for length in lengths])
 
 
@@ -40,16 +40,19 @@ def draw_error_maps(
     levels: Sequence[float] = (0.4, 0.6, 0.8),
     grounds: Mapping[str, GroundTexture] | None = None,
 ) -> Figure:
-    """Draw mean errors versus two parameters, with contours of the overlap; white means no error.
+    """Draw maps of the mean error versus two parameters, with contours of the overlap.
+
+    White areas have zero error.
 
     Args:
         title: title of the figure.
-        rows: rows of maps by title; a map contains the mean magnitude of Eq. (84) [px],
-            shape (y, x).
+        rows: rows of maps; the maps of a row are keyed by title. A map contains the mean magnitude
+            of the error in whole pixels, Eq. (84) [px], shape (y, x).
         overlap: overlap of consecutive lines, 0 to 1, shape (y, x).
-        scales: axes along x and y; the axes of `view_grid` by default.
+        scales: axes along x and y; None for the lengths and shapes of the field of view in
+            `view_grid`.
         levels: overlaps at which contour lines are drawn, 0 to 1.
-        grounds: ground whose picture is drawn at the start of a row, by row title.
+        grounds: ground whose picture is drawn at the start of a row, keyed by row title.
     """
     if scales is None:
         shapes = Scale("width over length [%]", [100.0 * shape for shape in view_grid.SHAPES])
@@ -94,7 +97,7 @@ def _draw_map(
 
 
 def _draw_ground(axes: Axes, name: str, ground: GroundTexture, shown: float = 0.02) -> None:
-    """Draw a square of the ground with the edge length `shown` [m], as in Figure 59."""
+    """Draw a square section of the ground with the edge length `shown` [m], as in Figure 59."""
     texels = min(len(ground.gray), round(shown / ground.texel))
     edge = 1e3 * texels * ground.texel
     gray = ground.gray[:texels, :texels]

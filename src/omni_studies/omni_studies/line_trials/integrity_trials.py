@@ -1,4 +1,4 @@
-"""Motions of faulty line cameras over grounds, and the error of each batch of each camera.
+"""Errors of each batch of line cameras that are faulty and move over a ground.
 
 The motion of fault-free cameras over a ground, called a drive here, is rendered once. The rendered
 lines are converted to those of faulty cameras for each fault. The odometry estimator is reset for
@@ -32,7 +32,7 @@ SENSORS: Mapping[str, LineSensor] = {
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Motion on a circle or a straight line, whose speed changes linearly.
+    """Motion along a circle or a straight line, with a speed that changes linearly with time.
 
     Attributes:
         twist: initial twist (v_x, v_y [m/s], yaw rate [rad/s]).
@@ -43,7 +43,7 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return the times in which the initial twist would cover the paths up to `time` [s]."""
+        """Return how long the initial twist would take for the paths traveled up to `time` [s]."""
         return time + 0.5 * self.growth * time**2
 
 
@@ -67,7 +67,7 @@ MOTIONS: tuple[Motion, ...] = (
 
 @dataclasses.dataclass(frozen=True)
 class Fault:
-    """A fault of the cameras or of their data.
+    """A fault of line cameras or of their data.
 
     Attributes:
         camera: optics and pixels of the cameras.
@@ -112,7 +112,7 @@ OF_TIME = ("lost_lines", "wrong_rate", "swapped_batches", "repeated_batches")
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """A ground with its orientation.
+    """A ground with the direction in which the cameras move over it.
 
     Attributes:
         kind: kind from `omni_sim.texture.texture.KINDS`, or the file of a picture.
@@ -139,12 +139,12 @@ class Ground:
 
 @dataclasses.dataclass(frozen=True)
 class Tally:
-    """Errors of all batches of all cameras, for one texture and one injected fault.
+    """Errors of all batches of all cameras over one ground with one injected fault.
 
     Attributes:
-        ratio: ratio of the error of the velocity along the axis to its stated standard deviation
-            [1], NaN if unmeasured, shape (m,).
-        error: error of the velocity along the axis [m/s], shape (m,).
+        ratio: error of the velocity along the camera's axis, divided by the standard deviation that
+            the odometry states [1]; NaN if unmeasured, shape (m,).
+        error: error of the velocity along the camera's axis [m/s], shape (m,).
         reasons: reasons of unmeasured batches, and remarks on measured batches.
     """
 
@@ -154,7 +154,7 @@ class Tally:
 
     @property
     def undetected(self) -> NDArray[np.bool_]:
-        """Whether the error of each batch is undetected, shape (m,)."""
+        """Whether each batch has an undetected error (measured, but wrong), shape (m,)."""
         return trials.undetected(self.ratio, self.error)
 
 
@@ -167,12 +167,13 @@ def drive_over(
     motions: Sequence[Motion] = MOTIONS,
     **settings: Any,
 ) -> dict[str, Tally]:
-    """Return the errors of all drives over a ground, by fault.
+    """Return the errors of all simulated drives over a ground, keyed by fault.
 
     Args:
         ground: the ground.
-        faults: faults by name.
-        drives: indices of the drives; each has a random start, and the motions are used cyclically.
+        faults: faults, keyed by name.
+        drives: indices of the drives. Each drive has a random start; the motions are used
+            cyclically.
         batches: number of batches of each camera in a drive.
         seed: seed of positions, headings and noise.
         motions: the motions.

@@ -33,7 +33,7 @@ def noise_option(noise: float = 1.0) -> Any:
 
 
 class LineOptions(Configuration):
-    """Grounds, similarity metric, number of line pairs, noise and seed."""
+    """Options of a study: grounds, similarity metric, number of line pairs, noise and seed."""
 
     ground: tuple[str, ...] = kinds_option("cork")
     metric: str = parameter("pearson", choices=tuple(METRICS))
@@ -58,12 +58,12 @@ def grounds_option(*grounds: str, prefix: str = "") -> Any:
 
 
 def runs_option(runs: int, run: str = ", with ten line pairs each") -> Any:
-    """Declare the number of random positions; `run` describes the measurement at each."""
+    """Declare the option for the number of random positions; `run` describes the measurement."""
     return parameter(runs, description=f"random positions{run}", minimum=1, maximum=1000)
 
 
 class TextureOptions(Configuration):
-    """Grounds, their resolution, number of random positions, and seed."""
+    """Options of a study: grounds, their resolution, number of random positions, and seed."""
 
     ground: tuple[str, ...] = grounds_option("cork")
     dpi: float | None = parameter(
@@ -78,7 +78,7 @@ class TextureOptions(Configuration):
 
 
 def grounds_of(options: TextureOptions, library: ExperimentLibrary) -> dict[str, GroundTexture]:
-    """Return the grounds of a study by name.
+    """Return the textures of the grounds of a study, keyed by name.
 
     Raises:
         ConfigurationError: a ground is invalid; the message names the ground and the reason.

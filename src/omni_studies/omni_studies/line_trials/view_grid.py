@@ -1,4 +1,4 @@
-"""Trials of sideways motion with many fields of view (Figures 63, 64 and 71).
+"""Trials in which a camera moves sideways, for many fields of view (Figures 63, 64 and 71).
 
 `sideways_motions` returns one motion for each length and width of the view. `matches_table` returns
 a table of the matched displacements of these motions and of their errors.
@@ -23,11 +23,14 @@ GROUP = 10
 """Number n of consecutive displacements in the median filter (section 4.6)."""
 
 MOTION = trials.Motion(rig.View(), 12.0, math.radians(89.0))
-"""Sideways motion with 12 m/s at 89 deg to the camera's axis."""
+"""Motion at 12 m/s, almost perpendicular (89 deg) to the camera's axis."""
 
 
 def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
-    """Return `MOTION` for all shapes and lengths of the view, with the axis at an angle [rad]."""
+    """Return `MOTION` for all shapes and lengths of the field of view.
+
+    `axis` is the angle of the camera's axis on the ground [rad].
+    """
     return [
         MOTION._replace(view=rig.View(length=length, width=shape * length), axis=axis)
         for shape in SHAPES
@@ -36,12 +39,13 @@ def sideways_motions(axis: float = 0.0) -> list[trials.Motion]:
 
 
 def needed_overlap(overlap: FloatArray, right: FloatArray, share: float = 0.95) -> float:
-    """Return the smallest overlap above which all views reach the required share of correct pairs.
+    """Return the smallest overlap above which every field of view has enough correct line pairs.
 
     Args:
-        overlap: overlap of each view, 0 to 1, any shape.
-        right: share of correct pairs of each view, 0 to 1, same shape.
-        share: required share, 0 to 1.
+        overlap: overlap of consecutive lines for each field of view, 0 to 1, any shape.
+        right: share of line pairs with a correct displacement for each field of view, 0 to 1, same
+            shape.
+        share: required share of correct line pairs, 0 to 1.
 
     Returns:
         The smallest overlap; NaN if no overlap is sufficient.
@@ -56,12 +60,13 @@ def matches_table(
     motions: Sequence[trials.Motion],
     cases: Mapping[Any, Sequence[trials.Matches]],
 ) -> tuple[tuple[str, ...], Iterator[tuple[str | float, ...]]]:
-    """Return the header of a table, and one row for every case and motion.
+    """Return the header of a table, and an iterator over one row for every case and motion.
 
     Args:
-        names: column names for the parts of a case.
+        names: names of the columns that contain the parts of a case.
         motions: the motions.
-        cases: matches for each motion, by case; a case is the tuple of its parts.
+        cases: matches for each motion, keyed by case; a case is a tuple of parts, such as ground
+            and noise.
     """
     header = (
         *names, "speed_m_per_s", "length_mm", "width_over_length", "overlap",

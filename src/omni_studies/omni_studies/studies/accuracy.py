@@ -1,4 +1,4 @@
-"""Accuracy of refined displacements, and consistency of errors with their stated variances.
+"""Accuracy of refined displacements, and consistency of the errors with the stated variances.
 
 In ``accuracy``, line pairs are rendered at random displacements along the axis and matched. Their
 errors are compared with the Cramer-Rao bound of each pair, the smallest variance of an unbiased
@@ -48,9 +48,10 @@ _LARGEST_LOCKING = 0.02  # px, as in limits.yaml
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """Errors of one resolution, noise and ground.
+    """Errors of line pairs with one number of pixels, one noise level and one ground.
 
-    As in the odometry, pairs whose refinement leaves the peak are excluded; `wrong` includes them.
+    As in the odometry, pairs are excluded if the refined displacement is outside the correlation
+    peak; only `wrong` includes them.
 
     Attributes:
         pixels: number of pixels per line.
@@ -89,7 +90,7 @@ class Case:
 
 
 class Options(Configuration):
-    """Cases and number of pairs of lines."""
+    """Options of the study ``accuracy``: similarity metric, number of line pairs, and seed."""
 
     metric: str = parameter("pearson", choices=tuple(METRICS))
     """similarity metric of the search for displacements"""
@@ -100,7 +101,7 @@ class Options(Configuration):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Match pairs of lines of every case; write figure and metrics."""
+    """Measure the displacements of line pairs in every case; write figure and metrics."""
     cases = [
         trial(pixels, noise, kind, options)
         for kind in _GROUNDS
@@ -140,7 +141,7 @@ def trial(pixels: int, noise: int, kind: str, options: Options) -> Case:
 
 
 def locking(fraction: FloatArray, error: FloatArray) -> float:
-    """Return the largest bias of displacements toward integer shifts [px].
+    """Return the largest bias of measured displacements toward integer shifts [px].
 
     Args:
         fraction: fractional part of the true displacements [px], evenly distributed, shape (m,).
@@ -252,7 +253,7 @@ _EVALUATED = "generic"  # camera that is tested on all grounds
 
 @dataclasses.dataclass(frozen=True)
 class DriveCase:
-    """Trials of one camera, ground and motion, from several starts.
+    """Trials of one camera type, ground and motion, from several random starts.
 
     Attributes:
         camera: name of the camera.
@@ -268,12 +269,12 @@ class DriveCase:
 
     @property
     def squares(self) -> FloatArray:
-        """Ratios of the twist's squared error to its expectation [1], for all batches."""
+        """Squared error of the twist in each batch, divided by its expectation [1]."""
         return np.concatenate([trial.normalized_error_squared for trial in self.trials])
 
     @property
     def squares_of_cameras(self) -> FloatArray:
-        """Ratios of single cameras' squared errors to their variances [1]."""
+        """Squared error of each single camera in each batch, divided by its stated variance [1]."""
         return np.concatenate([trial.ratio**2 for trial in self.trials])
 
     @property
@@ -283,9 +284,9 @@ class DriveCase:
 
     @property
     def standard_error(self) -> float:
-        """Standard error of `mean` [1], computed from the means of the starts.
+        """Standard error of `mean` [1], computed from the mean of each start.
 
-        The batches from one start are not independent of each other.
+        The means are used because batches from one start are not independent of each other.
         """
         squares = [trial.normalized_error_squared for trial in self.trials]
         means = [s.mean() for s in squares if len(s)]

@@ -1,4 +1,4 @@
-"""Comparison of random stops under every law with the lower bounds.
+"""Comparison of random stops under each control law with lower bounds of the distance.
 
 The path of the center of gravity is compared with the bound over all headings. The distance of a
 stop that keeps heading and line within half a degree is compared with the bound for such stops.
@@ -32,7 +32,7 @@ LAWS: dict[str, tuple[str, ...]] = {
     "allocation_on_off": ("brake_assist.law=allocation",),
     "allocation": ("brake_assist.law=allocation", "vehicle.brake.kind=proportional"),
 }
-"""Overrides of `RandomBraking`, by law."""
+"""Overrides of `RandomBraking`, keyed by law."""
 
 
 class BoundTrial(NamedTuple):
@@ -41,11 +41,11 @@ class BoundTrial(NamedTuple):
     Attributes:
         seed: seed of the braking.
         vehicle: name of the vehicle's file.
-        any_heading: bound of the path length of the center of gravity, or an upper estimate of it
-            [m].
+        any_heading: lower bound of the path length of the center of gravity, or an upper estimate
+            of this bound [m].
         any_heading_slack: tolerance of this bound [m]; NaN if the upper estimate sufficed.
-        straight: bound of the distance of a stop that keeps heading and line, or an upper estimate
-            of it [m]; NaN if there is no bound or no such stop.
+        straight: lower bound of the distance of a stop that keeps heading and line, or an upper
+            estimate of this bound [m]; NaN if there is no bound or no such stop.
         straight_slack: tolerance of the bound `straight` [m]; NaN if the upper estimate sufficed.
         path_unassisted: path of the center of gravity with all brakes on [m].
         path_sliding_mode: path of the center of gravity with `sliding_mode` [m].
@@ -78,10 +78,10 @@ class BoundTrial(NamedTuple):
 
 
 class BoundTrials:
-    """Runs the stop of a seed with every law; an instance is sent to the workers.
+    """Callable that runs the stop of a seed with every law; worker processes receive an instance.
 
     Args:
-        library: library with the vehicles.
+        library: library that contains the vehicle files.
     """
 
     def __init__(self, library: ExperimentLibrary) -> None:
@@ -177,7 +177,7 @@ _COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION
 
 
 class Options(CampaignOptions):
-    """Number of stops, and workers."""
+    """Options of the study ``bounds``: number of runs, first seed, and worker processes."""
 
     runs: int = parameter(10_000, minimum=4, maximum=10**7)
     """number of runs: four laws for each random stop"""
@@ -214,7 +214,7 @@ def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
 
 
 def below(stops: Sequence[BoundTrial], bound: str) -> int:
-    """Return the number of runs that are shorter than a bound by more than its tolerance.
+    """Return how many runs are shorter than a bound by more than the tolerance of this bound.
 
     Args:
         stops: the runs.

@@ -1,4 +1,4 @@
-"""Experiments of section 3.6, with every variant run in one process: Figures 30 to 48, Table 2.
+"""Experiments of section 3.6 without the ROS graph: Figures 30 to 48 and Table 2.
 
 A figure of the dissertation is written to ``figure_<number>.png``, and its data to
 ``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas this assistant
@@ -74,11 +74,11 @@ _LABELS = ("$v_x$ [m/s]", "$v_y$ [m/s]", r"$\omega$ [rad/s]")
 
 @dataclasses.dataclass(frozen=True)
 class ExperimentRuns:
-    """Variants of an experiment after their runs.
+    """Configurations and results of all variants of an experiment.
 
     Attributes:
-        configurations: configurations by variant.
-        histories: runs by variant.
+        configurations: configurations, keyed by variant.
+        histories: time history of each variant's run, keyed by variant.
     """
 
     configurations: Mapping[str, ExperimentConfiguration]
@@ -86,7 +86,7 @@ class ExperimentRuns:
 
     @property
     def metrics(self) -> dict[str, Metric]:
-        """Metrics of all variants, with the largest error, by ``<quantity>.<variant>``."""
+        """Metrics and largest error s_i of all variants, keyed by ``<quantity>.<variant>``."""
         by_variant = {name: run_metrics(history) for name, history in self.histories.items()}
         metrics = {
             f"{quantity}.{name}": by_variant[name][quantity]
@@ -101,7 +101,7 @@ class ExperimentRuns:
 
 
 def largest_error(history: RunHistory) -> float:
-    """Return the largest magnitude of any ``s_i`` while braking [m/s]."""
+    """Return the largest magnitude of the error ``s_i`` of any wheel while braking [m/s]."""
     return float(np.max(np.abs(history.error[history.brake_start :])))
 
 
@@ -110,10 +110,11 @@ def run_experiment(
 ) -> ExperimentRuns:
     """Run every variant of an experiment in one process.
 
-    With the velocity sensor the fast loop is used; with optical feedback, the loop with cameras.
+    If the feedback is the velocity sensor, the fast loop is used. If it is the line-scan odometry,
+    the loop with rendered cameras is used.
 
     Args:
-        library: library with the experiment.
+        library: library that contains the experiment file.
         experiment: name of the experiment.
         overrides: ``dotted.key=value`` texts, applied to every variant.
 
@@ -137,12 +138,12 @@ def run_experiment(
 
 
 def table_2_vehicle(library: ExperimentLibrary, vehicle: str = table_2.VEHICLE) -> list[str]:
-    """Return the overrides that turn ``straight_line`` into the dissertation's experiment.
+    """Return the overrides that change ``straight_line`` into the dissertation's experiment.
 
     The overrides set the identified vehicle and ground, and a velocity sensor.
 
     Args:
-        library: library with the experiments.
+        library: library that contains the experiment files.
         vehicle: name of a vehicle to use instead of the identified one.
     """
     ground = library.load("turn_while_translate", "unassisted").ground
@@ -173,7 +174,7 @@ OPTIONS = {"straight_line": _StraightLine, "table2": table_2.Options, "optical":
 
 
 def run(options: LoopOptions, study: StudyRun) -> StudyResult:
-    """Run an experiment and draw its figures."""
+    """Run the experiment that the study names, and draw the figures."""
     changes = options.changes
     if isinstance(options, _StraightLine):
         changes = [*table_2_vehicle(study.experiments, options.vehicle), *changes]
@@ -184,8 +185,8 @@ def run(options: LoopOptions, study: StudyRun) -> StudyResult:
 
 
 Comparisons = Mapping[tuple[str, str], Mapping[str, RunHistory]]
-"""Runs by experiment and variant: with the velocity sensor as ``sensor``, and with the line-scan
-odometry as ``optical``."""
+"""Two runs of each experiment and variant: ``sensor`` with the velocity sensor, and ``optical``
+with the line-scan odometry."""
 
 
 def _optical(options: _Optical, study: StudyRun) -> StudyResult:

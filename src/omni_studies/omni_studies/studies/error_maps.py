@@ -1,11 +1,11 @@
 """Errors of one line camera in straight motion, as functions of speed, field of view and ground.
 
-Every motion is uniform, and the camera exposes 2500 lines/s. Sideways motion is a motion with 12
-m/s at 89 deg to the camera's axis. ``overlap`` also draws the displacement of a vehicle between two
-lines as a function of the line rate. ``texture_direction`` also counts the batches that the
-odometry measures with the camera of the standard experiment. In motion along the fibers of wood,
-the lines hardly change. In motion across the fibers, the contrast along the axis is low and the
-lines change quickly.
+Every motion is uniform, and the camera exposes 2500 lines/s. Sideways motion is a motion at 12 m/s
+in a direction of 89 deg to the camera's axis. ``overlap`` also draws the displacement of a vehicle
+between two lines as a function of the line rate. ``texture_direction`` also counts the batches that
+the odometry measures with the camera of the standard experiment. In motion along the fibers of
+wood, the lines hardly change. In motion across the fibers, the contrast along the axis is low and
+the lines change quickly.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ Found = list[tuple[Motion, Matches]]
 
 
 class Options(LineOptions):
-    """Grounds, similarity metric, pairs of lines, noise and seed."""
+    """Options of the studies: grounds, similarity metric, number of line pairs, noise and seed."""
 
     ground: tuple[str, ...] = line_options.kinds_option("stone", "cork")
     pairs: int = line_options.pairs_option(20)
@@ -128,7 +128,7 @@ class _Case:
 
 
 def run(options: Any, study: StudyRun) -> StudyResult:
-    """Move over the grounds under every condition; write figures, data and metrics."""
+    """Simulate the motions under every condition; write figures, data and metrics."""
     case = _STUDIES[study.case]
     textures = _textures(options, study.experiments)
     metrics: dict[str, Metric] = {}

@@ -1,11 +1,11 @@
-"""Comparison of estimators for a line camera with each other, with their bound, and with a patch.
+"""Comparison of velocity estimators for a line camera, also with an optical-flow patch.
 
 A camera with 1024 px and 2500 lines/s records batches of 10 ms. Both methods of the odometry
-process the same lines, with and without camera faults. With OpenCV (``requirements/opencv.lock``),
-two alternatives measure the same motion: phase correlation of consecutive lines, and phase
-correlation followed by Lucas-Kanade on an optical-flow patch of 64 x 64 px with the same number of
-pixels per second. All errors are those of the velocity along the axis. The Cramer-Rao bound is that
-of a batch in motion along the axis.
+(parameter ``odometry.method``) process the same lines, with and without camera faults. With OpenCV
+(``requirements/opencv.lock``), two alternatives measure the same motion: phase correlation of
+consecutive lines, and phase correlation followed by Lucas-Kanade on an optical-flow patch of 64 x
+64 px with the same number of pixels per second. All errors are those of the velocity along the
+axis. The Cramer-Rao bound is that of a batch in motion along the axis.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ Frame = NDArray[np.float32]
 
 
 class Scene(NamedTuple):
-    """A camera over a ground, and a pose (x, y [m], yaw [rad])."""
+    """A line camera, the ground, and the pose of the platform (x, y [m], yaw [rad])."""
 
     texture: GroundTexture
     rig: Rig
@@ -59,7 +59,7 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, kind: str, seed: int, number: int) -> Scene:
-        """Return a camera at a random pose over a ground.
+        """Return a scene with a random pose of the camera.
 
         Args:
             kind: kind of the ground.
@@ -73,7 +73,7 @@ class Scene(NamedTuple):
 
 
 class Options(Configuration):
-    """Number of motions, and seed."""
+    """Options of the study ``estimators``: number of motions, and seed."""
 
     runs: int = parameter(4, minimum=1, maximum=1000)
     """number of motions from random positions for each ground, speed and angle"""
@@ -111,7 +111,9 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 def errors_of(
     kind: str, angle: float, speed: float, options: Options
 ) -> dict[tuple[str, str], FloatArray]:
-    """Return the errors along the axis by estimator and fault [m/s], NaN if unmeasured.
+    """Return velocity errors along the camera's axis [m/s], keyed by estimator and fault.
+
+    The error is NaN if a batch is unmeasured.
 
     Args:
         kind: kind of ground.
@@ -146,7 +148,7 @@ def errors_of(
 
 
 def batch_bound(kind: str, speed: float, options: Options) -> float:
-    """Return the Cramer-Rao bound of the velocity of one batch, as a standard deviation [mm/s].
+    """Return the Cramer-Rao bound of the velocity from one batch, as a standard deviation [mm/s].
 
     A point of the ground that appears in K consecutive lines contributes the information of one
     pixel on a known ground, multiplied by K (K^2 - 1) / 12. This factor is the sum of the squared

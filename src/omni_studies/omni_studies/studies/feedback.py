@@ -45,7 +45,7 @@ _VEHICLES = ("mecanum_forklift", "three_wheel_robot", "six_wheel_mecanum")
 
 
 class Options(CampaignOptions):
-    """Vehicles, sources and number of stops."""
+    """Options of the study ``feedback``: vehicles, sources of the twist, and number of stops."""
 
     vehicle: tuple[str, ...] = parameter(_VEHICLES)
     """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
@@ -65,7 +65,7 @@ class Options(CampaignOptions):
 
 
 class Stop(NamedTuple):
-    """Result of a stop.
+    """Result of a stop with one law and one source of the twist.
 
     Attributes:
         seed: number of the case.
@@ -87,12 +87,12 @@ class Stop(NamedTuple):
 
 
 Table = Mapping[tuple[str, str, str], Mapping[str, float]]
-"""Quantities by vehicle, law and source."""
+"""Values of all quantities, keyed by vehicle, law and source of the twist."""
 
 
 @dataclass(frozen=True)
 class Cases:
-    """The cases of the campaign, by number."""
+    """All cases of the campaign; a case is a stop with one law and one source of the twist."""
 
     bases: dict[str, ExperimentConfiguration]
     named: tuple[ExperimentConfiguration, ...]
@@ -147,7 +147,7 @@ class Cases:
         return stops * len(self._each)
 
     def run(self, number: int) -> Stop:
-        """Run a case."""
+        """Run the case with this number."""
         rest, case = divmod(number, len(self._each))
         place = min(rest // self.options.runs, len(self.bases))
         stop = rest - place * self.options.runs
@@ -307,7 +307,7 @@ def _sentence(vehicle: str, law: str, source: str, found: Mapping[str, float]) -
 
 
 def warnings(summary: Path, law: str, source: str) -> dict[str, str]:
-    """Return a sentence by vehicle: a warning if assistance does more harm than good, else empty.
+    """Return a warning for each vehicle, which is empty if assistance does more good than harm.
 
     Args:
         summary: ``summary.json`` of this study, with or without the IMU of the vehicle.

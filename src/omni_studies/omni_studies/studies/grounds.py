@@ -1,4 +1,4 @@
-"""Pictures and spectra of the grounds; similarity and contrast of single pairs of lines.
+"""Pictures and spectra of the grounds; similarity and contrast of single line pairs.
 
 ``grounds`` shows 100 x 100 mm of each ground. For the generic camera (50 x 20 mm, 1024 px), it
 computes the contrast of the lines, which average 20 mm across the axis, and the frequency below
@@ -67,7 +67,7 @@ _NARROW, _WIDE = 0.2, 1.0  # shapes of the views of the two drawn line pairs
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """Distance of two lines as a function of the shift.
+    """Distance measure of two camera lines as a function of the shift between them.
 
     Attributes:
         shift: shifts [px], shape (m,).
@@ -81,7 +81,7 @@ class Curve:
 
     @property
     def minima(self) -> int:
-        """Number of minima whose depth is at least a tenth of the curve's range."""
+        """Number of minima whose depth is at least a tenth of the range of the curve's values."""
         prominence = _PROMINENCE * float(np.ptp(self.distance))
         padded = np.pad(-self.distance, 1, mode="minimum")  # the ends can be minima too
         return len(find_peaks(padded, prominence=prominence)[0])
@@ -105,7 +105,7 @@ class Curve:
 
 
 class Trial(NamedTuple):
-    """Results of one width.
+    """Results for one width of the field of view.
 
     Attributes:
         shape: ratio of width to length of the field of view [1].
@@ -113,7 +113,8 @@ class Trial(NamedTuple):
         contrast: standard deviation along the line without noise [gray levels].
         correlation: correlation at the true displacement, rounded to pixels, without noise [1].
         right_share: share of pairs whose error is at most one pixel, 0 to 1.
-        rmse: root mean square error of the refined displacements of these pairs [px].
+        rmse: root mean square error of the refined displacements of the pairs in `right_share`
+            [px].
     """
 
     shape: float
@@ -125,7 +126,7 @@ class Trial(NamedTuple):
 
 
 class Options(LineOptions):
-    """Grounds, similarity metric, pairs of lines, noise and seed."""
+    """Options of the studies: grounds, similarity metric, number of line pairs, noise and seed."""
 
     ground: tuple[str, ...] = line_options.kinds_option("stone", "cork", "asphalt")
     pairs: int = line_options.pairs_option(100)
@@ -167,14 +168,16 @@ def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult
 
 
 def distances(old: FloatArray, new: FloatArray, truth: float, metric: str, limit: int) -> Curve:
-    """Return a distance measure of two lines per overlapping pixel, at all shifts.
+    """Return a distance measure of two lines, divided by the number of overlapping pixels.
+
+    The measure is evaluated at all integer shifts up to `limit`.
 
     Args:
         old: first line [gray levels], shape (n,).
         new: next line [gray levels], shape (n,).
-        truth: displacement between them [px].
+        truth: true displacement between the lines [px].
         metric: name of the distance measure.
-        limit: limit on the shift [px].
+        limit: limit on the magnitude of the shift [px].
     """
     n = len(new)
     shifts = np.arange(-limit, limit + 1)
@@ -202,7 +205,7 @@ def _draw_distances(curves: Mapping[str, list[Curve]], metric: str) -> Figure:
 
 
 def run(options: LineOptions, study: StudyRun) -> StudyResult:
-    """Render the grounds with all widths; write figure, data and metrics."""
+    """Measure contrast and displacement for all widths; write figure, data and metrics."""
     found = {kind: _trials(kind, options) for kind in options.kinds}
     metrics: dict[str, Metric] = {}
     for kind, trials in found.items():
@@ -307,7 +310,7 @@ class _Pictures(TextureOptions):
 
 @dataclasses.dataclass(frozen=True)
 class Appearance:
-    """Picture, contrast and spectrum of one ground.
+    """Appearance of a ground: picture, contrast and spectrum.
 
     Attributes:
         patch: gray levels of the section that is shown, shape (k, k).

@@ -46,7 +46,7 @@ _OF_TIME_OVER = ("asphalt", "concrete", "gravel", "grass", "brick")
 
 
 class Options(CampaignOptions):
-    """Grounds, faults, and number of batches."""
+    """Options of the study ``integrity``: grounds, faults, number of batches, method and seed."""
 
     grounds: str = parameter("", description=f"some of {', '.join(GROUNDS)}; empty for all")
     faults: str = parameter(
@@ -68,7 +68,9 @@ class Options(CampaignOptions):
 
 
 class Drive(NamedTuple):
-    """One drive over one ground with one fault, or the sum of several.
+    """Numbers of batches in a simulated drive over one ground with one fault.
+
+    The sum of several drives has the same form.
 
     Attributes:
         seed: number of the drive in the campaign.
@@ -95,7 +97,7 @@ class Drive(NamedTuple):
 
     @classmethod
     def of(cls, seed: int, ground: str, fault: str, tally: trials.Tally) -> Drive:
-        """Count the batches of a drive."""
+        """Return the numbers of a drive from the errors of all batches."""
         measured = np.isfinite(tally.ratio)
         ratio, error = tally.ratio[measured], tally.error[measured]
         every = len(tally.ratio), int(np.count_nonzero(tally.undetected))
@@ -104,13 +106,13 @@ class Drive(NamedTuple):
         return cls(seed, ground, fault, *every, *counted)
 
     def plus(self, other: Drive) -> Drive:
-        """Return the sum of both drives."""
+        """Return the sum of this drive and another one."""
         return Drive(*self[:3], *map(operator.add, self[3:], other[3:]))
 
 
 @dataclasses.dataclass(frozen=True)
 class _Drives:
-    """Runs the drive with a given number; consecutive drives share a ground."""
+    """Callable that simulates the drive with a given number; consecutive drives share a ground."""
 
     grounds: tuple[str, ...]
     faults: tuple[str, ...]
@@ -120,7 +122,7 @@ class _Drives:
     method: str
 
     def __call__(self, number: int) -> Drive:
-        """Run one drive."""
+        """Simulate the drive with this number, and return its counts."""
         name, motion, fault = self.cells[number]
         drives = range(motion, motion + 1)
         faults = {fault: trials.FAULTS[fault]}

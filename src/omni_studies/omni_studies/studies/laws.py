@@ -1,4 +1,4 @@
-"""Comparison of the control laws: stops of chapter 3, directions of motion, unknown conditions.
+"""Comparison of the control laws: stops of chapter 3, other directions, unknown conditions.
 
 The feedback is ideal unless the case states otherwise. A case is named
 ``<experiment>_<law>_<brakes>``.
@@ -84,7 +84,7 @@ _BOUNDS = {"bound": straight_bound, "bound_any_heading": any_heading_bound}
 
 
 class Options(CampaignOptions):
-    """Runs of the study, and workers."""
+    """Options of the study ``laws``: laws, random stops, and worker processes."""
 
     without_optical: bool = parameter(False)
     """omit the stop with line cameras, which takes the longest time"""
@@ -197,14 +197,14 @@ def _label(law: str) -> str:
 
 
 class LawStops:
-    """Callable that simulates the stops of the case with a given index; sent to the workers."""
+    """Callable that simulates the case with a given index; worker processes receive an instance."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
         """Store the cases.
 
         Args:
-            library: library with the experiments.
-            cases: cases to run; their number is their index.
+            library: library that contains the experiment files.
+            cases: cases to run; the number of a case is its index.
         """
         self._library = library
         self.cases = tuple(cases)
@@ -216,7 +216,7 @@ class LawStops:
         return digest(self.cases, [self._library.load(*names) for names in used])
 
     def __call__(self, number: int) -> LawStop:
-        """Run a case."""
+        """Run the case with this index."""
         case = self.cases[number]
         experiment = self._library.load(case.experiment, case.variant, case.changes)
         if case.law in _BOUNDS:

@@ -46,11 +46,11 @@ _COLUMNS = {
     "rejected_share": "1",
     "tipping": "1",
 }
-"""Columns of the table of violations except the cause, with their units."""
+"""Columns of the table of violations, except the cause, and the unit of each column."""
 
 
 class Options(CampaignOptions, LoopOptions):
-    """Runs of the campaign, and workers."""
+    """Options of ``robustness``: runs of the campaign, first seed, and worker processes."""
 
     runs: int = parameter(1000, minimum=1, maximum=10_000_000)
     """number of runs"""
@@ -159,7 +159,7 @@ _QUANTITIES = {"orientation": "orientation change [deg]", "distance": "stopping 
 
 
 def draw_runs(results: Sequence[Outcome]) -> Figure:
-    """Draw the assisted value of each run versus its unassisted value, with the limits.
+    """Draw the values of each assisted run versus those of the unassisted run, with the limits.
 
     Args:
         results: results of the campaign.
@@ -194,7 +194,7 @@ def draw_runs(results: Sequence[Outcome]) -> Figure:
 
 
 def draw_distributions(results: Sequence[Outcome]) -> Figure:
-    """Draw cumulative distributions of the runs.
+    """Draw cumulative distributions of the results of all runs.
 
     Args:
         results: results of the campaign.

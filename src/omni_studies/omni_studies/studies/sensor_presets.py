@@ -56,7 +56,7 @@ _DIRECTIONS = {"ahead": (1.0, 0.0, 0.0), "sideways": (0.0, 1.0, 0.0)}
 
 
 class Options(line_options.TextureOptions):
-    """Grounds, their resolution, random positions and seed."""
+    """Options of the study: grounds, their resolution, random positions and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("cork", "asphalt", "walking_tile")
     hard: tuple[str, ...] = line_options.grounds_option(
@@ -71,7 +71,7 @@ class Options(line_options.TextureOptions):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Compute and simulate the speeds; write figure, data and metrics."""
+    """Compute and simulate the highest speeds; write figure, data and metrics."""
     grounds = line_options.grounds_of(options, study.experiments)
     sensors = {name: _sensor(study.experiments, preset.file) for name, preset in _PRESETS.items()}
     metrics: dict[str, Metric] = {}
@@ -211,12 +211,13 @@ def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
 
 
 class Tried(NamedTuple):
-    """Tested sideways speeds of a sensor.
+    """Sideways speeds at which a sensor was tested, and the share of correct measurements.
 
     Attributes:
         computed: speed at 60 % overlap [m/s].
         speeds: tested speeds [m/s], shape (n,).
-        right: share of correct measurements at each speed, 0 to 1, by ground, shape (n,) each.
+        right: share of correct measurements at each speed, 0 to 1, keyed by ground, shape (n,)
+            each.
     """
 
     computed: float
@@ -228,8 +229,8 @@ def draw_speed_limits(sensors: Mapping[str, Tried], needed: float) -> Figure:
     """Draw the share of correct measurements versus speed, one panel for each sensor.
 
     Args:
-        sensors: tested speeds, by title of the sensor.
-        needed: required share, 0 to 1.
+        sensors: tested speeds, keyed by the title of the sensor.
+        needed: required share of correct measurements, 0 to 1.
     """
     title = "Medians of 10 within 1.5 px while moving sideways at 89 deg (Table 4)"
     size, x, y = (5.2 * len(sensors), 4.2), "speed [m/s]", "share of correct medians"

@@ -33,7 +33,7 @@ _WHEEL, _CAMERA = "wheel", "camera"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Angles:
-    """Measurements of several sideslip angles at one speed.
+    """True and measured sideslip angles at one speed.
 
     Attributes:
         speed: speed of the wheel over ground [m/s].
@@ -66,11 +66,11 @@ class Angles:
         return root_mean_square(self.error)
 
     def rms_error_with(self, wheel_speed: float) -> float:
-        """Return the RMS error [rad] for an incorrect forward velocity.
+        """Return the RMS error of the angle [rad] that an incorrect forward velocity causes.
 
         Args:
-            wheel_speed: ratio of wheel speed to true forward velocity, such as 0.99 for a wheel
-                that slips.
+            wheel_speed: ratio of the rim speed, which is used as the forward velocity, to the true
+                forward velocity, such as 0.99 for a wheel that slips.
         """
         forward = wheel_speed * self.speed * np.cos(self.truth)
         return root_mean_square(-np.arctan(self.sideways / forward[:, None]) - self.truth[:, None])
@@ -83,7 +83,7 @@ def root_mean_square(values: FloatArray) -> float:
 
 
 def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
-    """Return the configuration of a camera at a wheel's contact, along the wheel's axis.
+    """Return the configuration of a camera at the contact of a wheel, parallel to the wheel's axis.
 
     Args:
         name: name of the camera.
@@ -99,7 +99,7 @@ def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
 
 
 class RollingWheel:
-    """A wheel with a camera along its axis of rotation, over one ground."""
+    """A wheel on one ground, with a line camera parallel to the axis of rotation."""
 
     def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
         """Place the camera over the ground.
@@ -123,7 +123,7 @@ class RollingWheel:
         batches: int,
         generator: np.random.Generator,
     ) -> Angles:
-        """Return measurements at all angles from random positions, with the true forward velocity.
+        """Return the angles measured with the true forward velocity from random positions.
 
         Args:
             speed: speed of the wheel over ground [m/s].
@@ -156,7 +156,7 @@ Case = tuple[str, str]  # ground, sensor
 
 
 class Options(line_options.TextureOptions):
-    """Grounds, their resolution, random positions and seed."""
+    """Options of the study ``sideslip``: grounds, random positions, sensors and seed."""
 
     ground: tuple[str, ...] = line_options.grounds_option("cork", "asphalt")
     runs: int = line_options.runs_option(2, " for every angle, measured for 40 ms each")
@@ -168,7 +168,7 @@ class Options(line_options.TextureOptions):
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Roll at every angle and speed; write figure, data and metrics."""
+    """Simulate the wheel at every angle and speed; write figure, data and metrics."""
     grounds = line_options.grounds_of(options, study.experiments)
     cameras = {name: _camera(study.experiments, name) for name in options.sensors}
     trials: dict[Case, list[Angles]] = {}
@@ -227,7 +227,7 @@ def draw_sideslip(
 
     Args:
         trials: trials for each ground and sensor, by increasing speed.
-        fastest: speed at 60 % overlap by sensor [m/s].
+        fastest: speed at 60 % overlap of consecutive lines [m/s], keyed by sensor.
         slipping: ratio of wheel speed to forward velocity of a wheel that slips, such as 0.99.
         speed: speed at which errors are drawn as a function of the angle [m/s].
     """

@@ -44,7 +44,7 @@ _WHEEL_LINES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (4, 1.5, 1, 1.5)), (0, 
 
 @dataclasses.dataclass(frozen=True)
 class SpinTranslate:
-    """The maneuver: reference pose and velocity in closed form.
+    """Reference motion: constant velocity along x, sinusoidal velocity along y, constant yaw rate.
 
     Attributes:
         speed: constant velocity along x of the world [m/s].
@@ -59,13 +59,13 @@ class SpinTranslate:
     yaw_rate: float
 
     def pose(self, time: FloatArray) -> FloatArray:
-        """Return x, y [m] and yaw [rad] in the world frame at T times [s], shape (T, 3)."""
+        """Return the reference x, y [m] and yaw [rad] in the world at T times [s], shape (T, 3)."""
         wave = 2.0 * math.pi / self.period
         y = self.amplitude / wave * (1.0 - np.cos(wave * time))
         return np.column_stack((self.speed * time, y, self.yaw_rate * time))
 
     def twist(self, time: FloatArray, yaw: FloatArray) -> FloatArray:
-        """Return the twist in the axes of a body [m/s, m/s, rad/s], shape (T, 3).
+        """Return the reference twist in the axes of a body [m/s, m/s, rad/s], shape (T, 3).
 
         Args:
             time: times [s], shape (T,).
@@ -94,7 +94,7 @@ class Tracking:
 
     @property
     def position_error(self) -> FloatArray:
-        """Distance from the reference [m], shape (T,)."""
+        """Distance of `base_link` from the reference position [m], shape (T,)."""
         offset = self.history.pose - self.reference
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]), dtype=np.float64)
 
@@ -112,7 +112,7 @@ class Tracking:
 def track(
     configuration: VehicleConfiguration, maneuver: SpinTranslate, duration: float
 ) -> Tracking:
-    """Simulate the maneuver, commanded by inverse kinematics, and record the motion.
+    """Simulate the maneuver with wheel speeds from inverse kinematics; return motion and reference.
 
     Args:
         configuration: the vehicle.
@@ -150,7 +150,7 @@ def track(
 
 
 class Options(Configuration):
-    """The maneuver."""
+    """Options of the study ``spin_translate``: the maneuver."""
 
     speed: float = parameter(1.0, unit="m/s", minimum=-5.0, maximum=5.0)
     """constant velocity along x of the world"""
@@ -201,7 +201,7 @@ def _metrics(name: str, tracking: Tracking) -> dict[str, Metric]:
 
 
 def two_sensor_errors(tracking: Tracking, apart: float = 0.4) -> dict[str, float]:
-    """Return the errors of the end of the path by dead reckoning with two area sensors [m].
+    """Return the errors of the final position from dead reckoning with two area sensors [m].
 
     Args:
         tracking: the motion; each sensor measures its path along its own axes in every period.

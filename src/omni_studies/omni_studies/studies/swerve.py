@@ -1,4 +1,4 @@
-"""Why a vehicle rotates on locked wheels, and the sliding manifold on which it does not.
+"""Forces that rotate a vehicle on locked wheels, and the sliding manifold without rotation.
 
 A simulated vehicle slides straight ahead on locked wheels, first with its load in the middle and
 then with its load at the configured position. The study draws the wheel forces. It also draws the
@@ -37,7 +37,7 @@ _TITLES = {
 
 
 class Options(Configuration):
-    """Vehicle and speed."""
+    """Options of the study ``swerve``: vehicle, speed and weighting."""
 
     vehicle: str = parameter("mecanum_forklift")
     """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""
@@ -85,7 +85,7 @@ class LockedWheels:
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Lock the wheels, draw the forces and the manifold."""
+    """Simulate locked wheels; draw the forces and the manifold."""
     loaded = study.experiments.vehicle(options.vehicle)
     cases = {"even": _with_load_in_the_middle(loaded), "uneven": loaded}
     wheels = {case: locked(vehicle, options.speed) for case, vehicle in cases.items()}

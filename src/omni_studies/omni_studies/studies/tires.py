@@ -31,7 +31,7 @@ _TIRES = (_TABLE_1, "linear", "magic_formula")
 
 
 class Options(Configuration):
-    """The tires and the vehicle."""
+    """Options of the study ``tires``: tires, vehicle and slope."""
 
     tire: tuple[str, ...] = parameter(_TIRES)
     """a file of config/tires/, or a path that ends in .yaml"""
@@ -231,7 +231,7 @@ _PERIOD = SimulationConfiguration.control_period  # period of the drive's comman
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the largest relative change of a stopping distance with half the physics step [1].
+    """Return how much halving the physics step changes a stopping distance at most [1].
 
     Args:
         vehicle: the vehicle.
@@ -269,7 +269,10 @@ def slope_creep(
 
 
 def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return the largest displacement [m] in a minute, 6 s after braking from `speed` [m/s]."""
+    """Return the largest displacement of a vehicle [m] in the minute after it has come to rest.
+
+    The minute begins 6 s after the start of braking from `speed` [m/s].
+    """
     twists = [(*(speed * direction), 0.3) for direction in _DIRECTIONS]
     stops = [trials.Trial("stop", twist=twist, pedal=1.0) for twist in twists]
     return max(trials.movement(vehicle, stop, 6.0)[1] for stop in stops)
@@ -278,12 +281,12 @@ def creep_after_stop(vehicle: VehicleConfiguration, speed: float = 4.0) -> float
 def zero_crossing(
     vehicle: VehicleConfiguration, direction: FloatArray, speed: float = 0.5
 ) -> FloatArray:
-    """Return the speed of a vehicle while its commanded speed decreases linearly through zero.
+    """Return the speed of a vehicle while the commanded speed decreases linearly through zero.
 
     Args:
         vehicle: the vehicle.
         direction: direction of the body twist, a unit vector [1], shape (3,).
-        speed: initial commanded speed [m/s or rad/s]; the command reaches its negative after 2 s.
+        speed: initial commanded speed [m/s or rad/s]; after 2 s, the command reaches ``-speed``.
 
     Returns:
         Speed along `direction` at the control stamps [m/s or rad/s], shape (201,).
@@ -301,10 +304,11 @@ def zero_crossing(
 
 
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
-    """Return the largest change of acceleration from one period to the next near zero [1].
+    """Return the largest change of acceleration while the speed passes through zero [1].
 
-    The change is relative to the commanded acceleration, within one second around the change of
-    sign, in any direction. If the speed stayed at zero for some time, the change would be about 1.
+    The change is that from one control period to the next, divided by the commanded acceleration.
+    It is the largest one in any direction, within one second around the change of sign. If the
+    speed stayed at zero for some time, the change would be about 1.
     """
     worst = []
     for direction in _DIRECTIONS:

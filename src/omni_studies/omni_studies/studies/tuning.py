@@ -1,7 +1,8 @@
-"""Trade-off between rotation and distance, with recommended settings for a vehicle.
+"""Trade-off between rotation and stopping distance, and recommended settings for a vehicle.
 
 Each combination of weighting, k and dwell time is run with the vehicle's own brakes and with slower
-brakes. It is evaluated by its worst result in several situations (`omni_studies.tuning.trials`).
+brakes. A combination is evaluated by the worst result in several situations
+(`omni_studies.tuning.trials`).
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _QUANTITIES = (
 
 
 class Options(CampaignOptions, LoopOptions):
-    """Settings to try, and limits for the recommendation."""
+    """Options of the study ``tuning``: settings to try, and limits for the recommendation."""
 
     vehicle: str | None = parameter(None)
     """a file of config/vehicles/, or a path that ends in .yaml (default: the experiment's)"""
@@ -167,7 +168,7 @@ def trade_off(
     """Draw the worst rotation versus the worst distance, one panel per brake lag.
 
     Args:
-        trials: trials of all settings and lags.
+        trials: trials of all settings and brake lags.
         unassisted: trials without the assistant, one per lag, in the order of the panels.
         choice: recommended trial; None if there is none.
         limits: limits on rotation [deg] and distance [m]; None for no limit.
@@ -211,13 +212,14 @@ def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
 
 
 class Cost(NamedTuple):
-    """Effect of brake lag and dwell time.
+    """Effect of brake lag and dwell time on the results that settings can reach.
 
     Attributes:
         lag: lag of the brakes.
         dwell_time: minimum dwell time of the valves [s].
-        rotation: smallest rotation of all settings [deg].
-        distance: distance at half the unassisted rotation [m]; NaN if no setting halves it.
+        rotation: smallest worst-case rotation of all settings [deg].
+        distance: stopping distance at half the rotation of the unassisted stop [m]; NaN if no
+            setting halves this rotation.
     """
 
     lag: BrakeLag

@@ -84,7 +84,7 @@ _DIFFERENCES = {
 
 
 class Options(Configuration):
-    """Number of wheel angles and of timed runs, and seed."""
+    """Options of the study ``wheels``: number of wheel angles and of timed runs, and seed."""
 
     starts: int = parameter(16, minimum=2, maximum=1000)
     """number of initial wheel angles to average over"""
@@ -107,7 +107,7 @@ OPTIONS = {"mujoco": _Mujoco}
 
 
 class Difference(NamedTuple):
-    """Relative differences between individual rollers and a single roller.
+    """Relative differences between individual rollers and the single-roller wheel model.
 
     Attributes:
         vehicle: name of the vehicle.
@@ -125,15 +125,15 @@ class Difference(NamedTuple):
 
 
 Outcomes = Mapping[tuple[str, str, str, int], trials.Outcome]
-"""Outcomes, by vehicle, trial, wheel model and number of rollers."""
+"""Outcomes of the trials, keyed by vehicle, trial, wheel model and number of rollers."""
 
 
 Stops = Mapping[tuple[str, str, str], RunHistory]
-"""Stops, by case, variant and engine."""
+"""Time histories of the stops, keyed by case, variant and engine."""
 
 
 def run(options: Options, study: StudyRun) -> StudyResult:
-    """Compare the wheels and write figures, data and metrics."""
+    """Compare the wheel models; write figures, data and metrics."""
     vehicles = {
         name: study.experiments.load("straight_line", "unassisted", [f"vehicle={vehicle}"]).vehicle
         for name, vehicle in _PLATFORMS.items()

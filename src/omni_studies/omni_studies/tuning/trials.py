@@ -77,7 +77,7 @@ class BrakeLag:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trial:
-    """Results of one setting in S situations.
+    """Results of one setting with one brake lag in S situations.
 
     Attributes:
         setting: setting of the trial.
@@ -143,7 +143,7 @@ def _with_grip(part: Part, grip: float) -> Part:
 def configured(
     base: ExperimentConfiguration, setting: Setting, lag: BrakeLag
 ) -> ExperimentConfiguration:
-    """Return an experiment with a setting and a lag of the brakes."""
+    """Return a copy of an experiment with the given setting of the assistant and brake lag."""
     changes: dict[str, Any] = {"enabled": setting.weighting != OFF.weighting}
     if changes["enabled"]:
         changes |= {
@@ -160,7 +160,7 @@ def configured(
 
 
 class Numbers(NamedTuple):
-    """Result of one setting in one situation.
+    """Result of one run: one setting with one brake lag in one situation.
 
     Attributes:
         seed: number of the run; situations vary fastest, then settings, then lags.
@@ -177,7 +177,7 @@ class Numbers(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trials:
-    """Every setting with every lag in every situation.
+    """Runs of every setting with every brake lag in every situation.
 
     Attributes:
         bases: configurations of the situations, with the velocity sensor.
@@ -191,12 +191,12 @@ class Trials:
 
     @property
     def pairs(self) -> list[tuple[Setting, BrakeLag]]:
-        """Pairs of setting and lag: all settings for the first lag, then for the next lag."""
+        """Pairs of setting and brake lag: all settings for the first lag, then for the next lag."""
         return [(setting, lag) for lag in self.lags for setting in self.settings]
 
     @property
     def count(self) -> int:
-        """Number of runs."""
+        """Number of all runs: situations times settings times brake lags."""
         return len(self.bases) * len(self.settings) * len(self.lags)
 
     @property
@@ -206,7 +206,7 @@ class Trials:
         return digest(self.bases, pairs)
 
     def run(self, number: int) -> Numbers:
-        """Run the experiment with this number."""
+        """Run the combination of situation, setting and lag with this number."""
         pair, situation = divmod(number, len(self.bases))
         run = run_fast_loop(configured(self.bases[situation], *self.pairs[pair]))
         enable = run.enable[max((run.brake_start or 0) - 1, 0) :]
@@ -216,7 +216,7 @@ class Trials:
         return Numbers(number, run.orientation_change, run.stopping_distance, switchings)
 
     def collected(self, rows: Sequence[Numbers]) -> tuple[Trial, ...]:
-        """Return the trials from the results of all runs, in the order of `pairs`."""
+        """Return a trial for each of the `pairs`, from the results of all runs."""
         table = np.array([row[1:] for row in rows]).reshape(-1, len(self.bases), 3)
         return tuple(
             Trial(*pair, *numbers.T) for pair, numbers in zip(self.pairs, table, strict=True)

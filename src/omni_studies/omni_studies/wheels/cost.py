@@ -28,11 +28,11 @@ def processor_times(
     """Return the CPU time of simulating each vehicle, which drives along a curve and then brakes.
 
     Args:
-        configurations: the vehicles by name.
+        configurations: the vehicles, keyed by name.
         repeats: number of runs.
 
     Returns:
-        CPU time of each run by vehicle [s], shape (repeats,), in the order of the runs.
+        CPU time of each run [s], shape (repeats,), in the order of the runs; keyed by vehicle.
     """
     times: dict[str, list[float]] = {name: [] for name in configurations}
     for _ in range(repeats):

@@ -1,4 +1,4 @@
-"""Trials that compare two wheel models.
+"""Trials that compare wheel models by forces and motions of a vehicle.
 
 The forces of individual rollers depend on the wheel angle. Every trial is therefore repeated from
 several random initial angles, and the means of forces and motions are compared.
@@ -67,7 +67,8 @@ class Outcome:
             shape (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N],
             shape (S, 2).
-        force_scale: mean magnitude of the wheels' force, or of the push if this is larger [N].
+        force_scale: mean magnitude of the sum of the wheel forces, or of the push if this is larger
+            [N].
     """
 
     time: FloatArray
@@ -159,13 +160,13 @@ def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
 
 
 def motion_difference(one: Outcome, other: Outcome) -> float:
-    """Return the difference of the mean final positions, relative to the path length [1]."""
+    """Return the distance between the mean final positions, relative to the path length [1]."""
     a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
 def force_difference(one: Outcome, other: Outcome) -> float:
-    """Return the difference of the mean forces, relative to `force_scale` of `other` [1]."""
+    """Return the size of the difference of the mean forces, divided by `other.force_scale` [1]."""
     difference = one.force.mean(axis=0) - other.force.mean(axis=0)
     return float(np.linalg.norm(difference) / other.force_scale)
 
@@ -181,7 +182,10 @@ def stopping_distance(
     physics_step: float,
     wheel_angle: FloatArray | float = 0.0,
 ) -> float:
-    """Return the distance between start and end of a trial [m]; arguments as in `start`."""
+    """Return the distance between the first and last position in a trial [m].
+
+    The arguments are those of `start`.
+    """
     vehicle = start(configuration, trial, wheel_angle, physics_step)
     return float(np.linalg.norm(advance(vehicle, trial, trial.duration)[-1, :2]))
 
@@ -192,7 +196,7 @@ def movement(
     settling: float,
     wheel_angle: FloatArray | float = 0.0,
 ) -> tuple[float, float]:
-    """Return how far a vehicle moves with its brakes on.
+    """Return how far a vehicle moves before and after it comes to rest with the brakes on.
 
     Args:
         configuration: the vehicle.
@@ -213,7 +217,9 @@ def movement(
 def force_trace(
     configuration: VehicleConfiguration, wheel: int, turns: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a wheel's force at 1 m/s against a push of a fifth of the vehicle's weight.
+    """Return the force of a wheel while the vehicle moves at 1 m/s against a constant push.
+
+    The push points backward and equals a fifth of the vehicle's weight.
 
     Args:
         configuration: the vehicle.

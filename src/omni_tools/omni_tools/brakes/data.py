@@ -15,7 +15,7 @@ TWIST_TOPICS = {topic.name: topic for topic in _TWISTS}
 
 
 class BrakeDataError(configuration.InputError):
-    """The recordings do not determine the brakes; the message states what is missing."""
+    """The recordings do not determine torque and timing of the brakes; the message states why."""
 
 
 class BrakeData(NamedTuple):
@@ -39,11 +39,11 @@ class BrakeData(NamedTuple):
 def read_brake_data(
     folder: Path, wheel_names: tuple[str, ...], brake: brakes.BrakeConfiguration, twist_topic: str
 ) -> BrakeData:
-    """Read a recorded stop.
+    """Return the data of a recorded stop.
 
     Args:
         folder: rosbag2 folder or single MCAP file with `wheel_states`, `brake/pedal` and a twist;
-            also `brake/enable`, unless the stop was made without an assistant.
+            it also contains `brake/enable`, unless the stop was made without an assistant.
         wheel_names: wheel names of the vehicle, in the order of the columns.
         brake: configuration of the brakes, which gives the resolution of the valves.
         twist_topic: one of `TWIST_TOPICS`.

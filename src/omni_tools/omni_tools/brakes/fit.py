@@ -1,4 +1,4 @@
-"""Fit of the brakes' torque, dead time and lag to recorded stops, without a tire model.
+"""Fit of torque, dead time and lag of the brakes to recorded stops, without a tire model.
 
 While a wheel turns under its brake, its speed ``omega`` gives the tire force. With the inertia
 ``I`` of the wheel, the torque ``T`` of its brake and the lever ``g = R cos(gamma)`` (radius R,
@@ -15,7 +15,7 @@ closed form. The tire force of a locked or reversing wheel is unknown, so the eq
 projected onto the directions that such wheels cannot affect. The fit needs masses and the inertia
 of the wheels, but neither wheel loads nor tires. The rolling radius of each wheel is estimated
 before the pedal is pressed. It depends on the wheel load, which changes during braking. The
-standard errors of the torques therefore include the scatter of the wheels' radii.
+standard errors of the torques therefore include the differences between the radii of the wheels.
 
 The equations of consecutive intervals in which the same wheels turn are summed. The error of a
 measured speed then occurs in one row instead of in two rows with opposite signs.
@@ -46,17 +46,17 @@ _SHORTEST = 1e-4  # lower limit on the time constant [s]
 
 
 class BrakeFit(NamedTuple):
-    """Brakes fitted to recorded stops.
+    """Torque, dead time and time constant of brakes, fitted to recorded stops.
 
     Attributes:
-        values: torque with the pedal fully down [N m], dead time [s], time constant [s]; shape
-            (3,).
+        values: torque with the pedal fully down [N m], dead time [s], time constant of the lag [s];
+            shape (3,).
         standard_errors: standard errors of `values` [N m, s, s], NaN for a time at a bound of the
             search, shape (3,).
         wheel_torque: torque of each brake with the fitted times [N m], shape (N,).
         wheel_error: standard errors of `wheel_torque` [N m], NaN if not determined, shape (N,).
         residual: root mean square difference between fitted and measured changes of speed [m/s].
-        intervals: number of intervals in which a wheel turned under its brake.
+        intervals: number of intervals in which a braked wheel turned.
         stops: equations of each recording, for the figure.
     """
 
@@ -70,17 +70,18 @@ class BrakeFit(NamedTuple):
 
 
 class StopEquations(NamedTuple):
-    """Equations of one stop, divided by the vehicle's mass; K intervals, N wheels.
+    """Momentum equations of one stop, divided by the vehicle's mass; K intervals, N wheels.
 
     Attributes:
         data: data of the stop.
         time: middle of each interval [s], shape (K,).
         step: length of each interval [s], shape (K,).
-        lever_error: relative error of the mean lever arm of the brake forces [1].
-        segment: number of the time span to which the interval belongs; in a span, the same wheels
-            turn, shape (K,).
-        change: projected impulse of the brakes [m/s], shape (K, 3).
-        per_torque: impulse per torque of each brake [m/s per N m], shape (K, 3, N).
+        lever_error: relative standard error of the mean lever arm of the brake forces [1].
+        segment: number of the time span to which the interval belongs, shape (K,). Within a span,
+            the same wheels turn.
+        change: measured impulse of the brakes, projected onto the directions that locked wheels
+            cannot affect [m/s], shape (K, 3).
+        per_torque: projected impulse per torque of each brake [m/s per N m], shape (K, 3, N).
     """
 
     data: BrakeData
@@ -104,8 +105,9 @@ def fit_brakes(
     Args:
         stops: recorded stops.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
-        fewest: minimum number of intervals in which a wheel turns under its brake.
-        largest_residual: limit on the ratio of the residual to the effect of the brakes [1].
+        fewest: required number of intervals in which a braked wheel turns.
+        largest_residual: limit on the ratio of the residual to the changes of speed that the brakes
+            cause [1].
         largest_error: limit on the ratio of the torque's standard error to the torque [1].
 
     Raises:
@@ -352,7 +354,7 @@ def _wheel_torques(
 
 
 def brake_figure(fit: BrakeFit, names: list[str], title: str) -> Figure:
-    """Draw the measured and fitted changes of speed, and the response of one brake.
+    """Draw the measured and the fitted changes of speed, and the response of one brake.
 
     Args:
         fit: fit of the stops.

@@ -1,8 +1,8 @@
 """Campaigns of many runs on all cores or on a cluster; they can be resumed, divided and merged.
 
-A study with many runs defines a function of a seed (or of the number of a case). The function makes
-one run and returns a row: a NamedTuple whose first field is ``seed`` and whose other fields are
-int, float or str. `run_campaign` does the rest::
+A study with many runs defines a function whose argument is a seed (or the number of a case). The
+function makes one run and returns a row: a NamedTuple whose first field is ``seed`` and whose other
+fields are int, float or str. `run_campaign` does the rest::
 
     class Row(NamedTuple):
         seed: int
@@ -60,7 +60,7 @@ class CampaignError(configuration.WorkError):
 
 
 class CampaignOptions(Configuration):
-    """Options of a study with many runs."""
+    """Command-line options of a study with many runs."""
 
     workers: int | None = parameter(None, minimum=1, maximum=1024)
     """processes on this machine (default: one per core); with 1 the runs stay in this process"""
@@ -74,7 +74,7 @@ class CampaignOptions(Configuration):
     """also read the finished runs of another part from its folder"""
 
     def check_consistency(self) -> None:
-        """Check that no options contradict each other.
+        """Check that the options do not contradict each other.
 
         Raises:
             ConfigurationError: options contradict each other; the message names them.
@@ -108,7 +108,7 @@ class CampaignOptions(Configuration):
 
 
 def digest(*parts: Any) -> str:
-    """Return a fingerprint of configurations and other JSON values on which the runs depend."""
+    """Return a digest of configurations and other JSON values that determine the runs."""
     text = json.dumps(parts, default=to_mapping)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -122,13 +122,13 @@ def run_campaign(
     fingerprint: str,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> list[Row]:
-    """Run the missing seeds of a campaign.
+    """Run the seeds of a campaign that have no result yet, and return all results.
 
     Args:
-        work: function that makes one run; sent to the workers.
+        work: function that makes one run; the worker processes receive it.
         seeds: seeds of the whole campaign.
         row: type of a run's result, a NamedTuple whose first field is ``seed``.
-        options: options that select the part of the campaign, the workers and earlier results.
+        options: options that select the seeds to run, the workers, and earlier results to keep.
         path: path of the table of all runs, a CSV file.
         fingerprint: digest of all settings that determine the runs, except the seeds.
         report: called with the completed share (0 to 1) and a text.
@@ -227,11 +227,11 @@ class _Chunks:
 
 
 def connected(scheduler: str, timeout: float = 10.0) -> Any:
-    """Return a `distributed.Client` that is connected to a cluster, as a context manager.
+    """Return a context manager that yields a `distributed.Client` connected to a cluster.
 
     Args:
         scheduler: address of the scheduler.
-        timeout: limit on the time to wait for an answer [s].
+        timeout: limit on the time to wait for an answer of the scheduler [s].
 
     Raises:
         ConfigurationError: no scheduler answers at the address.
@@ -315,7 +315,7 @@ class ResultTable(Generic[Row]):
         self.save()
 
     def take(self, path: Path) -> None:
-        """Add the runs from another table of the same campaign.
+        """Add the runs in another table of the same campaign to this table.
 
         Raises:
             ConfigurationError: the table does not exist, or belongs to another campaign.

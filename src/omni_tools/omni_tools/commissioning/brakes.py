@@ -1,4 +1,4 @@
-"""Tests of the brakes in a commissioning run: exchanged brakes, brakes without effect, dead time.
+"""Tests for exchanged brakes, brakes without effect and a wrong dead time in a commissioning run.
 
 The torque of each brake is estimated from slip and deceleration of its wheel. The estimate is
 compared with the demand that the brake should follow.
@@ -25,12 +25,16 @@ class Tolerances(NamedTuple):
     """Test conditions, and tolerances within which the brakes count as correct.
 
     Attributes:
-        latest: limit on the delay of a brake's response after its described dead time [s].
-        response: minimum ratio of the mean slip force of a braked wheel to the largest one [1].
+        latest: limit on the delay of a brake's response beyond the dead time in the vehicle's file
+            [s].
+        response: minimum ratio of the mean slip force of a braked wheel to that of the wheel with
+            the largest force [1].
         braked: minimum integral of the demand while a wheel moves, for a test of its brake [s].
-        share: minimum mean demand that is also sufficient for this test [1].
-        gain: minimum increase in the summed correlations at which brakes count as exchanged [1].
-        delay: limit on the difference between measured and described dead time [s].
+        share: minimum mean demand, which also suffices for a test of a brake [1].
+        gain: minimum increase of the sum of correlations at which two brakes count as exchanged
+            [1].
+        delay: limit on the difference between the measured dead time and that in the vehicle's file
+            [s].
         slowest: minimum speed of a wheel for a defined slip, as a share of the top speed [1].
     """
 
@@ -58,7 +62,7 @@ class Response(NamedTuple):
         moving: whether the rolling speed of each wheel is high enough for a defined slip, shape (T,
             N).
         braking: whether the driver brakes, shape (T, 1).
-        near: whether a row is close to the start of a stop, shape (T,).
+        near: whether a row is close in time to the start of a stop, shape (T,).
         period: time between two rows [s].
         radius: radius of each wheel [m], shape (N,).
         limit: maximum torque that the ground can transmit to each wheel [N m], shape (N,).
@@ -78,27 +82,31 @@ class Response(NamedTuple):
     brake: BrakeConfiguration
 
     def exchanged(self, i: int, j: int) -> "Response":
-        """Return this response with the demands of brakes i and j exchanged."""
+        """Return a copy of this response in which the demands of brakes i and j are exchanged."""
         demand = self.demand.copy()
         demand[:, [i, j]] = demand[:, [j, i]]
         return self._replace(demand=demand)
 
     def action(self) -> FloatArray:
-        """Return the torque of each brake for its demand [N m], shape (T, N).
+        """Return the torque that each brake exerts at its demand [N m], shape (T, N).
 
         The rolling speed limits the torque, because the measured speed depends on the slip.
         """
         return self.brake.limited(self.demand * self.brake.max_torque, self.rolling)
 
     def measured(self) -> FloatArray:
-        """Return the torque of each wheel that depends on its own brake alone [N m], shape (T, N).
+        """Return the part of each wheel's torque that only the wheel's own brake affects [N m].
 
-        A velocity drive overcomes the inertia of its wheel, so it determines only the slip.
+        A velocity drive overcomes the inertia of the wheel, so the drive determines only the slip.
+
+        Returns:
+            Torques, shape (T, N).
+
         """
         return self.slip if self.brake.kind == VELOCITY else self.torque
 
     def predicted(self) -> FloatArray:
-        """Return the prediction of `measured` for the demands [N m], shape (T, N)."""
+        """Return the torques that `measured` should give for the demands [N m], shape (T, N)."""
         return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
 
     def _slip_of_command(self) -> FloatArray:
@@ -122,7 +130,7 @@ def response_of(
     motions: Motions,
     vehicle: VehicleConfiguration,
 ) -> Response:
-    """Return the response of the wheels, on tires whose force is proportional to the slip.
+    """Return the response of the wheels, for tires whose force is proportional to the slip.
 
     A steeper model of the tires would turn small errors of the twist into large forces.
     """
@@ -209,13 +217,13 @@ def exchanged(response: Response) -> tuple[int, int] | None:
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:
-    """Return the indices of the brakes whose exchange could not be detected from the stops."""
+    """Return the pairs of indices of brakes whose exchange the stops could not reveal."""
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
     return [pair for pair in pairs if exchanged(response.exchanged(*pair)) != pair]
 
 
 def idle(response: Response) -> int | None:
-    """Return the index of a brake that does not act; None if all act or the demands are small."""
+    """Return the index of a brake that does not act; None if all act or demands are too small."""
     demand = np.where(response.moving, response.demand, 0.0)
     braked, longest = (
         response.period * np.sum(values, axis=0)

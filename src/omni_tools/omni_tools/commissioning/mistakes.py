@@ -1,10 +1,11 @@
-"""Errors in the description of a vehicle, found by hypothesis tests on a commissioning run.
+"""Errors in a vehicle's file, found by hypothesis tests on a commissioning run.
 
-In this run, the vehicle moves forward, to the left and counter-clockwise, each by a known distance
-or angle. Eq. (32) predicts the angle by which each wheel turns in each motion. Each hypothesis
-changes one item of the description. The hypothesis whose prediction fits the measured wheel angles
-best identifies the error. Twist sensor, gyro and accelerometer are compared with the known motions
-directly, and the brakes with the enables that they should follow.
+In this run, the vehicle moves forward by a known distance, to the left by a known distance, and
+counter-clockwise by a known angle. Eq. (32) predicts the angle by which each wheel turns in each
+motion. Each hypothesis changes one value of the description in the vehicle's file. The hypothesis
+whose prediction fits the measured wheel angles best identifies the error. Twist sensor, gyro and
+accelerometer are compared with the known motions directly, and the brakes with the enables that
+they should follow.
 """
 
 import dataclasses
@@ -24,10 +25,11 @@ from omni_tools.commissioning.signals import Motions, Signals, unchecked
 
 
 class Tolerances(NamedTuple):
-    """Tolerances of the tests, within which a description counts as correct.
+    """Tolerances of the tests, within which the description of a vehicle counts as correct.
 
     Attributes:
-        misfit: limit on the error of a wheel's angles, relative to the predicted angles [1].
+        misfit: limit on the difference between measured and predicted angles of a wheel, relative
+            to the predicted angles [1].
         heading: limit on the error of a twist sensor's mounting angle [rad].
         scale: limit on the relative error of the scale of twist sensor and gyro [1].
         offset: limit on the error of a twist sensor's position [m].
@@ -45,13 +47,13 @@ _ALLOWED = Tolerances()
 
 
 class Mistake(NamedTuple):
-    """An error in the description, and its remedy.
+    """An error in the description of a vehicle, and the remedy.
 
     Attributes:
-        name: name of the error, with the wheel or the sensor.
+        name: name of the error and of the wheel or sensor concerned.
         remedy: advice on what to change in the description.
-        wheels: corrected wheels, if the error is in the wheels.
-        dead_time: corrected dead time of the brakes [s], if the error is in the dead time.
+        wheels: corrected wheels if the error concerns wheels.
+        dead_time: corrected dead time of the brakes [s] if the error concerns the dead time.
     """
 
     name: str
@@ -69,14 +71,14 @@ def find_mistakes(
     angle: float,
     vehicle: VehicleConfiguration,
 ) -> list[Mistake]:
-    """Return the errors in the description that are found in a commissioning run.
+    """Return the errors in a vehicle's description that a commissioning run reveals.
 
     Args:
         wheels: wheels as described in the vehicle's file.
         signals: signals of the run.
         motions: motions of the run.
-        distance: distance of the motions forward and to the left [m].
-        angle: angle of the motion counter-clockwise [rad].
+        distance: distance of the forward motion and of the motion to the left [m].
+        angle: angle of the counter-clockwise rotation [rad].
         vehicle: brakes, inertia and loads of the wheels as described in the vehicle's file.
     """
     known = np.diag([distance, distance, angle])
@@ -265,7 +267,7 @@ def undistinguished_brakes(
     *,
     vehicle: VehicleConfiguration,
 ) -> list[tuple[str, str]]:
-    """Return the pairs of brakes whose exchange could not be detected from the stops of a run.
+    """Return the names of each two brakes whose exchange the stops of a run could not reveal.
 
     Args:
         wheels: wheels as described in the vehicle's file.

@@ -18,7 +18,7 @@ from omni_recording.folder import open_vehicle
 
 MOTIONS = ("forward", "left", "counter-clockwise")
 TOPICS = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, topics.IMU)
-"""Topics of the recording; wheel speeds and pedal are required."""
+"""Topics that are read from a recording; wheel speeds and pedal are required."""
 
 _WHEELS, _PEDAL, _ENABLE, _TWIST, _IMU = (topic.name for topic in TOPICS)
 
@@ -55,14 +55,15 @@ class Signals(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Quantities measured in the three motions, N wheels.
+    """Quantities measured in the three motions of a commissioning run, with N wheels.
 
     Attributes:
         angle: angle by which each wheel turned [rad], shape (3, N).
         twist: integral of the measured twist [m, m, rad], shape (3, 3).
         gyro: integral of the gyro's yaw rate [rad], shape (3,).
         force: specific force along x and y at the start of each motion [m/s^2], shape (3, 2).
-        stop: rows of all stops, from the start of the fourth motion to the last time at rest.
+        stop: range of the rows with all stops, from the start of the fourth motion to the last time
+            at rest.
     """
 
     angle: quantities.FloatArray
@@ -73,7 +74,7 @@ class Motions(NamedTuple):
 
 
 def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
-    """Read the signals of a recording.
+    """Return the signals in a recording of a commissioning run.
 
     Args:
         recording: rosbag2 folder.
@@ -89,12 +90,12 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 def signals_of(
     streams: Mapping[str, Stream], wheels: Sequence[str], period: float = 0.01
 ) -> Signals:
-    """Return the signals of a commissioning run.
+    """Return the signals of a commissioning run, sampled at equally spaced times.
 
     Wheel speeds are interpolated; all other signals hold their newest value.
 
     Args:
-        streams: messages by name of the topic, at least those of wheels and pedal.
+        streams: messages keyed by topic name, including at least those of wheels and pedal.
         wheels: names of the vehicle's wheels, in the order of the columns.
         period: period of the rows [s].
 
@@ -169,7 +170,7 @@ def signals_of(
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
-    """Return topics without values in a motion or in all stops, with the unchecked parts."""
+    """Return the parts that could not be checked, keyed by the topic that lacks values."""
     nothing = np.zeros(0)
     needs = {
         _TWIST: (motions.twist, drive.twist, "twist sensor and brakes"),
@@ -184,7 +185,7 @@ def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:
 
 
 def motions_of(drive: Signals) -> Motions:
-    """Find the three motions and the stops.
+    """Return what was measured in the three motions and the stops of a run.
 
     Raises:
         ConfigurationError: the run does not contain three motions without the pedal and then a

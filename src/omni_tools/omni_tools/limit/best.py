@@ -1,13 +1,13 @@
-"""Shortest known stop, by optimal control with full knowledge of the vehicle.
+"""Shortest known stop: optimal control with full knowledge of the vehicle.
 
 The problem is transcribed into one nonlinear program, which IPOPT solves. The unknowns are the
 brake torques, which are constant over an interval, and pose, twist and wheel speeds at the points
 of a two-stage Radau rule. Wheel spin, slip and load transfer are modeled as in the simulator, but
 with smooth functions. The tire's curve is a sine of an arctangent with the same slope, peak and
-sliding force; the slip is the sliding velocity divided by ``sqrt(u^2 + smooth_speed^2)``, with the
-rim speed ``u`` and `Transcription.smooth_speed`; loads and tires have no lag. The stop ends at
-`Transcription.end_speed`, and the remaining distance is computed with the mean deceleration of the
-stop.
+sliding force. The slip is the sliding velocity divided by ``sqrt(u^2 + smooth_speed^2)``, with the
+rim speed ``u`` and `Transcription.smooth_speed`. Wheel loads and tire forces have no lag. The stop
+ends at `Transcription.end_speed`, and the remaining distance is computed with the mean deceleration
+of the stop.
 
 A local optimum does not prove that no shorter stop exists. `bounds` computes a certified lower
 bound; the true minimum is between the two.
@@ -64,7 +64,7 @@ class _Tire(NamedTuple):
             (3,).
         peak_slip: coefficients of the slip at the peak [1], a polynomial of the load [N], highest
             power first, shape (2,).
-        shape: the constants B, C and E [1].
+        shape: the constants B, C and E of the formula [1].
     """
 
     peak: FloatArray
@@ -73,7 +73,7 @@ class _Tire(NamedTuple):
 
 
 def load_casadi() -> Any:
-    """Import CasADi, which set-up does not install by default.
+    """Return the module of CasADi, a library that set-up does not install by default.
 
     Raises:
         ConfigurationError: CasADi is missing; the message explains how to install it.
@@ -89,16 +89,18 @@ def load_casadi() -> Any:
 
 
 class Transcription(NamedTuple):
-    """Parameters of the nonlinear program of a stop.
+    """Parameters of the nonlinear program that describes a stop.
 
     Attributes:
         intervals: number of intervals.
         end_speed: speed at which a stop ends [m/s].
         smooth_speed: minimum denominator of the slip, which makes the slip a smooth function [m/s].
         rise_time: time in which a brake rises from zero to full torque [s].
-        released: rim speed below which the brake torque may have either sign [m/s].
+        released: rim speed below which the optimizer may choose a brake torque of either sign
+            [m/s].
         least_load: lower limit on the load of a wheel [N].
-        smoothing: weight of torque changes in the objective, which makes the solution unique.
+        smoothing: weight of torque changes in the objective; a positive weight makes the solution
+            unique.
     """
 
     intervals: int = 50
@@ -120,7 +122,7 @@ class OptimalStop:
         vehicle: vehicle that brakes.
         friction: friction factor of the ground [1].
         maneuver: motion at the start of braking; the pedal is fully down.
-        program: nonlinear program of the stop.
+        program: parameters of the nonlinear program.
     """
 
     def __init__(
@@ -144,12 +146,12 @@ class OptimalStop:
         self._transcribe()
 
     def plan(self, rotation: float, guess: RunHistory) -> Plan:
-        """Return the shortest stop that is found within a limit on the rotation.
+        """Return the shortest stop that the optimizer finds within a limit on the rotation.
 
         Args:
             rotation: limit on the change of heading [deg].
-            guess: stop of any law from the same motion, the initial value of the first plan; later
-                plans start from the previous plan.
+            guess: stop of any law that begins with the same motion. It is the initial value of the
+                first plan; later plans start from the previous plan.
         """
         opti, solved = self._opti, False
         opti.set_value(self._allowed, math.radians(rotation))

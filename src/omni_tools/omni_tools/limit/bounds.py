@@ -1,4 +1,4 @@
-"""Lower bound of the stopping distance, integrated along the path, with patches and brake lag.
+"""Lower bound of the stopping distance on ground with patches and for brakes with lag.
 
 The brake torque is limited by pedal ramp, dead time and lag, and this limit increases with time.
 Friction depends on the positions of the wheels. The shortest distance therefore results from the
@@ -30,7 +30,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.limit.forces import Case, Deceleration, LimitVehicle
 
 EDGE_MARGIN = 0.02
-"""Distance from an edge of a patch within which the higher friction is used [m]."""
+"""Distance from the edge of a patch within which the higher of both frictions is used [m]."""
 
 KEPT = math.radians(0.5)
 """Allowed deviation of the heading and of the direction of motion [rad]."""
@@ -66,7 +66,8 @@ class Bound(NamedTuple):
 
     Attributes:
         distance: the bound [m], NaN if there is none.
-        gap: largest relative difference between the bound and a stop with feasible forces [1].
+        gap: limit on the relative difference between the bound and the distance of a stop with
+            feasible forces [1].
         tolerance: length by which a run may be shorter than the bound because of neglected effects
             [m]: lag of the loads, elastic deflection of the tires at rest, and deviations of
             heading and direction up to `KEPT`.
@@ -80,7 +81,7 @@ class Bound(NamedTuple):
 
 
 def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
-    """Return the motion at the time when the scripted driver presses the pedal."""
+    """Return the motion at the time at which the scripted driver presses the pedal."""
     driver = ScriptedDriver(configuration)
     pose, twist = driver.start_pose, driver.start_twist
     time, rate = configuration.brake_time, float(twist[2])
@@ -97,7 +98,7 @@ def maneuver_of(configuration: ManeuverConfiguration) -> Maneuver:
 def straight_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the lower bound for stops that keep heading and line.
+    """Return the lower bound of the distance of stops that keep heading and line of motion.
 
     Args:
         vehicle: the vehicle.
@@ -139,7 +140,10 @@ def straight_bound(
 def any_heading_bound(
     vehicle: VehicleConfiguration, ground: GroundConfiguration, maneuver: Maneuver
 ) -> Bound:
-    """Return the lower bound for the center of gravity in any stop; see `straight_bound`."""
+    """Return the lower bound of the path length of the center of gravity in any stop.
+
+    The arguments are those of `straight_bound`.
+    """
     if reason := _left_out(vehicle, ground):
         return Bound(math.nan, reason=reason)
     cases = _AnyHeading(vehicle, ground, maneuver)
@@ -367,7 +371,7 @@ def _largest_friction(friction: FrictionMap, center: FloatArray, radius: float) 
 def limit_share(
     history: RunHistory, configuration: experiment.ExperimentConfiguration, distance: float
 ) -> metrics.Metric:
-    """Return the bound of the stopping distance divided by the distance of a run [1].
+    """Return the lower bound of the stopping distance, divided by the distance of a run [1].
 
     The bound is valid for stops that keep heading and line of motion. It is computed for the same
     velocity without the yaw rate, and for the largest position of the pedal during the run.

@@ -39,14 +39,15 @@ _FORCE_ERROR = 1e-3
 _STANDING = 1e-9
 
 PLANE, BALANCE, SUM = range(3)
-"""Load models: load plane; balance of weight and moments; balance of weight alone."""
+"""Load models: loads in a plane; balance of weight and moments; balance of weight alone."""
 
 
 class Deceleration(NamedTuple):
-    """Largest deceleration along a direction.
+    """Largest deceleration of a vehicle along a direction, and the forces that cause it.
 
     Attributes:
-        bound: upper bound for all forces, from the dual program [m/s^2].
+        bound: upper bound of the deceleration for all admissible forces, from the dual program
+            [m/s^2].
         feasible: deceleration with feasible forces [m/s^2].
         force: feasible forces [N], shape (N,).
         load: wheel loads under these forces [N], shape (N,).
@@ -63,10 +64,12 @@ class Case(NamedTuple):
 
     Attributes:
         friction: friction factor of the ground under each wheel [1], shape (N,).
-        straight: whether yaw moment, lateral force and driving force must be zero.
+        straight: whether the forces together must have no yaw moment and no lateral component, and
+            no wheel may drive the vehicle.
         torque: limit on the torque of every brake [N m].
         lag: share of the acceleration that does not yet affect the loads [1].
-        standing: whether locked wheels that the motion does not drive may exert a force.
+        standing: whether a wheel may exert a force while locked if the vehicle does not move along
+            the wheel's active direction.
     """
 
     friction: FloatArray
@@ -84,9 +87,10 @@ class LimitVehicle:
         position: position of the wheels in the body frame [m], shape (N, 2).
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
-        torque_force: maximum wheel force per commanded brake torque [1/m], shape (N,).
+        torque_force: limit on the force of each wheel per commanded brake torque [1/m], shape (N,).
         grip: ratio of the friction of each wheel to that of the ground [1], shape (N,).
-        strongest_peak: largest peak force of the tire at any load, on ground of friction 1 [N].
+        strongest_peak: largest peak force of the tire at any load on ground with the friction
+            factor 1 [N].
     """
 
     def __init__(self, vehicle: configuration.VehicleConfiguration) -> None:
@@ -116,7 +120,7 @@ class LimitVehicle:
         self.strongest_peak = float(self._offset[-1])
 
     def peak(self, load: FloatArray) -> FloatArray:
-        """Return the largest tire force ``P`` [N] at loads [N] on ground of friction 1."""
+        """Return the peak tire force ``P`` [N] at loads [N] on ground with friction factor 1."""
         clamped = np.clip(load, 0.0, self._tire.largest_load)
         constants = self._tire.kernel_parameters
         return np.array([curve_at(constants, float(one), 1.0).peak_force for one in clamped])
@@ -152,7 +156,7 @@ class LimitVehicle:
         return -(1.0 - lag) * self.masses.height / self._weight * directions
 
     def strongest(self, direction: FloatArray, case: Case) -> Deceleration | None:
-        """Return the largest deceleration along a direction; None if the forces allow none.
+        """Return the largest deceleration along a direction; None if no admissible forces exist.
 
         Args:
             direction: direction of motion in the body frame, unit vector, shape (2,).
@@ -230,7 +234,7 @@ class LimitVehicle:
         return float(np.linalg.norm(np.linalg.solve(stiffness, force)))
 
     def any_load_bound(self, friction: FloatArray) -> float:
-        """Return an upper bound of the deceleration for any load distribution [m/s^2]."""
+        """Return an upper bound of the deceleration for all possible load distributions [m/s^2]."""
         mean = float(np.max(friction)) * self.peak(np.array([self._weight / len(self.active)]))
         return float(len(self.active) * mean[0] / self.masses.mass) + loads.GRAVITY * self._loss
 

@@ -1,4 +1,4 @@
-"""Pareto front of stopping distance and rotation, for the shortest known stops and the laws."""
+"""Pareto front of stopping distance and rotation: shortest known stops, and stops of the laws."""
 
 import math
 from collections.abc import Callable
@@ -31,7 +31,7 @@ IDEAL = (
         for name in ("linear_noise", "yaw_rate_noise", "offset_x", "offset_y", "yaw_rate_offset")
     ),
 )
-"""Overrides that make the velocity sensor ideal."""
+"""Overrides of an experiment that make the velocity sensor ideal."""
 
 _LAWS = {
     "unassisted": ("brake_assist.enabled=false",),
@@ -48,7 +48,7 @@ Load = Callable[[tuple[str, ...]], ExperimentConfiguration]
 
 
 def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
-    """Return the shortest known stops and the stops of the laws, by name.
+    """Return the shortest known stops and the stops of all laws, keyed by name.
 
     Args:
         load: function that composes the experiment from overrides of the law, with ideal sensors.
@@ -78,7 +78,7 @@ def front(load: Load, maneuver: Maneuver) -> dict[str, Stop]:
 
 
 def draw_front(name: str, stops: dict[str, Stop], bound: float) -> Figure:
-    """Draw distance against rotation.
+    """Draw stopping distance versus rotation of all stops, with the lower bound.
 
     Args:
         name: name of the experiment or the vehicle.

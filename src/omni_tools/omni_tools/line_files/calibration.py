@@ -40,11 +40,11 @@ _PRIOR = (0.33, 0.33, 0.3)  # standard deviations of the configured c, in units 
 
 
 class Drive(NamedTuple):
-    """Measurements of one camera and of the reference during a recording, by batch.
+    """Measurements of one camera and of the reference for m batches of a recording.
 
     Attributes:
         time: middle of each batch [s], shape (m,).
-        pixels: displacement [px/s], shape (m,).
+        pixels: velocity measured by the camera [px/s], shape (m,).
         twist: twist of the reference v_x, v_y [m/s] and yaw rate [rad/s], shape (m, 3).
         line_rate: line rate from the stamps [1/s].
         line_rate_error: standard error of the line rate [1/s].
@@ -58,14 +58,14 @@ class Drive(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """One calibrated camera.
+    """Result of the calibration of one camera.
 
     Attributes:
         nominal: camera as configured.
         sensor: camera after calibration.
-        error: standard errors of `QUANTITIES` [m, rad, m, 1/s].
+        error: standard errors of the `QUANTITIES` [m, rad, m, 1/s], shape (4,).
         mirrored: whether the direction of the lines is opposite to the configured axis.
-        unseen: descriptions of the quantities that the recordings do not determine.
+        unseen: descriptions of those quantities that the recordings do not determine.
         drives: measurements of the recordings that contain this camera.
         residual: residuals of the velocity along the axis [m/s], an array of shape (m,) for each
             recording.
@@ -134,7 +134,7 @@ def _line_rate(batches: Sequence[signals.LineBatch]) -> tuple[float, float]:
 def calibrate(
     nominal: sensors.LineSensor, drives: Sequence[Drive], fewest: int = 12, seen_below: float = 0.1
 ) -> Calibration:
-    """Fit one camera to its recordings.
+    """Return the calibration of one camera, fitted to its recordings.
 
     Args:
         nominal: camera as configured.
@@ -274,7 +274,7 @@ def draw_residuals(calibrations: Mapping[str, Calibration], title: str) -> Figur
     """Draw the residuals of each camera's velocity with configured and calibrated values.
 
     Args:
-        calibrations: calibrations by camera.
+        calibrations: calibrations, keyed by camera name.
         title: title of the figure.
     """
     size = (12.0, 1.0 + 2.3 * len(calibrations))

@@ -18,7 +18,7 @@ from omni_platform.sensors import LineSensor
 
 
 class Kymograph(NamedTuple):
-    """Lines of one camera with the estimates of the odometry.
+    """Lines of one camera over time, and the odometry's estimates from these lines.
 
     Attributes:
         sensor: the camera.
@@ -28,7 +28,7 @@ class Kymograph(NamedTuple):
             the lines do not match.
         correlation: correlation of each pair of lines at its displacement [1], shape (m - 1,).
         ends: time of the newest line of each batch [s], shape (b,).
-        readings: estimate of each batch.
+        readings: odometry's estimate of each batch, length b.
     """
 
     sensor: LineSensor
@@ -48,7 +48,7 @@ class Kymograph(NamedTuple):
 def match_lines(
     sensor: LineSensor, batches: Sequence[signals.LineBatch], configuration: OdometryConfiguration
 ) -> Kymograph:
-    """Match the lines in consecutive batches of one camera.
+    """Return the lines of one camera and their displacements in consecutive batches.
 
     Args:
         sensor: the camera.
@@ -78,7 +78,7 @@ def draw_kymographs(kymographs: Mapping[str, Kymograph], title: str, most: int =
     """Draw a row for each camera: lines over time, displacements and correlations.
 
     Args:
-        kymographs: lines and estimates by camera.
+        kymographs: lines and estimates, keyed by camera name.
         title: title of the figure.
         most: limit on the number of lines in a picture.
     """

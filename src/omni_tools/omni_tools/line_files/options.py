@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class FileOptions(Configuration):
-    """Layout of the lines in pictures and in raw bytes."""
+    """Command-line options for the layout of lines in pictures and in raw bytes."""
 
     rows: str = parameter("")
     """rows of each picture to use, such as 240 or 236:244 (default: all)"""
@@ -30,7 +30,7 @@ class FileOptions(Configuration):
 
     @property
     def cut(self) -> Cut:
-        """Selection of the lines in each picture."""
+        """Selection of the rows or columns of each picture that are used as lines."""
         from linescan_odometry.camera.cut import Cut, row_range
 
         return Cut(row_range(self.rows, "--rows"), self.band, self.columns)
@@ -46,12 +46,12 @@ class FileOptions(Configuration):
 def camera_files(
     sources: Sequence[str], known: Collection[str], where: str, key: str = "CAMERA=FILE"
 ) -> dict[str, Path]:
-    """Return the file of each camera from arguments such as ``left=left.npy``.
+    """Return each camera's file, keyed by camera name, from texts such as ``left=left.npy``.
 
     Args:
         sources: arguments of the command line.
         known: names of the cameras.
-        where: source of the camera names, for error messages.
+        where: text that states where the camera names are defined, for error messages.
         key: key of the option, for error messages.
 
     Raises:

@@ -54,11 +54,11 @@ class View:
         return self.length / self.pixels
 
     def overlap(self, speed: float, angle: float) -> float:
-        """Return the share of a frame's area that the next frame covers too, 0 to 1.
+        """Return the share of a line's area on the ground that the next line also covers, 0 to 1.
 
         Args:
             speed: speed of the camera [m/s].
-            angle: angle of its motion from its axis [rad].
+            angle: angle between the direction of motion and the camera's axis [rad].
         """
         step = speed / self.line_rate
         along = 1.0 - abs(step * math.cos(angle)) / self.length
@@ -67,7 +67,7 @@ class View:
 
     @classmethod
     def of(cls, sensor: LineSensor) -> View:
-        """Return the view of a mounted camera."""
+        """Return the field of view and line rate of a mounted camera."""
         return cls(sensor.pixels, sensor.length, sensor.width, sensor.line_rate)
 
     def mounted(self, x: float = 0.0, y: float = 0.0, heading_deg: float = 0.0) -> LineSensor:
@@ -77,10 +77,10 @@ class View:
 
 @functools.lru_cache(maxsize=3)
 def ground(kind: str, texels: int = 4096, seed: int = 1) -> GroundTexture:
-    """Return a ground from the user's cache.
+    """Return the texture of a ground from the user's cache; it is rendered if necessary.
 
     Args:
-        kind: kind of `omni_sim.texture.texture.KINDS`.
+        kind: one of `omni_sim.texture.texture.KINDS`.
         texels: number of texels per period of 0.2 m.
         seed: seed of the pattern.
     """
@@ -107,21 +107,21 @@ def poses_at(elapsed: FloatArray, start: FloatArray, twist: FloatArray) -> Float
 
 
 class Rig:
-    """Line cameras over one ground.
+    """Simulated line cameras over one ground.
 
     Attributes:
-        sensors: the cameras' mounting and view, by name.
-        array: the cameras; it counts the lines of each camera, because the noise depends on the
-            count.
+        sensors: mounting and field of view of each camera, keyed by name.
+        array: simulated cameras; this object counts the lines of each camera, because the noise
+            depends on the count.
     """
 
     def __init__(
         self, sensors: Mapping[str, LineSensor], texture: GroundTexture, noise: float, seed: int
     ) -> None:
-        """Place the cameras.
+        """Place the cameras over the ground.
 
         Args:
-            sensors: the cameras by name.
+            sensors: mounting and field of view of each camera, keyed by name.
             texture: the ground.
             noise: standard deviation [gray levels of 8 bit].
             seed: seed of the camera noise.
@@ -136,12 +136,12 @@ class Rig:
     def expose(
         self, start: FloatArray, twist: FloatArray, lines: Mapping[str, IntArray], begin_ns: int = 0
     ) -> dict[str, LineBatch]:
-        """Return a batch of lines from each camera.
+        """Return a batch of lines from each camera, keyed by camera name.
 
         Args:
             start: x, y [m] and yaw [rad] at line 0, shape (3,).
             twist: (v_x, v_y [m/s], yaw rate [rad/s]) in the platform's frame, shape (3,).
-            lines: indices of the lines by camera, shape (m,).
+            lines: indices of the lines to expose, keyed by camera name, shape (m,) each.
             begin_ns: stamp of line 0 [ns].
         """
         elapsed = {name: own / self.sensors[name].line_rate for name, own in lines.items()}

@@ -28,18 +28,18 @@ ERROR_COLUMNS = ("mean_error_px", "rmse_px", "rmse_mm", "rmse_percent_of_speed")
 
 
 def within_95(ratio: FloatArray) -> BoolArray:
-    """Return whether each ratio of error to stated standard deviation is in the 95 % interval."""
+    """Return whether each ratio of error to stated standard deviation is within +-1.96."""
     return np.abs(ratio) <= 1.96
 
 
 def undetected(
     ratio: FloatArray, error: FloatArray, least: float = 0.05, deviations: float = 4.0
 ) -> BoolArray:
-    """Return whether each velocity error is larger than its stated standard deviation explains.
+    """Return whether each velocity error is undetected: larger than the stated deviation explains.
 
     Args:
         ratio: ratio of error to stated standard deviation [1], NaN if unmeasured, shape (m,).
-        error: error [m/s], shape (m,).
+        error: error of the velocity [m/s], shape (m,).
         least: minimum error that counts as undetected [m/s].
         deviations: limit on the ratio that the stated standard deviation explains [1].
     """
@@ -49,7 +49,7 @@ def undetected(
 def error_values(
     pixel_error: FloatArray, error: FloatArray, pitch: float, line_rate: float, speed: float
 ) -> tuple[float, float, float, float]:
-    """Return the mean error as defined in the dissertation, and the RMS error in three units.
+    """Return the mean error that the dissertation defines, and the RMS error in three units.
 
     Args:
         pixel_error: pixel error in whole pixels, Eq. (84) [px], shape (m,).
@@ -68,10 +68,10 @@ def error_values(
 
 
 class Matches(NamedTuple):
-    """Matches of pairs of lines.
+    """True and measured displacements of m pairs of consecutive lines.
 
     Attributes:
-        truth: displacement along the axis [px], shape (m,).
+        truth: true displacement along the axis [px], shape (m,).
         shift: integer shift with the smallest distance measure [px], shape (m,).
         displacement: refined shift [px], shape (m,).
         variance: variance computed by the refinement [px^2], infinite if it failed, shape (m,).
@@ -86,12 +86,12 @@ class Matches(NamedTuple):
 
     @property
     def pixel_error(self) -> FloatArray:
-        """Measured minus true displacement, both in whole pixels, Eq. (84) [px]."""
+        """Measured minus true displacement, both rounded to whole pixels, Eq. (84) [px]."""
         return _whole_error(self.shift, self.truth)
 
     @property
     def right(self) -> BoolArray:
-        """Whether each pair matches within a pixel; an error of one pixel counts as noise."""
+        """Whether the error of each pair is at most one pixel, which counts as noise."""
         return np.abs(self.pixel_error) <= 1.0
 
     @property
@@ -115,17 +115,17 @@ class Matches(NamedTuple):
         return float(np.mean(self.usable & ~self.right))
 
     def median_error(self, group: int) -> FloatArray:
-        """Return the error of each median of consecutive shifts, in whole pixels (section 4.6).
+        """Return the error of the median of each group of consecutive shifts [px] (section 4.6).
 
         Args:
-            group: number n of shifts per median; an incomplete group at the end is omitted.
+            group: number n of shifts in a group; an incomplete group at the end is omitted.
         """
         count = len(self.shift) // group * group
         shift, truth = (v[:count].reshape(-1, group) for v in (self.shift, self.truth))
         return _whole_error(np.median(shift, axis=1), np.mean(truth, axis=1))
 
     def right_medians(self, group: int) -> float:
-        """Return the share of medians whose `median_error` is at most a pixel."""
+        """Return the share of medians whose `median_error` is at most one pixel, 0 to 1."""
         return float(np.mean(np.abs(self.median_error(group)) <= 1.0))
 
     def error_values(self, view: View, speed: float) -> tuple[float, float, float, float]:
@@ -164,7 +164,7 @@ class Motion(NamedTuple):
 
     @property
     def overlap(self) -> float:
-        """Share of a frame's area that the next frame covers too, 0 to 1."""
+        """Share of a line's area on the ground that the next line also covers, 0 to 1."""
         return self.view.overlap(self.speed, self.angle)
 
 
@@ -177,12 +177,12 @@ def measure(
     metric: str = "pearson",
     runs: int = 1,
 ) -> list[Matches]:
-    """Return the matches of consecutive lines of each motion.
+    """Render consecutive lines for each motion; return their true and measured displacements.
 
     Args:
-        motions: motions to measure; shifts of up to half the pixels are searched.
+        motions: motions of the camera; the search covers shifts of up to half the pixels.
         texture: the ground.
-        pairs: number of consecutive lines from each position.
+        pairs: number of consecutive line pairs from each position.
         noise: standard deviation [gray levels].
         seed: seed of positions and noise.
         metric: similarity metric of the search.
@@ -210,7 +210,7 @@ def path(
     generator: np.random.Generator,
     axis: float = 0.0,
 ) -> FloatArray:
-    """Return x, y [m], yaw [rad] of consecutive lines from a random start, shape (lines, 3).
+    """Return the camera's x, y [m], yaw [rad] at each line from a random start, shape (lines, 3).
 
     Args:
         view: field of view of the camera.
@@ -226,11 +226,12 @@ def path(
 
 
 def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") -> Matches:
-    """Match each line with the previous one; shifts of up to half the pixels are searched.
+    """Measure the displacement of each line from the previous one, at most half the pixels.
 
     Args:
         view: field of view of the camera.
-        poses: x, y [m] and yaw [rad] of the lines, all with the same axis, shape (m + 1, 3).
+        poses: x, y [m] and yaw [rad] of the camera at each line, with constant yaw, shape (m + 1,
+            3).
         lines: gray values of the lines, shape (m + 1, pixels).
         metric: similarity metric of the search.
     """
@@ -258,11 +259,11 @@ def cramer_rao_bound(
     noise: float,
     step: float = 0.02,
 ) -> FloatArray:
-    """Return the smallest variance of unbiased displacements between pairs of lines [px^2].
+    """Return the smallest variance that an unbiased estimate of each displacement can have [px^2].
 
-    Both lines are noisy and the ground is unknown, so the bound is twice that of a known ground:
-    ``2 s^2 / sum(g^2)`` with the gradient g of the noise-free line over the overlap. Quantization
-    adds 1/12 to the variance s^2 of the noise.
+    Both lines are noisy and the ground is unknown, so the bound is twice that for a known ground:
+    ``2 s^2 / sum(g^2)``, where g is the gradient of the noise-free line and the sum covers the
+    overlap. Quantization adds 1/12 to the variance s^2 of the noise.
 
     Args:
         view: field of view of the camera.
@@ -282,7 +283,7 @@ def cramer_rao_bound(
 
 
 class TwistTrial(NamedTuple):
-    """Estimates of the odometry in a uniform motion, one per batch.
+    """Estimates of the odometry in a uniform motion, one estimate for each batch.
 
     Attributes:
         twist: twist of the platform (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).
@@ -319,7 +320,7 @@ def drive(
     batches: int,
     generator: np.random.Generator,
 ) -> TwistTrial:
-    """Estimate a constant twist with the odometry, from a random position and heading.
+    """Return the odometry's estimates of a constant twist from a random position and heading.
 
     Args:
         configuration: configuration of the odometry, with its line cameras.

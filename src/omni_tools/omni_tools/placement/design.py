@@ -1,4 +1,4 @@
-"""Comparison of the best, the given and the common placements of cameras under a vehicle.
+"""Comparison of the best placement of cameras under a vehicle with given and common ones.
 
 `design_task` makes the task from command-line options. `drive_mix` measures the error of a
 placement on rendered lines.
@@ -36,11 +36,11 @@ Report = Callable[[float, str], None]
 
 
 class PlacementTrial(NamedTuple):
-    """Twist errors of a placement on rendered lines.
+    """Errors of the twist that a placement of cameras measures on rendered lines.
 
     Attributes:
-        error: estimated minus true twist of each batch [m/s, m/s, rad/s], shape (b, 3), one array
-            for each motion of the mix.
+        error: estimated minus true twist of each of b batches [m/s, m/s, rad/s], an array of shape
+            (b, 3) for each motion of the mix.
         share: share of time of each motion [1], shape (M,).
         unmeasured: share of the batches without a twist, 0 to 1.
     """
@@ -56,10 +56,10 @@ class PlacementTrial(NamedTuple):
         return np.asarray(np.sqrt(self.share @ squared))
 
     def mean_error(self, gyration: float) -> float:
-        """Return the RMS error over the platform's points and the mix [m/s].
+        """Return the RMS velocity error over all points of the platform and all motions [m/s].
 
         Args:
-            gyration: RMS distance of the points from base_link [m].
+            gyration: RMS distance of the platform's points from base_link [m].
         """
         return float(np.linalg.norm(self.deviation * (1.0, 1.0, gyration)))
 
@@ -73,12 +73,12 @@ def drive_mix(
     seed: int,
     report: Callable[[float], None] = lambda _share: None,
 ) -> PlacementTrial:
-    """Simulate a placement over a ground and estimate its twist from the rendered lines.
+    """Simulate a placement over a ground; return the errors of the twist from the rendered lines.
 
     Each batch begins at a random position on the ground, in one of several random orientations.
 
     Args:
-        sensors: the placement, not singular.
+        sensors: cameras of a placement that is not singular.
         mix: mix of motions.
         texture: the ground.
         noise: standard deviation [gray levels of 8 bit].
@@ -118,10 +118,10 @@ class DesignTask:
         texture: ground on which the cameras are tested.
         noise: noise of the cameras, standard deviation [gray levels of 8 bit].
         count: number of cameras.
-        mix: mix of motions for the mean error.
+        mix: mix of motions over which the mean error is computed.
         speed: speed of base_link in all motions of the mix [m/s].
         redundant: whether to minimize the error after the failure of the most important camera.
-        given: further placements to evaluate, by name.
+        given: further placements to evaluate, keyed by name.
         seed: seed of the search and the trials.
         batches: number of line batches for each direction or motion in each orientation.
     """
@@ -142,11 +142,11 @@ class Design(NamedTuple):
     """Result of a search for a placement.
 
     Attributes:
-        trial: measured error of one camera.
-        criterion: criterion of the search.
+        trial: measured errors of one camera, and the error model fitted to them.
+        criterion: criterion that the search minimized.
         found: result of the search.
-        placements: the best placement, the given ones, the one with the smallest condition number,
-            and the common ones.
+        placements: the best placement, the given placements, the placement with the smallest
+            condition number, and common placements.
     """
 
     trial: SensorTrial
@@ -160,7 +160,7 @@ class Design(NamedTuple):
         return self.placements[0]
 
     def placement(self, name: str) -> criteria.EvaluatedPlacement:
-        """Return a placement by its name."""
+        """Return the placement with this name."""
         return next(entry for entry in self.placements if entry.name == name)
 
 
@@ -168,7 +168,7 @@ def design(task: DesignTask, report: Report) -> Design:
     """Measure a camera's error, search for the best placement, and evaluate other placements.
 
     Args:
-        task: the task.
+        task: requirements of the placement.
         report: called with the completed share (0 to 1) and a text.
 
     Raises:
@@ -207,7 +207,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
 
 def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, PlacementTrial]:
-    """Return the errors of non-singular placements by name, measured on rendered lines."""
+    """Return the errors of all non-singular placements on rendered lines, keyed by name."""
     regular = [placement for placement in result.placements if not placement.singular]
     trials = {}
     for index, placement in enumerate(regular):
@@ -224,14 +224,17 @@ def confirm(task: DesignTask, result: Design, report: Report) -> dict[str, Place
 def design_speed(
     speed: float | None, yaw_rate: float, area: mounting_area.MountingArea, usual: float = 10.0
 ) -> float:
-    """Return the design speed [m/s]: the given one, or the usual one if the cameras can measure it.
+    """Return the speed for which cameras are placed [m/s].
+
+    Without a given speed, it is the usual speed, or the highest measurable one if this is lower.
+
 
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].
         area: mounting area, which determines the camera type and the largest distance of a camera
             from the center.
-        usual: usual speed [m/s].
+        usual: speed if none is given [m/s].
 
     Raises:
         ConfigurationError: at this speed, consecutive lines overlap by less than 60 % in sideways
@@ -255,7 +258,7 @@ def design_speed(
 
 
 def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
-    """Return the field of view that all cameras of a file share.
+    """Return the field of view and line rate that all cameras of a file have in common.
 
     Args:
         name: name of the file.

@@ -55,12 +55,15 @@ class MotionMix(NamedTuple):
 
     @classmethod
     def of(cls, speed: float, yaw_rate: float, weights: Sequence[float]) -> MotionMix:
-        """Return a mix of straight and sideways, and of mirrored diagonal and turning motion.
+        """Return a mix of straight, sideways, diagonal and turning motion.
+
+        Diagonal and turning motion are listed in both mirror images.
+
 
         Args:
             speed: speed of base_link [m/s].
             yaw_rate: yaw rate of the turning motion, which also moves forward [rad/s].
-            weights: weights of the four motions [1], not all 0.
+            weights: relative share of time of each of the four motions [1], not all 0.
         """
         slant = speed * math.sqrt(0.5)
         rows = (
@@ -76,11 +79,11 @@ class MotionMix(NamedTuple):
 
 
 class MeanError(NamedTuple):
-    """Evaluates placements by their mean twist error.
+    """Criterion that evaluates placements by their mean twist error E.
 
     Attributes:
         view: field of view of each camera.
-        error: error model of each camera.
+        error: error model of every camera.
         mix: mix of motions.
         gyration: g, RMS distance of the platform's points from base_link [m].
     """
@@ -91,7 +94,7 @@ class MeanError(NamedTuple):
     gyration: float
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of the information matrix of a camera at each pose.
+        """Return the distinct elements of the information matrix of a camera at each pose.
 
         Args:
             poses: x, y [m] and heading [rad] of the axis, shape (..., 3).
@@ -109,7 +112,7 @@ class MeanError(NamedTuple):
         return weight[..., None] * _elements(a_x, a_y, lever)
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return E [m/s] for sums of `information`, shape (..., M, 6) to (...)."""
+        """Return E [m/s], shape (...), from sums of `information`, shape (..., M, 6)."""
         return np.sqrt(total_variance(information) @ self.mix.share)
 
     def mean_error(self, poses: FloatArray) -> float:
@@ -147,21 +150,22 @@ class MeanError(NamedTuple):
 
 
 class ConditionNumber:
-    """Evaluates placements by the condition number of the sensor matrix, for comparison.
+    """Criterion that evaluates placements by the condition number of the sensor matrix.
 
-    This number combines components with different units. It is small if the uncertainties are
-    equal, even if all are large. A wide platform has a large condition number.
+    The condition number is used only for comparison, because it combines components with different
+    units. It is small if the uncertainties of all components are equal, even if all are large. A
+    wide platform has a large condition number.
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of ``a^T a`` for each pose, shape (..., 3) to (..., 1, 6)."""
+        """Return the elements of ``a^T a`` for poses of shape (..., 3), shape (..., 1, 6)."""
         x, y, heading = (poses[..., i] for i in range(3))
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x
         return _elements(a_x, a_y, lever)[..., None, :]
 
     def value(self, information: FloatArray) -> FloatArray:
-        """Return the condition numbers for sums of `information`, shape (..., 1, 6) to (...)."""
+        """Return condition numbers, shape (...), from summed `information` of shape (..., 1, 6)."""
         eigenvalues = np.linalg.eigvalsh(information[..., 0, _FULL])
         smallest, largest = eigenvalues[..., 0], eigenvalues[..., 2]
         singular = smallest <= _SINGULAR * largest
@@ -188,7 +192,7 @@ def _elements(a_x: FloatArray, a_y: FloatArray, lever: FloatArray) -> FloatArray
 
 
 def total_variance(information: FloatArray) -> FloatArray:
-    """Return the trace of the inverse of matrices, given their elements; infinite if singular.
+    """Return the trace of the inverse of symmetric matrices; infinite for a singular matrix.
 
     Args:
         information: elements (xx, xy, xw, yy, yw, ww) of each matrix, shape (..., 6).
@@ -212,13 +216,16 @@ def poses_of(sensors: Mapping[str, LineSensor]) -> FloatArray:
 
 
 def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
-    """Return E after the failure of each camera [m/s], shape (N,)."""
+    """Return the mean twist error E after the failure of each camera [m/s], shape (N,)."""
     own = criterion.information(poses)
     return criterion.value(own.sum(axis=0) - own)
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
-    """Return two measures of how far a placement is from a singular one, for which either is 0.
+    """Return two measures of how far a placement is from singular ones.
+
+    For a singular placement, at least one of both is 0.
+
 
     Returns:
         Spread angle of the axes [deg], at most 45; its squared sine is the smaller eigenvalue of
@@ -234,22 +241,23 @@ def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
 
 
 class EvaluatedPlacement(NamedTuple):
-    """A placement and its errors.
+    """A placement of cameras and the errors of the twist that it measures.
 
     Attributes:
         name: name of the placement.
-        sensors: cameras by name.
+        sensors: cameras, keyed by name.
         mean_error: mean twist error E [m/s]; infinite if the placement is singular.
-        deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], RMS over the
-            mix of motions, shape (3,).
-        by_motion: E of each motion [m/s].
-        without: E after the failure of each camera [m/s], shape (N,); infinite if the placement of
-            the other cameras is singular.
+        deviation: standard deviations of v_x, v_y [m/s] and yaw rate [rad/s], as RMS over the mix
+            of motions, shape (3,).
+        by_motion: twist error of each motion of the mix [m/s], shape (M,).
+        without: mean twist error E after the failure of each camera [m/s], shape (N,); infinite if
+            the placement of the remaining cameras is singular.
         condition: condition number of the sensor matrix in SI units [1].
         spread_deg: spread angle of the axes, see `closeness` [deg].
         lever: effective lever arm for the yaw rate [m].
-        singular: reason why the odometry rejects the placement; empty if it does not.
-        mounting: reason why the cameras cannot be mounted on the chassis; empty if they can.
+        singular: reason why the odometry rejects the placement; empty for an accepted placement.
+        mounting: reason why the cameras cannot be mounted on the chassis; empty without such a
+            reason.
     """
 
     name: str
@@ -266,7 +274,7 @@ class EvaluatedPlacement(NamedTuple):
 
     @property
     def worst_without(self) -> float:
-        """Largest E after the failure of one camera [m/s]; infinite with three cameras."""
+        """Largest mean twist error after the failure of one camera [m/s]; infinite if N = 3."""
         return float(np.max(self.without))
 
     @property
@@ -282,7 +290,7 @@ def evaluate(
 
     Args:
         name: name of the placement.
-        sensors: cameras by name, of the criterion's type.
+        sensors: cameras of the criterion's type, keyed by name.
         criterion: criterion that computes the error.
         area: area in which cameras can be mounted.
     """
@@ -308,7 +316,7 @@ def evaluate(
 
 
 def singularity(sensors: Mapping[str, LineSensor]) -> str:
-    """Return the reason why the odometry rejects a placement; empty if it does not."""
+    """Return the reason why the odometry rejects a placement; empty for an accepted placement."""
     try:
         check_placement(sensors, OdometryConfiguration.minimum_lever)
     except ConfigurationError as error:

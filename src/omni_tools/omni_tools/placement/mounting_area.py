@@ -50,7 +50,7 @@ class MountingArea:
         )
 
     def on_chassis(self, poses: FloatArray) -> BoolArray:
-        """Return whether the housings are within the edge of the chassis, at each pose.
+        """Return whether a camera's housing at each pose is inside the chassis, with clearance.
 
         Args:
             poses: x, y [m] and heading [rad], shape (..., 3).
@@ -63,7 +63,7 @@ class MountingArea:
         return np.asarray((extent_x <= limit[0]) & (extent_y <= limit[1]))
 
     def wheel_in_the_way(self, poses: FloatArray) -> NDArray[np.int64]:
-        """Return the index of a wheel that is too close to each housing; -1 if none is."""
+        """Return the index of a wheel that is too close to a camera at each pose, otherwise -1."""
         found = np.full(poses.shape[:-1], -1, np.int64)
         for index, (wheel, half) in enumerate(self._wheels):
             close = _overlap(poses, self._grown(), wheel, half)
@@ -71,7 +71,7 @@ class MountingArea:
         return found
 
     def fits(self, poses: FloatArray) -> BoolArray:
-        """Return whether one camera can be mounted at each pose."""
+        """Return whether a camera can be mounted at each pose, shape (...) of poses (..., 3)."""
         return self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:
@@ -79,12 +79,12 @@ class MountingArea:
 
         Args:
             poses: x, y [m] and heading [rad] of the cameras, shape (..., 3).
-            other: pose of one other camera, shape (3,), or of one for each of `poses`.
+            other: pose of another camera, shape (3,), or a pose for each of `poses`.
         """
         return ~_overlap(poses, self._grown(), other, self.half)
 
     def problem(self, names: tuple[str, ...], poses: FloatArray) -> str:
-        """Return the reason why cameras cannot be mounted at these poses; empty if they can."""
+        """Return the reason why cameras cannot be mounted at these poses; empty if they can be."""
         wheels = tuple(self.scene.wheels)
         for name, pose in zip(names, poses, strict=True):
             if not bool(self.on_chassis(pose)):
@@ -166,7 +166,7 @@ def tangential(radius: float, prototype: LineSensor, count: int = 3) -> dict[str
 
 
 def common_placements(area: MountingArea, count: int, step: float = 0.005) -> dict[str, FloatArray]:
-    """Return camera poses at equal angles on the largest circle on which tangential cameras fit.
+    """Return three common placements on the largest circle on which tangential cameras fit.
 
     Args:
         area: mounting area of the chassis.
@@ -174,8 +174,8 @@ def common_placements(area: MountingArea, count: int, step: float = 0.005) -> di
         step: difference between two radii that are tried [m].
 
     Returns:
-        Poses of ``tangential``, and at the same positions of the singular ``radial`` and
-        ``parallel``.
+        Poses of the placement ``tangential``, and of the singular placements ``radial`` and
+        ``parallel`` with the same positions; shape (count, 3) each.
     """
     radii = np.arange(max(area.reach), step, -step).tolist()
     tried = itertools.product(radii, (0.0, 0.5 * math.pi, math.pi))
@@ -195,7 +195,7 @@ _SECTORS = (
 
 
 def named(poses: FloatArray, view: View, *, rounded: bool = True) -> dict[str, LineSensor]:
-    """Return cameras named by their positions.
+    """Return cameras at the given poses; the name of a camera describes its position.
 
     Headings are between -90 and 90 deg and are reversed if necessary, so that a camera along x
     measures forward motion as positive.

@@ -4,7 +4,7 @@ from omni_platform import command_options, configuration
 
 
 class PlacementOptions(configuration.Configuration):
-    """Chassis, cameras, motions and ground for which line cameras are placed."""
+    """Command-line options: chassis, cameras, motions and ground."""
 
     vehicle: str = configuration.parameter("mecanum_forklift")
     """vehicle: a file of config/vehicles/, a path, or a vehicle's folder"""

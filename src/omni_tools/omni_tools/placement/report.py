@@ -21,13 +21,13 @@ _COLUMN = {
     "axes_spread": "axes_spread",
     "effective_lever": "effective_lever",
 }
-"""Labels of the rows in the table of placements, by metric."""
+"""Label of each row in the table of placements, keyed by metric."""
 
 
 def entries(
     task: design.DesignTask, result: design.Design, driven: Mapping[str, design.PlacementTrial]
 ) -> dict[str, dict[str, Any]]:
-    """Return the metrics of a design by name, as entries of its results document."""
+    """Return the metrics of all placements as entries of the results document, keyed by name."""
     found: dict[str, Metric] = {}
     for name, sensor in result.best.sensors.items():
         found[f"x.{name}"] = Metric(sensor.x, "m")
@@ -73,7 +73,7 @@ def _metrics(
 def column(
     placement: EvaluatedPlacement, trial: design.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
-    """Return a column of the table in millimeters per second."""
+    """Return the errors of one placement in mm/s, for a column of the table."""
     metrics = _metrics(placement, trial, gyration)
     shown = {words: metrics[name] for name, words in _COLUMN.items() if name in metrics}
     if placement.singular:
@@ -86,7 +86,7 @@ def column(
 
 
 def findings(task: design.DesignTask, result: design.Design, conditions: str) -> list[str]:
-    """Return the results as sentences."""
+    """Return sentences that describe the results of the search."""
     best, found, camera = result.best, result.found, result.trial
     fitted = 1e3 * camera.fitted[[0, -1]]
     sentences = [

@@ -1,10 +1,10 @@
 """Search for the placement of line cameras with the smallest mean twist error on a chassis.
 
 The search is an exchange algorithm of optimal experimental design. The Fisher information of a
-placement is the sum of the information of its cameras. For each camera in turn, with the others
-fixed, every position and heading of a coarse grid is tried, until the error no longer decreases.
-The best of several random starts is refined with decreasing steps. Obstacles need no penalty term,
-because positions that do not fit are excluded.
+placement is the sum of the information of its cameras. For each camera in turn, every position and
+heading of a coarse grid is tried while all other cameras are fixed, until the error no longer
+decreases. The best of several random starts is refined with decreasing steps. Obstacles need no
+penalty term, because positions that do not fit are excluded.
 
 Many placements have nearly the same error. Therefore placements that are symmetric about an axis of
 the vehicle, or under a rotation by 180 deg, are also searched. They are preferred unless an
@@ -26,23 +26,24 @@ from omni_tools.placement.error import Criterion
 from omni_tools.placement.mounting_area import MountingArea
 
 LATTICE = np.array([1e-3, 1e-3, math.radians(1.0)])
-"""Step to which x, y [m] and heading [rad] are rounded."""
+"""Steps to multiples of which x, y [m] and heading [rad] are rounded."""
 
 
 class Effort(NamedTuple):
     """Parameters of the search that determine its effort.
 
     Attributes:
-        equal: relative increase of the criterion that is accepted for a symmetric placement [1].
+        equal: relative increase of the criterion that is accepted in favor of a symmetric placement
+            [1].
         across: number of coarse grid positions over the width of the chassis.
         headings: number of headings of the coarse grid within 180 deg.
-        fewer: factor on `across` and `headings` if the failure of each camera is evaluated too,
-            because this takes longer [1].
+        fewer: factor on `across` and `headings` if the failure of each camera is also evaluated,
+            which takes longer [1].
         finest: step of the last refinement [m].
         gain: minimum relative decrease of the criterion that counts as an improvement [1].
         sweeps: limit on the number of sweeps over the cameras.
         starts: number of random initial placements for each symmetry.
-        refined: number of best coarse results that are refined.
+        refined: number of best results on the coarse grid that are refined.
     """
 
     equal: float = 0.01
@@ -109,7 +110,7 @@ def search(
     seed: int = 1,
     report: Callable[[float, str], None] = lambda _share, _words: None,
 ) -> FoundPlacement:
-    """Return the best placement that was found.
+    """Return the placement with the lowest criterion that was found.
 
     Args:
         criterion: criterion to be minimized.

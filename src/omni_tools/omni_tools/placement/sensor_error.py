@@ -41,7 +41,7 @@ _ANGLES = (0.0, 3.0, 10.0, 20.0, 35.0, 50.0, 70.0, 90.0)  # from camera axis to 
 
 
 class SensorError(NamedTuple):
-    """Variance of a camera's mean velocity along its axis over a batch.
+    """Error model of a camera: variance of the mean velocity along its axis over a batch.
 
     Attributes:
         straight: a, variance if the camera moves along its axis [m^2/s^2].
@@ -53,7 +53,7 @@ class SensorError(NamedTuple):
     sideways: float
 
     def variance(self, view: View, along: FloatArray, across: FloatArray) -> FloatArray:
-        """Return the variance of the measured velocity [m^2/s^2]; infinite without overlap.
+        """Return the variance of the measured velocity [m^2/s^2]; infinite if lines do not overlap.
 
         Args:
             view: field of view of the camera.
@@ -70,7 +70,7 @@ class SensorError(NamedTuple):
 
 
 class SensorTrial(NamedTuple):
-    """Errors of one camera type over a ground.
+    """Errors of one camera type over a ground in A motions, and the fitted model.
 
     Attributes:
         error: the fitted model.
@@ -88,7 +88,7 @@ class SensorTrial(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """Typical relative difference between modeled and measured errors [1]."""
+        """Typical relative difference between fitted and measured RMS errors [1]."""
         return math.expm1(float(np.sqrt(np.mean(np.log(self.fitted / self.rms) ** 2))))
 
 
@@ -101,7 +101,7 @@ def measure_sensor_error(
     seed: int,
     spread: float = 0.02,
 ) -> SensorTrial:
-    """Move a camera over a ground in several directions and fit the model to its errors.
+    """Simulate a camera in several directions over a ground, and fit the model to the errors.
 
     Args:
         view: field of view of the camera.

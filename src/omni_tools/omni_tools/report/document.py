@@ -177,7 +177,7 @@ def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]
 def rim_slips(
     vehicle: VehicleConfiguration, history: RunHistory, standstill: float = 0.05
 ) -> FloatArray:
-    """Return the slips of the rims along the active directions: 0 for rolling, 1 for locked.
+    """Return the slip of each wheel along its active direction: 0 if it rolls, 1 if it is locked.
 
     The definition ``(n_w . v_i - omega R (n_w . u_i)) / max(|n_w . v_i|, |omega R (n_w . u_i)|)``
     is Eqs. (20), (22) with a sign, for a wheel with the active direction ``n_w``, the velocity
@@ -202,9 +202,10 @@ def rim_slips(
 
 
 def flat_ground_loads(vehicle: VehicleConfiguration, history: RunHistory) -> FloatArray:
-    """Return the vertical loads that balance weight and inertia in the recorded motion.
+    """Return the vertical wheel loads that balance weight and inertia in the recorded motion.
 
-    The loads follow the acceleration of the center of gravity with the load transfer time.
+    The loads follow the acceleration of the center of gravity with a lag, the vehicle's load
+    transfer time.
 
     Args:
         vehicle: vehicle with the wheels of the history, in any order.
@@ -256,7 +257,7 @@ def report_page(
     Args:
         title: title of the report.
         runs: runs in the order in which they are listed; at least one.
-        seen: figures (PNG) of the camera lines, by caption.
+        seen: figures (PNG) of the camera lines, keyed by caption.
 
     Raises:
         ValueError: there is no run.

@@ -1,4 +1,4 @@
-"""Data of a recording for a report, including values with stamps of their own (`Series`)."""
+"""Data of a recording for a report, including series with other stamps than the history."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _METERS_PER_NEWTON = 1e-4  # scale of the simulator's arrows [m/N]
 
 
 class Series(NamedTuple):
-    """Time series of K values at M stamps.
+    """Time series of K values at M stamps, which differ from those of the run's history.
 
     Attributes:
         stamp_ns: stamps [ns], increasing, shape (M,).
@@ -42,7 +42,7 @@ class Series(NamedTuple):
     names: tuple[str, ...] = ()
 
     def during(self, history: RunHistory) -> Series | None:
-        """Return the part within the time of a history; None if there is none."""
+        """Return the part of the series within the time of a history; None for an empty part."""
         first, last = history.stamp_ns[[0, -1]]
         part = (self.stamp_ns >= first) & (self.stamp_ns <= last)
         return Series(self.stamp_ns[part], self.values[part], self.names) if any(part) else None
@@ -82,7 +82,7 @@ def read_wheel_forces(bag_folder: Path | str, wheels: int) -> Series | None:
 
 
 def read_test_ratios(bag_folder: Path | str) -> Series | None:
-    """Return the test ratios published by the assistant's fault detection; None if there are none.
+    """Return the test ratios that the fault detection published; None if there are none.
 
     A ratio is the normalized innovation squared divided by its gate [1], NaN without an innovation.
 
@@ -116,17 +116,17 @@ _DEEPEST = 16
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ReportedRun:
-    """One run of a report.
+    """Data of one run in a report.
 
     Attributes:
         name: name, unique within the report.
         history: time histories of the run.
-        metrics: metrics by quantity.
+        metrics: metrics of the run, keyed by quantity.
         forces: forces of the wheels on the vehicle; None if they were not recorded.
         test_ratios: test ratios of fault detection; None if they were not recorded.
         configuration: configuration of the whole loop; None unless it is stored with the recording
             and contains all recorded wheels.
-        values: available values of the configuration, as texts by dotted key.
+        values: available values of the configuration as texts, keyed by dotted key.
         notes: sentences about missing data.
     """
 
@@ -141,15 +141,15 @@ class ReportedRun:
 
 
 def stops_apart(whole: ReportedRun) -> list[ReportedRun]:
-    """Return the runs of a recording for a report: one run for each stop."""
+    """Return a run for each stop of a recording, for a report."""
     return [_part(whole, stop, words) for words, stop in _named_stops(whole.history, whole.name)]
 
 
 def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
     """Return the metrics of each stop of a recording, with the drift of the odometry.
 
-    A recording with several stops also has an entry for the whole recording: length, time and
-    drift.
+    For a recording with several stops, the result also has an entry for the whole recording with
+    its length, time and drift.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -213,7 +213,7 @@ def _part(whole: ReportedRun, history: RunHistory, name: str) -> ReportedRun:
 
 
 def read_reported_run(path: Path, name: str) -> ReportedRun:
-    """Read a recording and the configuration next to it, as one run.
+    """Return a recording and the configuration stored with it as one run.
 
     Args:
         path: rosbag2 folder, or a single ``.mcap`` file.
@@ -256,14 +256,15 @@ def run_names(paths: Sequence[Path]) -> list[str]:
 
 
 def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[Path, str]]:
-    """Compare recorded configurations.
+    """Return the values in which the configurations of recordings differ.
 
     Args:
         paths: paths of the recordings.
 
     Returns:
-        The values that differ, by dotted key, with an empty text where a configuration does not
-        contain the value; and the reasons for which configurations cannot be read, by recording.
+        Values that differ, one text for each recording, keyed by dotted key; the text is empty if a
+        configuration does not contain the value. Reasons why configurations cannot be read, keyed
+        by recording.
     """
     found, problems = [], {}
     for path in paths:
@@ -283,15 +284,15 @@ def differing_values(paths: Sequence[Path]) -> tuple[dict[str, list[str]], dict[
 def read_configuration(
     path: Path, wheel_names: Sequence[str]
 ) -> tuple[experiment.ExperimentConfiguration | None, dict[str, str], str]:
-    """Read the valid part of the configuration stored with a recording.
+    """Return the configuration stored with a recording, as far as it is valid.
 
     Args:
         path: path of the file.
         wheel_names: wheel names of the recording, in any order.
 
     Returns:
-        The configuration if it matches the recording; its values as texts by dotted key; and the
-        reason if there is no configuration, otherwise an empty text.
+        The configuration, or None if it does not match the recording; its values as texts, keyed by
+        dotted key; the reason for a missing configuration, otherwise an empty text.
     """
     values: dict[str, str] = {}
     try:

@@ -1,4 +1,4 @@
-"""Area that a vehicle needs to stop, including footprint and rotation, for every motion.
+"""Area that a vehicle needs to stop from any motion, including its footprint and rotation.
 
 A stop is stored as the support function of the area that it covers: h_k = max d_k . p over all
 points p of the footprint until rest. The `DIRECTIONS` directions d_k are fixed in the frame of
@@ -7,7 +7,7 @@ rate band) is the polygon {p: d_k . p <= H_k}. A stop stays within it if and onl
 all k.
 
 The first stops of a cell determine a hull, H_k = max h_k. To contain one of the other n stops, the
-hull must grow by some length; it grows by the largest of these n lengths (split conformal
+hull must grow by some length. It is enlarged by the largest of these n lengths (split conformal
 prediction; Wilks' tolerance limit). A further stop from the same population is then inside with a
 probability of at least `coverage`, with a `confidence` of 1 - coverage^n.
 
@@ -35,7 +35,7 @@ from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_tools.campaign.runner import digest
 
 DIRECTIONS = 16
-"""Number of directions of the support function, and limit on the corners of a polygon."""
+"""Number of directions of the support function, and limit on the number of a polygon's corners."""
 
 SECTORS = (
     *("forward", "forward_left", "left", "backward_left"),
@@ -50,7 +50,7 @@ _NORMALS = turned(np.array([1.0, 0.0]), 2 * math.pi * np.arange(DIRECTIONS) / DI
 
 
 class Cell(NamedTuple):
-    """Range of motions that share an area.
+    """Range of motions for which one stopping area is computed.
 
     Attributes:
         name: name of the cell, such as ``forward_left_2_straight``.
@@ -73,7 +73,7 @@ def make_cells(speed: float, bands: int, yaw_rate: float, turns: int) -> tuple[C
         speed: maximum speed [m/s].
         bands: number of speed bands of equal width.
         yaw_rate: maximum yaw rate in either direction [rad/s].
-        turns: number of yaw rate bands of equal width.
+        turns: number of yaw-rate bands of equal width.
     """
     words = [f"_turn_{turn + 1}" for turn in range(turns)]
     words = {1: [""], 3: ["_right", "_straight", "_left"]}.get(turns, words)
@@ -101,7 +101,7 @@ def calibration_stops(coverage: float, confidence: float) -> int:
 
 
 class Sweep(NamedTuple):
-    """Area covered by one stop.
+    """Area on the ground that the vehicle covers in one stop.
 
     Attributes:
         seed: number of the stop in the campaign.
@@ -150,7 +150,7 @@ class StopCampaign:
         return number % len(self.cells)
 
     def extreme(self, number: int) -> bool:
-        """Return whether the values of a stop are drawn mainly from the ends of their ranges."""
+        """Return whether the random values of a stop are mostly the ends of their ranges."""
         return number < self.fitted or (number - self.fitted) // len(self.cells) % 2 == 0
 
     def configuration(self, number: int) -> experiment.ExperimentConfiguration:
@@ -228,7 +228,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
 
 
 def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
-    """Return H_k of each cell [m], shape (cells, DIRECTIONS), computed from its stops."""
+    """Return the limit H_k of each cell [m], shape (cells, DIRECTIONS), from the cell's stops."""
     supports = supports_of(sweeps[: campaign.fitted])
     # Consecutive stops belong to consecutive cells.
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
@@ -246,7 +246,7 @@ def inside(
 
 
 def supports_of(sweeps: Sequence[Sweep]) -> FloatArray:
-    """Return h_k of stops [m], shape (stops, DIRECTIONS)."""
+    """Return the support function h_k of each stop's area [m], shape (stops, DIRECTIONS)."""
     words = [sweep.support.split() for sweep in sweeps]
     return np.array(words, np.float64).reshape(-1, DIRECTIONS)
 

@@ -17,7 +17,7 @@ _ASSISTANT = ("brake_assist.weighting=enhanced", "brake_assist.k=7")
 
 
 def stop_campaign(options: AreaOptions, library: ExperimentLibrary) -> area.StopCampaign:
-    """Return the stops for the areas."""
+    """Return the campaign of stops from which the stopping areas are computed."""
     fixed = [
         f"vehicle={options.vehicle}",
         *WITHOUT_CAMERAS,

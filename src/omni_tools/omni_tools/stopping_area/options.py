@@ -6,7 +6,7 @@ from omni_tools.campaign.runner import CampaignOptions
 
 
 class AreaOptions(CampaignOptions):
-    """Motions, grounds, loads, coverage and confidence of stopping areas."""
+    """Command-line options: motions, ground, load, coverage and confidence of stopping areas."""
 
     vehicle: str = parameter("mecanum_forklift")
     """vehicle: a file of config/vehicles/, a path, or a vehicle's folder; the load in the file is
@@ -50,5 +50,5 @@ class AreaOptions(CampaignOptions):
 
     @property
     def variant(self) -> str:
-        """Name of the variant, ``assisted`` or ``unassisted``."""
+        """Name of the experiment's variant: ``assisted`` or ``unassisted``."""
         return "unassisted" if self.unassisted else "assisted"

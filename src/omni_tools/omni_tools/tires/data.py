@@ -1,4 +1,4 @@
-"""Measured tire forces: a CSV file with the columns slip, load and force.
+"""Reading of measured tire forces from a CSV file with the columns slip, load and force.
 
 The first line names the columns, in any order; other columns are ignored. The names ``load_N`` and
 ``force_N`` are accepted too, but no other units. Lines that begin with ``#`` are comments. If a

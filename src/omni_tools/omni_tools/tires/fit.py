@@ -28,15 +28,15 @@ _PEAK_GUESSES = (1.0, 0.6, 1.7)
 
 
 class TireFit(NamedTuple):
-    """A model fitted to data.
+    """A tire model fitted to measured forces, with P fitted values.
 
     Attributes:
         tire: tire with the fitted model; stiffness and damping are not determined by steady data.
-        keys: dotted keys of the fitted values, below the model's name.
+        keys: dotted keys of the fitted values in the configuration of the model.
         values: fitted values in the units of their keys, shape (P,).
         standard_errors: standard errors of `values`, shape (P,).
-        at_bound: whether each unknown is at a bound of the search, which makes its standard error
-            undefined, shape (P,).
+        at_bound: whether each unknown ended at a bound of the search, shape (P,); its standard
+            error is then undefined.
         residual: standard deviation of the force residuals with n - P degrees of freedom [N].
         mapping: the fitted values as nested mappings of the tire's configuration.
     """
@@ -51,7 +51,7 @@ class TireFit(NamedTuple):
 
 
 def fit_tire(data: TireData, model: str) -> TireFit:
-    """Fit a model to data.
+    """Fit a tire model to measured forces.
 
     Args:
         data: measured forces.
@@ -232,7 +232,7 @@ def _standard_errors(
 
 
 def fit_figure(data: TireData, fit: TireFit, title: str, curves: int = 4) -> Figure:
-    """Draw data and fitted curves, and the residuals below them.
+    """Draw the measured forces with the fitted curves, and the residuals below.
 
     Each point has the color of the curve at the nearest load.
 

@@ -24,7 +24,7 @@ _FROM_ABOVE: dict[str, Any] = {"x": "right of the middle [m]", "y": "ahead of th
 
 
 def vehicle_in_words(vehicle: VehicleConfiguration) -> dict[str, str]:
-    """Return a description of a vehicle: size, masses, wheels and brakes."""
+    """Return texts that describe a vehicle's size, masses, wheels and brakes, keyed by label."""
     masses = MassProperties.of(vehicle.body, vehicle.load)
     facts = wheel_facts(vehicle)
     loads = [fact.load for fact in facts.values()]
@@ -99,7 +99,7 @@ def draw_vehicle(
 
 
 def tire_in_words(tire: TireConfiguration) -> dict[str, str]:
-    """Return a description of a tire: model, load and peak."""
+    """Return texts that describe a tire's model, load and peak, keyed by label."""
     half = 0.5 * tire.largest_load
     curve = Tire(tire).curve(half)
     return {
@@ -128,7 +128,7 @@ def draw_tire(tire: TireConfiguration, name: str) -> Figure:
 
 
 def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
-    """Return a description of a ground: material, friction and patches."""
+    """Return texts that describe a ground's material, friction and patches, keyed by label."""
     patches = [f"{name} (friction {patch.friction:g})" for name, patch in ground.patches.items()]
     return {
         "looks like": ground.texture.kind,
@@ -138,7 +138,7 @@ def ground_in_words(ground: GroundConfiguration) -> dict[str, str]:
 
 
 def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Figure:
-    """Draw a square of the ground of length `edge` [m] in the gray levels of a camera."""
+    """Draw a square section of a ground with the edge length `edge` [m] in gray levels."""
     texture = TextureCache.of_user().texture(ground.texture)
     count = min(len(texture.gray), max(1, round(edge / texture.texel)))
     edge = 1e3 * count * texture.texel
@@ -151,7 +151,7 @@ def draw_ground(ground: GroundConfiguration, name: str, edge: float = 0.2) -> Fi
 
 
 def sensors_in_words(sensors: Mapping[str, LineSensor]) -> dict[str, str]:
-    """Return a description of each camera: position, field of view and speed limits."""
+    """Return a text on position, field of view and speed limits of each camera, keyed by name."""
     return {
         name: f"at ({one.x:g}, {one.y:g}) m, {one.heading_deg:g} deg, {one.pixels} px on "
         f"{1e3 * one.length:g} x {1e3 * one.width:g} mm at {one.line_rate:g} lines/s; 60 % overlap "

@@ -52,18 +52,19 @@ class Measured(Configuration):
 
 
 class Estimates(NamedTuple):
-    """Ratios and typical values from which unmeasured values are estimated.
+    """Ratios and typical values from which the unmeasured values of a vehicle are estimated.
 
     Attributes:
         wheel_width: ratio of a wheel's width to its diameter [1].
         density: density of a wheel with rollers of rubber and plastic on a steel hub [kg/m^3].
         height: ratio of the height of the center of gravity to the wheel radius [1].
         brake: ratio of the torque of a brake to the torque that locks the wheel [1].
-        clutch: stiffness of the drive's clutch per torque and wheel radius [s/m].
+        clutch: stiffness of a drive's clutch, divided by the drive torque and the wheel radius
+            [s/m].
         load: wheel load at which the tire of Table 1 is used without scaling [N].
         radius: wheel radius at which the tire of Table 1 is used without scaling [m].
-        deceleration: deceleration from which the initial speed of the example is computed, so that
-            the stop is a few vehicle lengths long [m/s^2].
+        deceleration: deceleration from which the initial speed of the example stop is computed
+            [m/s^2]; the stop is then a few vehicle lengths long.
     """
 
     wheel_width: float = 0.4
@@ -218,7 +219,10 @@ def _tire(carried: float, radius: float) -> dict[str, Any]:
 
 
 def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[str, float]:
-    """Return stiffness and damping by key, for a fixed ratio of deflection to radius.
+    """Return stiffness and damping of a tire, keyed by configuration key.
+
+    The ratio of the tire's deflection to its radius is fixed.
+
 
     Args:
         largest_load: limit on the load of the tire [N].

@@ -31,7 +31,7 @@ _PLAUSIBLE = {
 
 @dataclasses.dataclass(frozen=True)
 class WheelFacts:
-    """Load and force limits of a wheel.
+    """Load of a wheel at rest, and limits on the force of the wheel.
 
     Attributes:
         load: load at rest [N].
@@ -55,7 +55,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
 
     Args:
         vehicle: vehicle with any number of wheels; the loads are those of a rigid chassis.
-        friction: friction of the ground, as a factor [1].
+        friction: friction factor of the ground [1].
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
@@ -77,7 +77,7 @@ def brakes_over_grip(facts: Mapping[str, WheelFacts]) -> float:
 
 
 def camera_speed(sensor: LineSensor, direction: float) -> float:
-    """Return the speed in a direction at which consecutive lines overlap by 60 % [m/s].
+    """Return the speed along a direction at which consecutive lines overlap by 60 % [m/s].
 
     Args:
         sensor: the camera.
@@ -89,17 +89,17 @@ def camera_speed(sensor: LineSensor, direction: float) -> float:
 
 
 def remarks(experiment: ExperimentConfiguration) -> tuple[str, ...]:
-    """Return remarks on an experiment, starting with the most important one."""
+    """Return remarks on implausible values of an experiment, the most important one first."""
     cameras = _camera_remarks(experiment) if experiment.feedback == "optical" else ()
     return (*vehicle_remarks(experiment.vehicle, experiment.ground.friction), *cameras)
 
 
 def vehicle_remarks(vehicle: VehicleConfiguration, friction: float = 1.0) -> tuple[str, ...]:
-    """Return remarks on a vehicle.
+    """Return remarks on implausible values of a vehicle.
 
     Args:
         vehicle: vehicle to check.
-        friction: friction of the ground, as a factor [1].
+        friction: friction factor of the ground [1].
     """
     facts = wheel_facts(vehicle, friction)
     return (

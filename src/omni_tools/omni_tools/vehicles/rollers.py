@@ -42,7 +42,7 @@ class Rollers(NamedTuple):
 
     @classmethod
     def of(cls, wheels: Mapping[str, WheelMount]) -> Rollers:
-        """Return the arrangement of the rollers of wheels."""
+        """Return the arrangement of the rollers of the given wheels."""
         kinematics = PlatformKinematics.of(wheels)
         geometry = kinematics.geometry
         lever = float(np.min(np.abs(kinematics.matrix[:, 2])))
@@ -50,12 +50,12 @@ class Rollers(NamedTuple):
 
 
 def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple[str, ...]:
-    """Return one sentence for each implausible sign of a roller angle.
+    """Return a sentence for each roller angle whose sign is implausible.
 
     Args:
         wheels: wheels of a platform.
-        poor: ratio of the smallest singular value to that of the opposite roller angles, below
-            which an arrangement is implausible [1].
+        poor: limit on the ratio of the smallest singular value to that with all roller angles
+            reversed [1]; below this limit, an arrangement is implausible.
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)

@@ -19,12 +19,12 @@ def bag_option() -> Any:
 
 
 def out_option(ending: str) -> Any:
-    """Declare the option for the folder of the files that an action writes."""
+    """Declare the option for the folder into which an action writes files."""
     words = f"new folder (default: next to the recording, BAG_{ending})"
     return option(None, metavar="DIR", description=words)
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return a folder next to a recording, for files derived from it."""
+    """Return the path of a folder next to a recording, for files computed from the recording."""
     path = path.absolute()
     return path.with_name(f"{path.stem if path.is_file() else path.name}_{ending}")

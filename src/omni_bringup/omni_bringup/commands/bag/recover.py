@@ -1,7 +1,7 @@
 """``./omni bag recover``: recover the complete messages of an unfinished or damaged recording.
 
-Write every complete message into a new recording with index and metadata, and report the counts.
-The original recording is not changed.
+Write every complete message into a new recording with index and metadata, and report the number of
+messages. The original recording is not changed.
 """
 
 from pathlib import Path

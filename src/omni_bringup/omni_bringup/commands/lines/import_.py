@@ -23,8 +23,8 @@ class Options(FileOptions, CommandOptions):
     sources: tuple[str, ...] = option(positional=True, metavar="CAMERA=FILE")
     """name of a camera, and the file or folder of its lines, such as left=left.npy"""
     sensors: str = option("three_generic")
-    """line cameras by name, in a file of config/sensors or another YAML file; the number of pixels
-    is taken from the lines"""
+    """a file of config/sensors/, or another YAML file with line cameras; the number of pixels is
+    taken from the lines"""
     rate: float | None = option(None, above=0.0, unit="1/s", maximum=1e6)
     """line rate (default: that of the cameras)"""
     batch: float = option(0.01, above=0.0, maximum=1.0, unit="s")

@@ -2,7 +2,7 @@
 
 Compute the tables with which the odometry corrects every line, including the first one. They are
 computed from dark lines (lens covered), from white lines (an evenly lit surface), or from the lines
-of a recorded drive. Set `odometry.flat_field_tables` to the folder of the tables.
+of a recorded motion. Set `odometry.flat_field_tables` to the folder of the tables.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Options(FileOptions, CommandOptions):
     drive: Path | None = option(None, metavar="BAG")
     """recording of a motion from whose lines the fixed pattern is estimated"""
     sensors: str = option("three_generic")
-    """line cameras by name, as in `lines import`"""
+    """a file with line cameras, as in `lines import`"""
     out: Path = option(metavar="DIR")
     """folder for the tables, one file for each camera"""
 
@@ -93,7 +93,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None) -> References:
-    """Return the references of a camera from dark and white lines, either of which may be None."""
+    """Return the correction tables of a camera from dark or white lines; None for missing lines."""
     from linescan_odometry.references import References
     from omni_platform.signals import LineBatchError
 
