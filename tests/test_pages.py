@@ -44,7 +44,7 @@ _NOT_HERE = {  # beginning of a command, and why it is not run here
     "limit straight_line --best": "an optional solver: test_best_stop.py where it is installed",
     "study laws": "minutes: test_laws.py has the parts",
     "study robustness": "minutes: test_robustness.py has fewer runs",
-    "study bounds": "an hour: test_bounds.py has fewer",
+    "study bounds": "an hour: test_bound_trials.py has fewer",
     "study faults": "minutes: test_sensor_faults.py has fewer",
     "study tuning": "minutes: test_tuning.py has fewer situations",
     "study optical": "minutes of rendered lines: test_optical_study.py",

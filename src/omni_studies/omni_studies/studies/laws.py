@@ -1,13 +1,18 @@
-"""Comparison of the control laws: stops of chapter 3, other directions, unknown conditions.
+"""Comparison of the control laws with each other and with the shortest possible stops.
 
-The feedback is ideal unless the case states otherwise. A case is named
+In ``laws``, the feedback is ideal unless the case states otherwise. A case is named
 ``<experiment>_<law>_<brakes>``.
+
+In ``bounds``, the path of the center of gravity is compared with the bound over all headings. The
+distance of a stop that keeps heading and line within half a degree is compared with the bound for
+such stops.
 """
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from omni_figures import style
@@ -18,10 +23,17 @@ from omni_loop.metrics import Metric, run_metrics
 from omni_platform.brakes import typical_changes
 from omni_platform.configuration import ConfigurationError, parameter
 from omni_studies.campaign import law_trials
+from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, below, over_bound
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.campaign.runner import CampaignOptions, digest
 from omni_tools.limit.bounds import any_heading_bound, maneuver_of, straight_bound
 from omni_tools.limit.front import IDEAL
+
+CASES = {
+    "laws": "Comparison of the control laws: stops of chapter 3, other directions, unknown "
+    "conditions",
+    "bounds": "Comparison of random stops under each control law with lower bounds of the distance",
+}
 
 _SENSOR = ("feedback=velocity_sensor",)
 _ALLOCATION = ("brake_assist.law=allocation",)
@@ -108,6 +120,18 @@ class Options(CampaignOptions):
         super().check_consistency()
         if self.ablate and (not self.random or self.law):
             raise ConfigurationError("--ablate", "needs --random N, and no --law")
+
+
+class _Bounds(CampaignOptions):
+    """Options of the study ``bounds``: number of runs, first seed, and worker processes."""
+
+    runs: int = parameter(10_000, minimum=4, maximum=10**7)
+    """number of runs: four laws for each random stop"""
+    seed: int = parameter(0, minimum=0)
+    """seed of the first stop; the seeds of the other stops follow it"""
+
+
+OPTIONS = {"bounds": _Bounds}
 
 
 class _Case(NamedTuple):
@@ -331,3 +355,52 @@ def _findings(results: Results) -> Iterator[str]:
                 f"{case.maneuver}: with all brakes on the stop of {stop.distance:.2f} m is shorter "
                 f"than any that keeps its heading ({least:.2f} m)."
             )
+
+
+def _run_bounds(options: _Bounds, study: StudyRun) -> StudyResult:
+    """Run the stops, and count those that are shorter than a bound by more than its tolerance."""
+    work = BoundTrials(study.experiments)
+    seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
+    stops = study.campaign(work, seeds, BoundTrial, options, work.fingerprint)
+    metrics = {"runs.all": Metric(len(LAWS) * len(stops), "1")}
+    for bound in ("any_heading", "straight"):
+        shares, lower = over_bound(stops, bound), below(stops, bound)
+        count = int(np.sum(~np.isnan(shares)))
+        solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in stops)
+        metrics |= {
+            f"compared.{bound}": Metric(count, "1"),
+            f"solved.{bound}": Metric(solved, "1"),
+            f"below_bound.{bound}": Metric(lower, "1"),
+        }
+        if count:
+            metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
+    study.figure("bounds.png", _draw_bounds(stops))
+    return study.result(metrics)
+
+
+_COLORS = (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION)  # of the laws
+
+
+def _draw_bounds(stops: Sequence[BoundTrial]) -> Figure:
+    """Draw the distributions of path and stopping distance relative to their bounds, by law."""
+    bounds = {
+        "any_heading": "path of the center of gravity / its bound [1]",
+        "straight": "distance of stops that keep heading and line / its bound [1]",
+    }
+    x, y = tuple(bounds.values()), "share of the runs below [1]"
+    figure, (panels,) = style.panels(
+        "No stop is below its bound", 1, 2, size=(10.0, 4.4), x=x, y=y, sharey=True
+    )
+    for axes, bound in zip(panels, bounds, strict=True):
+        shares = over_bound(stops, bound)
+        for column, (law, color) in enumerate(zip(LAWS, _COLORS, strict=True)):
+            values = np.sort(shares[~np.isnan(shares[:, column]), column])
+            label = law.replace("_", " ")
+            axes.step(values, np.linspace(0.0, 1.0, len(values)), color=color, label=label)
+        axes.axvline(1.0, color=style.GRAY, linestyle="--")
+        axes.set_xlim(0.9, 2.0)
+    panels[1].legend(fontsize=9)
+    return figure
+
+
+RUNS = {"bounds": _run_bounds}

@@ -10,9 +10,8 @@ import pytest
 from omni_loop.compiled import run_fast_loop
 from omni_loop.experiment import ExperimentLibrary
 from omni_sim.configuration import GroundConfiguration
-from omni_studies.studies import bounds
-from omni_studies.studies.bounds import LAWS, BoundTrial, BoundTrials, _kept
-from omni_studies.study import StudyRun
+from omni_studies.campaign.bound_trials import LAWS, BoundTrial, BoundTrials, _kept, below
+from omni_studies.study import StudyRun, load_study
 from omni_tools.limit.bounds import (
     Maneuver,
     any_heading_bound,
@@ -51,6 +50,7 @@ def test_a_bound_is_not_above_its_sketch_and_not_far_below(
 def test_random_stops_are_not_below_their_bounds(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
+    bounds = load_study("bounds")
     options = bounds.Options(runs=12, seed=35, workers=1)
     result = bounds.run(options, StudyRun(library, tmp_path))
     assert result.metrics["runs.all"].value == 12
@@ -80,10 +80,10 @@ def test_a_stop_that_turns_and_returns_has_not_kept_its_heading(
 
 def test_a_path_that_cannot_be_is_found(library: ExperimentLibrary) -> None:
     stop = BoundTrials(library)(36)
-    assert bounds.below([stop], "any_heading") == 0
+    assert below([stop], "any_heading") == 0
     shorter = stop._replace(path_allocation=0.8 * stop.any_heading)
-    assert bounds.below([shorter], "any_heading") == 1
+    assert below([shorter], "any_heading") == 1
     fine = BoundTrial(0, "any", 1.0, math.nan, 2.0, 0.01, *[1.5] * len(LAWS), *[1.995] * len(LAWS))
-    assert bounds.below([fine], "straight") == 0  # within the tolerance
-    assert bounds.below([fine._replace(kept_unassisted=1.9)], "straight") == 1
-    assert bounds.below([fine._replace(kept_unassisted=math.nan)], "straight") == 0
+    assert below([fine], "straight") == 0  # within the tolerance
+    assert below([fine._replace(kept_unassisted=1.9)], "straight") == 1
+    assert below([fine._replace(kept_unassisted=math.nan)], "straight") == 0

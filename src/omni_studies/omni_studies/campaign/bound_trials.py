@@ -1,29 +1,19 @@
-"""Comparison of random stops under each control law with lower bounds of the distance.
-
-The path of the center of gravity is compared with the bound over all headings. The distance of a
-stop that keeps heading and line within half a degree is compared with the bound for such stops.
-"""
+"""Random stops under every law, with the lower bounds of their distances."""
 
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from omni_figures import style
 from omni_loop.compiled import FastRun, run_fast_loop
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
-from omni_loop.metrics import Metric
-from omni_platform.configuration import parameter
 from omni_platform.geometry import turned
 from omni_platform.quantities import FloatArray
 from omni_sim.configuration import GroundConfiguration
 from omni_sim.vehicle.configuration import VehicleConfiguration
 from omni_sim.vehicle.loads import MassProperties
 from omni_studies.campaign.random_braking import RandomBraking, draw
-from omni_studies.study import StudyResult, StudyRun
-from omni_tools.campaign.runner import CampaignOptions
 from omni_tools.limit import bounds as limit
 
 LAWS: dict[str, tuple[str, ...]] = {
@@ -173,40 +163,7 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Man
     return math.hypot(*path[-1]) if kept else math.nan
 
 
-_COLORS = dict(zip(LAWS, (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION), strict=True))
-
-
-class Options(CampaignOptions):
-    """Options of the study ``bounds``: number of runs, first seed, and worker processes."""
-
-    runs: int = parameter(10_000, minimum=4, maximum=10**7)
-    """number of runs: four laws for each random stop"""
-    seed: int = parameter(0, minimum=0)
-    """seed of the first stop; the seeds of the other stops follow it"""
-
-
-def run(options: Options, study: StudyRun) -> StudyResult:
-    """Run the stops, and count those that are shorter than a bound by more than its tolerance."""
-    work = BoundTrials(study.experiments)
-    seeds = range(options.seed, options.seed + math.ceil(options.runs / len(LAWS)))
-    stops = study.campaign(work, seeds, BoundTrial, options, work.fingerprint)
-    metrics = {"runs.all": Metric(len(LAWS) * len(stops), "1")}
-    for bound in ("any_heading", "straight"):
-        shares, lower = _over_bound(stops, bound), below(stops, bound)
-        count = int(np.sum(~np.isnan(shares)))
-        solved = sum(not math.isnan(getattr(one, f"{bound}_slack")) for one in stops)
-        metrics |= {
-            f"compared.{bound}": Metric(count, "1"),
-            f"solved.{bound}": Metric(solved, "1"),
-            f"below_bound.{bound}": Metric(lower, "1"),
-        }
-        if count:
-            metrics[f"least_over_bound.{bound}"] = Metric(float(np.nanmin(shares)), "1")
-    study.figure("bounds.png", _draw(stops))
-    return study.result(metrics)
-
-
-def _over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
+def over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
     """Return the ratio of each run to a bound, NaN where it does not apply, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
@@ -221,28 +178,4 @@ def below(stops: Sequence[BoundTrial], bound: str) -> int:
         bound: ``any_heading`` or ``straight``.
     """
     slack = np.array([[getattr(one, f"{bound}_slack") / getattr(one, bound)] for one in stops])
-    return int(np.sum(_over_bound(stops, bound) < 1.0 - np.nan_to_num(slack)))
-
-
-def _draw(stops: Sequence[BoundTrial]) -> Figure:
-    """Draw the distributions of path and stopping distance relative to their bounds, by law."""
-    bounds = {
-        "any_heading": "path of the center of gravity / its bound [1]",
-        "straight": "distance of stops that keep heading and line / its bound [1]",
-    }
-    title, x, y = (
-        "No stop is below its bound",
-        tuple(bounds.values()),
-        "share of the runs below [1]",
-    )
-    figure, (panels,) = style.panels(title, 1, 2, size=(10.0, 4.4), x=x, y=y, sharey=True)
-    for axes, bound in zip(panels, bounds, strict=True):
-        shares = _over_bound(stops, bound)
-        for column, (law, color) in enumerate(_COLORS.items()):
-            values = np.sort(shares[~np.isnan(shares[:, column]), column])
-            label = law.replace("_", " ")
-            axes.step(values, np.linspace(0.0, 1.0, len(values)), color=color, label=label)
-        axes.axvline(1.0, color=style.GRAY, linestyle="--")
-        axes.set_xlim(0.9, 2.0)
-    panels[1].legend(fontsize=9)
-    return figure
+    return int(np.sum(over_bound(stops, bound) < 1.0 - np.nan_to_num(slack)))
