@@ -128,4 +128,4 @@ def test_a_namespace_that_ros_rejects_is_refused(
     with pytest.raises(SystemExit) as ended:
         main(["check-vehicle", "live", "--vehicle", "mecanum_forklift", "--namespace", namespace])
     assert ended.value.code == 2
-    assert f"--namespace: {namespace!r} must be names" in capsys.readouterr().err
+    assert f"--namespace: {namespace!r} must not" in capsys.readouterr().err

@@ -9,9 +9,9 @@ brakes whose exchange these stops could not reveal.
 
 import math
 import os
-import re
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 
@@ -19,11 +19,12 @@ from omni_bringup.command_report import Report, write_text
 from omni_bringup.workspace import Workspace
 from omni_platform import topics
 from omni_platform.command_options import CommandOptions, option
-from omni_platform.configuration import ConfigurationError
+
+if TYPE_CHECKING:
+    from omni_tools.commissioning.signals import Signals
 
 WORK = "checking the vehicle"
 _LIVE = Path("live")
-_NAMESPACE = re.compile(r"/?|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 class Options(CommandOptions):
@@ -40,38 +41,20 @@ class Options(CommandOptions):
     angle: float = option(90.0, unit="deg", above=0.0, maximum=3600.0)
     """measured angle of the counter-clockwise motion"""
     namespace: str = option("", metavar="NAME")
-    """namespace of the running vehicle, for 'live'"""
+    """namespace of the running vehicle, such as robot1, for 'live'"""
     timeout: float = option(600.0, unit="s", above=0.0, maximum=86400.0)
     """limit on the time until the motions are complete, for 'live'"""
     out: Path | None = option(None, metavar="FILE")
     """corrected vehicle file (default: results/check-vehicle/RECORDING.yaml)"""
 
-    def check_consistency(self) -> None:
-        """Check the namespace before ROS starts."""
-        if not _NAMESPACE.fullmatch(self.namespace):
-            problem = f"{self.namespace!r} must be names of letters, digits and _, such as robot1"
-            raise ConfigurationError("namespace", problem)
-
 
 def run(options: Options, workspace: Workspace) -> Report:
     """Find the errors, and write a corrected vehicle file if its values are wrong."""
     from omni_tools.commissioning import mistakes as known
-    from omni_tools.commissioning.signals import MOTIONS, motions_of, read_signals, unchecked
+    from omni_tools.commissioning.signals import motions_of, unchecked
 
     vehicle = workspace.experiment_library().vehicle(options.vehicle)
-    if options.recording == _LIVE:
-        workspace.note(
-            f"drive {options.distance:g} m or {options.angle:g} deg {', '.join(MOTIONS)}, each "
-            "from rest to rest, then drive and brake in two directions; 2 s at rest end the drive"
-        )
-        from omni_bringup.node_check.drive_node import receive_drive
-        from omni_bringup.node_check.exchange_node import Partner
-        from omni_ros.environment import chosen_domain
-
-        with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
-            signals = receive_drive(partner, tuple(vehicle.wheels), options.timeout)
-    else:
-        signals = read_signals(options.recording, tuple(vehicle.wheels))
+    signals = _signals(options, workspace, tuple(vehicle.wheels))
     motions = motions_of(signals)
     drive = vehicle.wheels, signals, motions
     angle = math.radians(options.angle)
@@ -113,3 +96,21 @@ def run(options: Options, workspace: Workspace) -> Report:
         files=files,
         ok=not mistakes,
     )
+
+
+def _signals(options: Options, workspace: Workspace, wheels: tuple[str, ...]) -> "Signals":
+    """Receive the signals of a live drive, or read those of a recording."""
+    from omni_tools.commissioning.signals import MOTIONS, read_signals
+
+    if options.recording != _LIVE:
+        return read_signals(options.recording, wheels)
+    from omni_bringup.node_check.drive_node import receive_drive
+    from omni_bringup.node_check.exchange_node import Partner
+    from omni_ros.environment import chosen_domain
+
+    with closing(Partner(chosen_domain(os.environ) or 0, options.namespace)) as partner:
+        workspace.note(
+            f"drive {options.distance:g} m or {options.angle:g} deg {', '.join(MOTIONS)}, each "
+            "from rest to rest, then drive and brake in two directions; 2 s at rest end the drive"
+        )
+        return receive_drive(partner, wheels, options.timeout)

@@ -15,6 +15,7 @@ from typing import Any
 
 import rclpy
 from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import (
@@ -25,9 +26,10 @@ from rclpy.qos import (
     qos_profile_sensor_data,
 )
 from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.validate_namespace import validate_namespace
 from rosgraph_msgs.msg import Clock
 
-from omni_platform.configuration import WorkError
+from omni_platform.configuration import ConfigurationError, WorkError
 from omni_platform.quantities import SECOND_NS
 from omni_platform.topics import IMAGE, Topic
 from omni_recording.folder import bag_messages, in_time_order, open_vehicle
@@ -108,9 +110,18 @@ class Exchange:
 
 
 class Partner:
-    """Node of this program in the ROS domain of the checked node."""
+    """Node of this program in the ROS domain of the checked node.
+
+    Raises:
+        ConfigurationError: ROS does not accept the namespace.
+    """
 
     def __init__(self, domain: int, namespace: str = "") -> None:
+        try:
+            validate_namespace("/" + namespace.removeprefix("/"))
+        except InvalidNamespaceException as error:
+            problem = str(error).splitlines()[0].removeprefix("Invalid namespace: namespace ")
+            raise ConfigurationError("--namespace", f"{namespace!r} {problem}") from error
         os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         self._context = Context()
         rclpy.init(context=self._context, domain_id=domain)
@@ -190,17 +201,12 @@ def feed(
     Raises:
         WorkError: the node does not publish `output`, or has ended.
     """
-    node = partner.node
     publishers = {
-        topic.path: node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
+        topic.path: partner.node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
         for topic in inputs
     }
-    clock = node.create_publisher(Clock, "/clock", RELIABLE)
-    exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
-    exchange.incompatible = [found for path in publishers for found in _incompatible(node, path)]
-    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
-    node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
-    partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
+    clock = partner.node.create_publisher(Clock, "/clock", RELIABLE)
+    exchange = _exchange(partner, output, publishers, alive)
     recorded = bag_messages(open_vehicle(recording))
     messages = list(in_time_order(m for m in recorded if m.channel.topic in publishers))
     begin, end = messages[0].log_ns, messages[-1].log_ns
@@ -228,6 +234,19 @@ def feed(
         partner.spin(time.monotonic() + _LISTEN)
     if not alive():
         raise WorkError("the node ended while it was checked; see its output")
+    return exchange
+
+
+def _exchange(
+    partner: Partner, output: Topic, sent: Iterable[str], alive: Callable[[], bool]
+) -> Exchange:
+    """Return an exchange that stores the answers; for `sent` and `alive`, see `await_node`."""
+    node = partner.node
+    exchange = Exchange(output, partner.await_node(output.path, alive, sent))
+    exchange.incompatible = [found for path in sent for found in _incompatible(node, path)]
+    qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
+    node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
+    partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
     return exchange
 
 
