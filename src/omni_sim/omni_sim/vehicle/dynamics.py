@@ -94,8 +94,7 @@ def advance(
     filter_share = plant.filter_share / plant.mass
     uneven, lossy = state.terrain.parts.shape[0] > 0, state.losses.wheel.shape[0] > 0
     loads = state.loads
-    start_yaw = body.yaw
-    traced = trajectory.shape[0] > 0
+    start_yaw, traced = body.yaw, trajectory.shape[0] > 0
     set_demand(state.pressure, control.brake, control.enable)
     pull = _resultant(state, state.rollers)
     pressing, gravity, lean = GRAVITY, (0.0, 0.0), 0.0
@@ -110,8 +109,7 @@ def advance(
         yaw = body.yaw + 0.5 * dt * body.yaw_rate
         cos, sin = math.cos(yaw), math.sin(yaw)
 
-        if _carry(state, body, pressing, (pull[0], pull[1])):
-            state.counters[0].tipping_steps += 1
+        state.counters[0].tipping_steps += _carry(state, body, pressing, (pull[0], pull[1]))
 
         ahead_x, ahead_y = body.v_x + push * other[0], body.v_y + push * other[1]
         ahead = (

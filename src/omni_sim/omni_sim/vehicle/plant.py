@@ -39,11 +39,7 @@ def build_plant(
     lever = geometry.position - masses.center
     moment = cross(lever, geometry.active)
     rim = np.sum(geometry.active * geometry.rolling, axis=1)
-    rollers, pitch = np.zeros(len(lever), AXIS), 0.0
-    if configuration.contacts_move:
-        geometries = configuration.roller_geometries
-        rollers = np.array([geometry.constants for geometry in geometries], AXIS)
-        pitch = 2.0 * geometries[0].half_pitch
+    rollers = configuration.roller_geometries if configuration.contacts_move else ()
     plant = state.Plant(
         dt=float(physics_step),
         mass=masses.mass,
@@ -73,8 +69,8 @@ def build_plant(
         grip=configuration.by_wheel("friction"),
         brake_share=configuration.by_wheel("brake"),
         brake_power=brake.max_power or math.inf,
-        rollers=rollers,
-        roller_pitch=pitch,
+        rollers=np.array([roller.constants for roller in rollers], AXIS),
+        roller_pitch=2.0 * rollers[0].half_pitch if rollers else 0.0,
     )
     radius = geometry.radius - static_loads(plant) / tire.vertical_stiffness
     return plant._replace(rolling=kinematics.wheel_speeds(np.eye(3), radius).T.copy())

@@ -71,7 +71,7 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
-    """Advance a wheel together with one of its rollers; see `roller.roller_step`.
+    """Advance a wheel and one of its rollers; return its speed [rad/s] and brake torque [N m].
 
     Args:
         plant: constants.
@@ -80,9 +80,6 @@ def _step_contact(
         touch: the roller.
         spin: spin of the wheel under all torques except that of this roller.
         drive: drive of the wheel.
-
-    Returns:
-        Wheel speed [rad/s], brake torque [N m].
     """
     i = touch.wheel
     roller, push, axis = rollers.state[i, touch.roller], rollers.push[i], plant.rollers[i]
@@ -102,10 +99,6 @@ def _step_contact(
     clamped = min(touch.load, plant.largest_load)
     spin_lever = max(radius - depth, _LEAST_LEVER) * length
     lever = (radius * rim_active, radius * (axis.u_x * p_x + axis.u_y * p_y))
-    # Dry friction of the roller, which can hold it at rest against its last contact force.
-    turn = plant.dt * spin_lever / rollers.inertia
-    slowed = turn * (rollers.constant + rollers.growing * touch.load) * touch.load
-    free = roller.spin - turn * roller.f_p
     # Speed of the rubber through the contact: the wheel contributes along u, and the roller across
     # its axis.
     surface = spin_lever * roller.spin
@@ -117,7 +110,7 @@ def _step_contact(
         hub_x * n_x + hub_y * n_y - mobility * roller.f_a,
         hub_x * p_x + hub_y * p_y - mobility * roller.f_p,
     )
-    turned = roller.spin - min(max(free, -slowed), slowed)
+    turned = _slowed(rollers, roller, touch.load, plant.dt * spin_lever / rollers.inertia)
     deflection, direction = (roller.e_a, roller.e_p), (roller.q_a, roller.q_p)
     after = roller_step(
         TireConstants(rollers.stiffness, rollers.damping, plant.dt),
@@ -134,6 +127,21 @@ def _step_contact(
     push[1] += f_y
     push[2] += r_x * f_y - r_y * f_x
     return after.speed, after.brake
+
+
+@lean
+def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
+    """Return the roller's spin after its dry friction, which can hold it against its last force.
+
+    Args:
+        rollers: constants of the friction.
+        roller: state of the roller.
+        load: load of the roller [N].
+        turn: change of spin in a step per force across the axis [rad/s/N].
+    """
+    spin: float = roller.spin
+    slowed = turn * (rollers.constant + rollers.growing * load) * load
+    return spin - min(max(spin - turn * roller.f_p, -slowed), slowed)
 
 
 @lean

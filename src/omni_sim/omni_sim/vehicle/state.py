@@ -105,7 +105,8 @@ class Plant(NamedTuple):
         grip: factor on the friction under each wheel [1], shape (N,).
         brake_share: factor on the torque of each wheel's brake [1], shape (N,).
         brake_power: limit on the power of a wheel's brake [W].
-        rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,).
+        rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,); shape (0,) if the
+            contacts remain under the wheels.
         roller_pitch: angle between two rollers [rad]; 0 if the contacts remain under the wheels.
     """
 

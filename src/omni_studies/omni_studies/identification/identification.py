@@ -48,6 +48,11 @@ class Quantity:
     step: float
     decimals: int
 
+    def near(self, value: float) -> tuple[float, float]:
+        """Return the limits of a tenth of the range on both sides of a value, in `unit`."""
+        reach = 0.1 * (self.high - self.low)
+        return max(value - reach, self.low), min(value + reach, self.high)
+
 
 QUANTITIES = (
     Quantity("body_mass", "kg", 800.0, 1500.0, 10.0, 0),  # body with wheels, at the center
@@ -263,8 +268,7 @@ def search(
             cost below 1, the second when no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
         sound: whether to exclude vehicles with an `assumption_violation`.
-        on_generation: called after each generation with the number of this generation in the
-            current search, and with the lowest cost so far.
+        on_generation: called with the number of each generation and the lowest cost so far.
 
     Returns:
         The best candidate found, keyed by the names in `QUANTITIES`.
@@ -296,10 +300,6 @@ def search(
         )
         return rounded(result.x)
 
-    whole = [(quantity.low, quantity.high) for quantity in QUANTITIES]
-    found = start or evolve(whole, 2, 1.0, generations)
-    near = []
-    for quantity in QUANTITIES:
-        center, reach = found[quantity.name], 0.1 * (quantity.high - quantity.low)
-        near.append((max(center - reach, quantity.low), min(center + reach, quantity.high)))
+    found = start or evolve([(one.low, one.high) for one in QUANTITIES], 2, 1.0, generations)
+    near = [quantity.near(found[quantity.name]) for quantity in QUANTITIES]
     return evolve(near, 4, 0.7**4, min(generations, refinement))

@@ -107,24 +107,10 @@ def signals_of(
     nothing = Stream(np.zeros(0, np.int64), ())
     streams = {topic.name: streams.get(topic.name, nothing) for topic in TOPICS}
     states = streams[_WHEELS]
-    names = list(states.messages[0].name)
-    if set(names) != set(wheels):
-        raise configuration.ConfigurationError(
-            "wheels", f"the recording names {', '.join(names)}, the vehicle {', '.join(wheels)}"
-        )
-    gaps = np.diff(states.stamp_ns, append=states.stamp_ns[-1]) * 1e-9
-    if np.max(gaps) > _SHORTEST:
-        at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
-        raise configuration.ConfigurationError(
-            "recording", f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s"
-        )
-    if np.sum(gaps) < _SHORTEST:
-        raise configuration.ConfigurationError(
-            "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record the run"
-        )
+    _check_completeness(states, wheels)
     time = np.arange(states.stamp_ns[0], states.stamp_ns[-1], round(period * 1e9))
 
-    def sampled(topic: str, rows: list[Any], columns: int) -> quantities.FloatArray:
+    def sampled(topic: str, rows: Any, columns: int) -> quantities.FloatArray:
         stamps = streams[topic].stamp_ns
         if not len(stamps):
             return np.full((len(time), columns), math.nan)
@@ -133,14 +119,7 @@ def signals_of(
         usable = (newest >= 0)[:, np.newaxis] & (np.abs(values[newest]) < _LARGEST)
         return np.where(usable, values[newest], math.nan)
 
-    def by_wheel(topic: str, field: str) -> list[Any]:
-        found = [
-            dict(zip(message.name, getattr(message, field), strict=False))
-            for message in streams[topic].messages
-        ]
-        return [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
-
-    speeds = np.array(by_wheel(_WHEELS, "velocity"), np.float64).reshape(-1, len(wheels))
+    speeds = _by_wheel(states, "velocity", wheels)
     speeds[~(np.abs(speeds) < _LARGEST)] = math.nan
     unmeasured = [
         wheel for wheel, one in zip(wheels, speeds.T, strict=True) if np.all(np.isnan(one))
@@ -165,8 +144,37 @@ def signals_of(
         twist=sampled(_TWIST, twists, 3),
         imu=sampled(_IMU, imu, 3),
         pedal=pedal,
-        enable=sampled(_ENABLE, by_wheel(_ENABLE, "effort"), len(wheels)),
+        enable=sampled(_ENABLE, _by_wheel(streams[_ENABLE], "effort", wheels), len(wheels)),
     )
+
+
+def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
+    """Raise the `ConfigurationError` of wrong wheels, of a gap, or of a short recording."""
+    names = list(states.messages[0].name)
+    if set(names) != set(wheels):
+        raise configuration.ConfigurationError(
+            "wheels", f"the recording names {', '.join(names)}, the vehicle {', '.join(wheels)}"
+        )
+    gaps = np.diff(states.stamp_ns, append=states.stamp_ns[-1]) * 1e-9
+    if np.max(gaps) > _SHORTEST:
+        at = (states.stamp_ns[np.argmax(gaps)] - states.stamp_ns[0]) * 1e-9
+        raise configuration.ConfigurationError(
+            "recording", f"has no wheel speeds for {np.max(gaps):.2g} s after {at:.1f} s"
+        )
+    if np.sum(gaps) < _SHORTEST:
+        raise configuration.ConfigurationError(
+            "recording", f"has wheel speeds of {np.sum(gaps):.2g} s by their stamps; record the run"
+        )
+
+
+def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.FloatArray:
+    """Return a field of all messages by wheel; NaN for a wheel that a message does not name."""
+    found = [
+        dict(zip(message.name, getattr(message, field), strict=False))
+        for message in stream.messages
+    ]
+    rows = [[row.get(wheel, math.nan) for wheel in wheels] for row in found]
+    return np.array(rows, np.float64).reshape(-1, len(wheels))
 
 
 def unchecked(drive: Signals, motions: Motions) -> dict[str, str]:

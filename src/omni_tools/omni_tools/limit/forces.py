@@ -284,8 +284,7 @@ class LimitVehicle:
             force, load = found.x[:wheels], found.x[2 * wheels :]
             lines = self._slope * load[:, None] + self._offset
             needed = np.argmin(lines, axis=1)
-            limit = case.friction * np.min(lines, axis=1)
-            excess = np.abs(force) > limit + _FORCE_ERROR
+            excess = np.abs(force) > case.friction * np.min(lines, axis=1) + _FORCE_ERROR
             new = excess & ~chosen[np.arange(wheels), needed]
             if not np.any(new):
                 break
@@ -296,9 +295,8 @@ class LimitVehicle:
         bound = max(-float(dual), -float(found.fun))
         # The forces at rest are admissible, and the admissible set is convex. Therefore the forces
         # divided by the largest excess are admissible too.
-        excess_share = np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)
-        feasible = -float(found.fun) / max(1.0, float(np.max(excess_share)))
-        return Deceleration(bound, feasible, force, load)
+        share = float(np.max(np.abs(force) / np.maximum(case.friction * self.peak(load), 1e-9)))
+        return Deceleration(bound, -float(found.fun) / max(1.0, share), force, load)
 
     def _friction_rows(
         self, friction: FloatArray, chosen: NDArray[np.bool_]

@@ -19,6 +19,7 @@ are therefore fitted: a camera of this type moves over a ground in several direc
 `SensorOdometry` processes its rendered lines, and the model is fitted to the errors.
 """
 
+import itertools
 import math
 import statistics
 from typing import NamedTuple
@@ -120,10 +121,10 @@ def measure_sensor_error(
     rig = Rig({_CAMERA: view.mounted()}, texture, noise, seed)
     odometry = _odometry(view)
     pairs = batch_lines(view.line_rate)
-    duration_ns = round(SECOND_NS * pairs / view.line_rate)
+    # The stamps are far apart, so that lines of different batches are not compared.
+    stamps = itertools.count(0, 4 * round(SECOND_NS * pairs / view.line_rate))
     batch = {_CAMERA: np.arange(pairs + 1)}
     rows = []
-    count = 0
     for angle in np.radians(_ANGLES):
         errors, reasons = [], []
         for yaw in np.repeat(generator.uniform(0.0, math.tau, ORIENTATIONS), batches):
@@ -131,10 +132,7 @@ def measure_sensor_error(
             turned = angle + spread * generator.uniform(-1.0, 1.0)
             twist = np.array([v * math.cos(turned), v * math.sin(turned), 0.0])
             start = np.append(generator.uniform(0.0, PERIOD, 2), yaw)
-            # The stamps are far apart, so that lines of different batches are not compared.
-            seen = rig.expose(start, twist, batch, 4 * count * duration_ns)
-            reading = odometry.update(seen[_CAMERA])
-            count += 1
+            reading = odometry.update(rig.expose(start, twist, batch, next(stamps))[_CAMERA])
             if reading.measured:
                 errors.append(reading.velocity - twist[0])
             else:

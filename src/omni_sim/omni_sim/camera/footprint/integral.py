@@ -202,19 +202,7 @@ def _integrate_line(
     placement = rows.Placement(int(row_0), downwards, column, ahead, per_row)
     cover = rows.Cover(low, climb, height)
     _add_rows(ground, texture, placement, cover, (row_count, count), scratch)
-    integrated = scratch.cells
-    cells.merge_classes(scratch.totals, count - 1, scratch.cells)
-    if ground.averaged:
-        cells.refine(scratch.cells, scratch.refined, count - 1, height)
-        integrated = scratch.refined
-    cells.sum_cells(integrated, count, scratch.integral)
-
-    step = 2.0 * half / len(line)
-    start = (-half - (origin + 0.5 - rest)) * rows.CLASSES
-    weight = rows.CLASSES * step * (height >> (rows.POINT - rows.WEIGHT_BITS))
-    slant = tangent * rows.CLASSES / math.sqrt(12.0)
-    edges = cells.Edges(start, step * rows.CLASSES, slant, 1.0 / weight, np.float32(ground.middle))
-    cells.read_pixels(scratch.integral, edges, scratch.values, line)
+    _read_line(ground, scratch, (count, height), tangent, (half, origin + 0.5 - rest), line)
 
 
 @njit(cache=True, nogil=True)
@@ -238,3 +226,38 @@ def _add_rows(
     for cls in range(rows.CLASSES):
         rows.add_rows(texture, placed, cls, scratch.sums, scratch.totals[cls, :count])
     rows.add_edges(texture, cover, placed.offsets, scratch.totals[rows.HALF, :count])
+
+
+@njit(cache=True, nogil=True)
+def _read_line(
+    ground: PaddedTexture,
+    scratch: _Scratch,
+    size: tuple[int, int],
+    tangent: float,
+    span: tuple[float, float],
+    line: Float32Array,
+) -> None:
+    """Read the pixels of a line from the totals of the classes.
+
+    Args:
+        ground: texels.
+        scratch: scratch buffers, with the totals.
+        size: number of columns, and height of the footprint in a column [1 / rows.ONE texels].
+        tangent: tangent of the heading [1].
+        span: half the length of the footprint along s, and s of the first column [texels].
+        line: output, the gray levels of the pixels.
+    """
+    count, height = size
+    half, first = span
+    integrated = scratch.cells
+    cells.merge_classes(scratch.totals, count - 1, scratch.cells)
+    if ground.averaged:
+        cells.refine(scratch.cells, scratch.refined, count - 1, height)
+        integrated = scratch.refined
+    cells.sum_cells(integrated, count, scratch.integral)
+    step = 2.0 * half / len(line)
+    start = (-half - first) * rows.CLASSES
+    weight = rows.CLASSES * step * (height >> (rows.POINT - rows.WEIGHT_BITS))
+    slant = tangent * rows.CLASSES / math.sqrt(12.0)
+    edges = cells.Edges(start, step * rows.CLASSES, slant, 1.0 / weight, np.float32(ground.middle))
+    cells.read_pixels(scratch.integral, edges, scratch.values, line)
