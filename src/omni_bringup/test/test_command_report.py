@@ -17,6 +17,11 @@ from omni_bringup.commands import show
 WORKSPACE = Path(__file__).parents[3]
 
 
+@pytest.fixture(autouse=True)
+def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
+
+
 @pytest.mark.parametrize(
     ("words", "name", "problem"),
     [
@@ -34,9 +39,7 @@ def test_a_refusal_is_json_where_json_is_asked_for(
     name: str,
     problem: str,
     capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     with pytest.raises(SystemExit) as ended:
         main(words)
     printed = capsys.readouterr()
@@ -60,9 +63,8 @@ def test_a_refusal_is_json_where_json_is_asked_for(
     ],
 )
 def test_a_very_long_word_is_refused_and_not_repeated_in_full(
-    words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     with pytest.raises(SystemExit) as ended:
         main([*(word.format("x" * 3000) for word in words), "--json"])
     printed = capsys.readouterr()
@@ -74,9 +76,8 @@ def test_a_very_long_word_is_refused_and_not_repeated_in_full(
 
 
 def test_a_failed_write_is_a_failure_and_no_refusal(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit) as ended:
         main(["show", "cork", "--out", str(tmp_path / "file/below.png"), "--json"])
@@ -119,7 +120,6 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     monkeypatch.chdir(WORKSPACE)
     (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit) as ended:
@@ -129,9 +129,8 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(
 
 
 def test_a_drive_does_not_overwrite_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     with pytest.raises(SystemExit) as ended:
         main(["drive", "--port", "0", "--out", str(tmp_path)])
     assert ended.value.code == 2
@@ -142,7 +141,6 @@ def test_a_drive_does_not_overwrite_a_recording(
 def test_parameters_are_written_for_a_name_or_folder(
     configuration: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     monkeypatch.chdir(tmp_path)
     for command in (["new-vehicle", "mine", *_MEASURED], ["ros-params", configuration]):
         with pytest.raises(SystemExit) as ended:
@@ -164,7 +162,6 @@ def test_what_is_no_configuration_is_refused_with_a_remedy(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setenv("OMNI_WORKSPACE", str(WORKSPACE))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         main(["new-vehicle", "mine", *_MEASURED])

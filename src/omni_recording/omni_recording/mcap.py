@@ -17,10 +17,10 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
 
+from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, Footer, Header, Schema, Statistics
 
 from omni_platform.quantities import SECOND_NS
 from omni_recording.limits import LIMITS
@@ -143,7 +143,7 @@ class McapMessages:
         with self._path.open("rb") as file:
             for opcode, content in _file_records(file):
                 if opcode == Opcode.HEADER:
-                    self.profile = _parsed(Header, content).profile
+                    self.profile = _parsed(records.Header, content).profile
                 elif opcode == Opcode.CHUNK:
                     try:
                         yield from self._chunk(content)
@@ -157,7 +157,7 @@ class McapMessages:
                     self._tables.add(opcode, content)
 
     def _chunk(self, content: bytes) -> Iterator[RecordedMessage]:
-        chunk = _parsed(Chunk, content)
+        chunk = _parsed(records.Chunk, content)
         self.compressions.add(chunk.compression)
         self.chunks += 1
         raw = _unpacked(chunk)
@@ -190,7 +190,7 @@ def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
         opcode, length = _HEAD.unpack_from(tail)
         if opcode != Opcode.FOOTER or length != _FOOTER_SIZE - _HEAD.size - len(MAGIC):
             raise McapError("is damaged: its footer is not at its end")
-        start = _parsed(Footer, tail[_HEAD.size :]).summary_start
+        start = _parsed(records.Footer, tail[_HEAD.size :]).summary_start
         if start == 0:
             return None
         if not len(MAGIC) <= start <= end:
@@ -199,15 +199,15 @@ def read_summary(path: Path, namespace: str = "") -> McapSummary | None:
         return _summary(_framed(file, end, wanted=_SUMMARY_RECORDS), _Tables(namespace))
 
 
-def _summary(records: Iterator[tuple[int, bytes]], tables: _Tables) -> McapSummary | None:
+def _summary(entries: Iterator[tuple[int, bytes]], tables: _Tables) -> McapSummary | None:
     statistics: Any = None
     compressions: set[str] = set()
     chunks = 0
-    for opcode, content in records:
+    for opcode, content in entries:
         if opcode == Opcode.STATISTICS:
-            statistics = _parsed(Statistics, content)
+            statistics = _parsed(records.Statistics, content)
         elif opcode == Opcode.CHUNK_INDEX:
-            compressions.add(_parsed(ChunkIndex, content).compression)
+            compressions.add(_parsed(records.ChunkIndex, content).compression)
             chunks += 1
             if chunks > LIMITS.chunks:
                 raise McapError(f"lists more than {LIMITS.chunks} chunks")
@@ -242,10 +242,10 @@ class _Tables:
 
     def add(self, opcode: int, content: bytes) -> None:
         if opcode == Opcode.SCHEMA:
-            schema = _parsed(Schema, content)
+            schema = _parsed(records.Schema, content)
             self._store("schema", self._schemas, schema.id, schema, content)
         elif opcode == Opcode.CHANNEL:
-            channel = _parsed(Channel, content)
+            channel = _parsed(records.Channel, content)
             self._store("channel", self.channels, channel.id, self._make(channel), content)
 
     def message(self, content: bytes) -> RecordedMessage:

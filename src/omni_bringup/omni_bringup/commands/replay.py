@@ -72,8 +72,7 @@ def run(options: Options, workspace: Workspace) -> Report:
         lacking = ", ".join(sorted(plan.outputs.keys() - known))
         raise BagError(bag.path, f"contains no recorded results on {lacking} to compare with")
     default = beside(options.bag, f"replayed_{time_in_name()}")
-    folder = unused((options.out or default).absolute())
-    make_folder(folder).rmdir()  # the recorder makes the folder itself
+    folder = make_folder(unused(options.out or default))
     timeouts = 0
     try:
         if options.offline:
