@@ -139,7 +139,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     """Store wheel speeds and IMU reading; store NaN for values that are too old or implausible.
 
     Returns:
-        Whether there is a recent IMU reading.
+        Whether there is a recent and complete IMU reading.
     """
     wheels, imu, inertial = inputs.wheels, inputs.imu, memory.workspace[0]
     now_ns, limits, rim = inputs.now_ns, constants.limits, constants.bank.roll
@@ -153,7 +153,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
     for j in range(2):
         plausible = abs(imu.acceleration[j]) <= limits.maximum_acceleration
         inertial[j + 1] = imu.acceleration[j] if known and plausible else math.nan
-    return bool(known)
+    return math.isfinite(inertial[0] + inertial[1] + inertial[2])
 
 
 @lean

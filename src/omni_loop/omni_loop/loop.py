@@ -65,7 +65,7 @@ def _demand(observation: Observation, feedback: signals.TwistSample) -> BrakeDem
         observation.pedal,
         feedback,
         signals.WheelSample(stamp_ns, observation.encoder_speed),
-        signals.ImuSample(stamp_ns, float(imu[0]), imu[1:]) if np.all(np.isfinite(imu)) else None,
+        signals.ImuSample(stamp_ns, float(imu[0]), imu[1:]),
     )
 
 

@@ -24,6 +24,12 @@ VALVES = (
     "vehicle.brake.time_constant=0.02",
 )
 OUTSIDE = "brake_assist.law=omni_brake_assist.laws.sliding_mode:SlidingMode"
+MONITORED = ("brake_assist.fault_detection=true",)
+BARE = "imu.enabled=false"
+WITHOUT_FORCE = (
+    "faults={a: {channel: accelerometer, kind: drop_out, time: 1.0},"
+    " b: {channel: twist, kind: offset, time: 1.3, amplitude: 1.0}}",
+)
 TURNING = ("maneuver.yaw_rate_deg=70", "maneuver.direction_deg=30")
 
 
@@ -77,6 +83,10 @@ def load(experiment: str, variant: str, *overrides: str) -> ExperimentConfigurat
         # A fault that the fail-safe detects, and one with the covariance of its readings.
         ("straight_line", "assisted", (*twist_fault("drift", 0.5), *TURNING, *NOISE)),
         ("straight_line", "assisted", (*twist_fault("noise", 0.2), *TURNING)),
+        # Twists without an IMU are compared only with each other.
+        ("straight_line", "assisted", (*twist_fault("offset", 1.5), *TURNING, *MONITORED, BARE)),
+        ("straight_line", "assisted", (*twist_fault("noise", 0.5), *TURNING, *MONITORED, BARE)),
+        ("straight_line", "assisted", (*WITHOUT_FORCE, *TURNING, *MONITORED)),
         ("straight_line", "assisted", (OUTSIDE, *TURNING, *VALVES)),
     ],
 )

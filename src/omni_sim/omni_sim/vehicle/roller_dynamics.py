@@ -10,7 +10,7 @@ roller is that of the last step.
 import math
 from typing import NamedTuple
 
-from omni_platform.kernels import lean
+from omni_platform.kernels import lean, lean_inline
 from omni_platform.quantities import Pair
 from omni_sim.ground.friction import friction_at
 from omni_sim.tire.model import curve_at
@@ -129,7 +129,7 @@ def _step_contact(
     return after.speed, after.brake
 
 
-@lean
+@lean_inline
 def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
     """Return the roller's spin after its dry friction, which can hold it against its last force.
 

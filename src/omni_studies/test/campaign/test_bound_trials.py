@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def test_a_bound_is_not_above_its_sketch_and_not_far_below(
 def test_random_stops_are_not_below_their_bounds(
     library: ExperimentLibrary, tmp_path: Path
 ) -> None:
-    bounds = load_study("bounds")
+    bounds: Any = load_study("bounds")
     options = bounds.Options(runs=12, seed=35, workers=1)
     result = bounds.run(options, StudyRun(library, tmp_path))
     assert result.metrics["runs.all"].value == 12
