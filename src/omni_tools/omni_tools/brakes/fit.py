@@ -106,8 +106,7 @@ def fit_brakes(
         stops: recorded stops.
         vehicle: vehicle, which gives masses, wheels and wheel inertia.
         fewest: required number of intervals in which a braked wheel turns.
-        largest_residual: limit on the ratio of the residual to the changes of speed that the brakes
-            cause [1].
+        largest_residual: limit on the ratio of the residual to the changes of speed by braking [1].
         largest_error: limit on the ratio of the torque's standard error to the torque [1].
 
     Raises:
