@@ -1,1 +1,1 @@
-"""Body twist from one-dimensional line cameras and its ROS node."""
+"""Odometry that measures the body twist with one-dimensional line cameras, and its ROS node."""

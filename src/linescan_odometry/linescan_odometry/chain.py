@@ -1,9 +1,9 @@
-"""Joining of one sensor's batches into a chain of consecutive lines, with a check of their stamps.
+"""Joining of a camera's batches into a chain of consecutive lines, with a check of the stamps.
 
 The line period is computed from the stamps of the newest lines and the number of lines between
-them. If the period differs from the configured one, lines were lost or repeated, or the line rate
-is wrong. In each case the velocity has the same relative error as the period. A missing batch does
-not cause this error, because the lines of the next batch are still consecutive.
+them. If this period differs from the configured period, lines were lost or repeated, or the line
+rate is wrong. In each case the velocity has the same relative error as the period. A missing batch
+does not cause this error, because the lines of the next batch are still consecutive.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ class LineChain:
     """
 
     def __init__(self, sensor: LineSensor) -> None:
-        """Create an empty chain."""
+        """Create a chain without a stored line."""
         self._pixels = sensor.pixels
         self._rate = sensor.line_rate
         self._period_ns = 1e9 / sensor.line_rate
@@ -43,17 +43,18 @@ class LineChain:
         self._late = 0.0  # decaying sum of the delays of earlier batches [line periods]
 
     def reset(self) -> None:
-        """Discard the last line."""
+        """Discard the stored line; the next batch starts a new chain."""
         self._last_row = -1
         self._last_ns = None
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Check a batch and return two or more consecutive lines, oldest first; see `join`.
+        """Check a batch; return at least two consecutive lines, oldest first, as `join` does.
 
         Args:
             batch: batch of the camera; batches must be given in the order of delivery.
-            restart: called if the lines do not follow those of the previous batch.
+            restart: function that is called if the lines do not follow the lines of the previous
+                batch without a gap.
 
         Raises:
             Unmeasured: the batch is faulty, or there are fewer than two lines.
@@ -88,8 +89,8 @@ class LineChain:
             m or m + 1 lines, oldest first; the next call overwrites the array.
 
         Raises:
-            Unmeasured: the stamp is older than that of the previous batch, or the batch repeats the
-                lines of the previous one.
+            Unmeasured: the stamp is older than the stamp of the previous batch, or the batch
+                repeats the lines of the previous batch.
         """
         lines = batch.lines
         count = len(lines)
@@ -147,7 +148,7 @@ class LineChain:
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Store the lines from row 1 on; if `joined`, the previous last line moves to row 0."""
+        """Store the lines from row 1 on; if `joined`, row 0 receives the previous last line."""
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:

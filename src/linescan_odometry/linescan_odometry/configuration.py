@@ -17,17 +17,17 @@ from omni_platform.configuration import (
 from omni_platform.sensors import FlowSensor, LineSensor, Mount
 
 METHODS = ("joint", "pairs")
-"""Methods that estimate displacements, by name."""
+"""Names of the methods that estimate displacements."""
 
 
 class OdometryConfiguration(Configuration):
     """Parameters of displacement search, filters and twist estimation."""
 
     sensors: Mapping[str, LineSensor] = parameter()
-    """Line cameras on the platform: at least three, or two with a kinematic constraint; fewer or
-    none if there are flow sensors"""
+    """Line cameras on the platform: at least three, or two with a kinematic constraint. With flow
+    sensors, fewer cameras or none suffice"""
     flow_sensors: Mapping[str, FlowSensor] = section(dict)
-    """Optical-flow sensors on the platform; each of them replaces two cameras"""
+    """Optical-flow sensors on the platform; each flow sensor replaces two cameras"""
     method: str = parameter("joint", choices=METHODS)
     """Method that estimates displacements: `joint` maximizes the likelihood of whole batches and
     estimates the camera's fixed pattern at the same time; `pairs` uses only line pairs and the
@@ -68,26 +68,26 @@ class OdometryConfiguration(Configuration):
     axis, because it is covered or sees an oblique texture; set this to false for grounds with
     stripes along the path"""
     contradiction_limit: float = parameter(8.0, minimum=0.0, maximum=1000.0)
-    """Limit on the residual of a sensor against the others, in standard deviations. Beyond the
-    limit, the sensor is excluded (five or more sensors) or the covariance is increased (four
-    sensors); 0 for no limit"""
+    """Limit on the deviation of a sensor from the twist of all sensors, in standard deviations.
+    Beyond the limit, the sensor is excluded (five or more sensors) or the covariance is increased
+    (four sensors); 0 for no limit"""
     maximum_skew: float = parameter(0.005, unit="s", above=0.0, maximum=10.0)
     """Limit on the difference between the stamps of batches that are used together; without line
     cameras, the limit is at least 3/4 of the period of the fastest flow sensor"""
     minimum_lever: float = parameter(0.02, unit="m", above=0.0, maximum=10.0)
     """Minimum effective lever arm (RMS) that the sensors need to measure the yaw rate"""
     kinematics: KinematicsConfiguration = section(KinematicsConfiguration)
-    """Kinematic constraint: a motion that the vehicle cannot make while its wheels grip"""
+    """Kinematic constraint: a direction in which the vehicle cannot move while its wheels grip"""
     sideslip: Mapping[str, SideslipWheel] = section(dict)
-    """Wheels whose sideslip angle is measured"""
+    """Wheels whose sideslip angles are measured"""
 
     @property
     def all_sensors(self) -> dict[str, Mount]:
-        """All sensors by name: line cameras, then flow sensors."""
+        """All sensors, keyed by name: line cameras, then flow sensors."""
         return {**self.sensors, **self.flow_sensors}
 
     def shift_limit(self, sensor: LineSensor) -> int:
-        """Return the largest shift of the search, n / k rounded down [px]."""
+        """Return the limit on the shifts of a search, n / k rounded down [px]."""
         return int(sensor.pixels / self.shift_divisor)
 
     def check_consistency(self) -> None:
@@ -117,9 +117,10 @@ class OdometryConfiguration(Configuration):
     def skew(self) -> float:
         """Limit on the difference between the stamps of measurements that are used together [s].
 
-        Without cameras, each flow sensor measures at its own times. If the limit is only half a
-        period, sensors whose times differ by about half a period lose measurements due to jitter.
-        With three quarters of a period, each measurement has a partner for every such difference.
+        Without cameras, each flow sensor measures at its own times. With a limit of half a period,
+        sensors whose times differ by about half a period would lose measurements due to jitter.
+        With three quarters of a period, each measurement has a partner at any difference of the
+        times.
         """
         rates = [sensor.rate for sensor in self.flow_sensors.values()]
         if self.sensors or not rates:

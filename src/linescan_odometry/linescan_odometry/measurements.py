@@ -1,4 +1,4 @@
-"""Inputs and outputs of the odometry."""
+"""Measurements of the sensors, and the twist that the odometry estimates from them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from omni_platform.quantities import FloatArray
 from omni_platform.signals import Lines
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance of a velocity that was not measured, (1 km/s)^2 [m^2/s^2]."""
+"""Variance that marks a velocity as unmeasured, (1 km/s)^2 [m^2/s^2]."""
 
 
 class Displacement(NamedTuple):
-    """Displacement over the lines of a batch.
+    """Displacement that was estimated from the lines of a batch.
 
     Attributes:
         value: mean displacement per line, along the camera's +axis [px].
@@ -41,19 +41,19 @@ class SensorReading:
     Attributes:
         velocity: velocity of the camera's position along its axis [m/s], 0 if not measured.
         variance: variance of the velocity [m^2/s^2], `UNMEASURED_VARIANCE` if not measured.
-        correlation: mean similarity of the used line pairs at their peak, up to 1.
+        correlation: mean correlation of the used line pairs at the peak, up to 1.
         inlier_share: share of the line pairs that were used, 0 to 1.
         measured: whether velocity and variance are valid.
-        reason: why they are invalid; empty if they are valid.
+        reason: reason why both are invalid; empty if they are valid.
         static_time: time for which the view has not changed [s]; 0 if it changed in this batch.
-        remark: description of a defect that does not make the lines unusable; empty if there is
-            none.
-        reference_age: age of the earlier line that was compared with the newest one [s]; 0 if none
-            was compared.
-        persistence: correlation of the earlier line, shifted by the displacement since then, with
-            the newest line, divided by that of neighboring lines [1].
-        unmatched: whether the lines have contrast but do not match, or the match contradicts the
-            motion.
+        remark: description of a defect with which the lines are still usable; empty without a
+            defect.
+        reference_age: age of the earlier line that was compared with the newest line [s]; 0 without
+            a comparison.
+        persistence: correlation of this earlier line, shifted by the displacement since then, with
+            the newest line, divided by the correlation of neighboring lines [1].
+        unmatched: whether the lines have contrast but do not match, or their displacement
+            contradicts the motion.
     """
 
     velocity: float
@@ -72,7 +72,7 @@ class SensorReading:
     def unmeasured(
         cls, reason: str, correlation: float = 0.0, inlier_share: float = 0.0
     ) -> SensorReading:
-        """Create a reading that is marked as unmeasured, with the reason."""
+        """Return a reading that is marked as unmeasured, with the reason."""
         return cls(0.0, UNMEASURED_VARIANCE, correlation, inlier_share, False, reason)
 
     def rejected(self, reason: str) -> SensorReading:
@@ -83,7 +83,7 @@ class SensorReading:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FlowReading:
-    """Measurement of one flow sensor.
+    """Measurement of one optical-flow sensor: velocity along two axes.
 
     Attributes:
         velocity: velocity along the sensor's axis and to the left of it [m/s], shape (2,); 0 if not
@@ -91,7 +91,7 @@ class FlowReading:
         covariance: covariance of the velocity [m^2/s^2], shape (2, 2); if not measured, the
             identity times `UNMEASURED_VARIANCE`.
         measured: whether velocity and covariance are valid.
-        reason: why they are invalid; empty if they are valid.
+        reason: reason why both are invalid; empty if they are valid.
     """
 
     velocity: FloatArray
@@ -101,7 +101,7 @@ class FlowReading:
 
     @classmethod
     def unmeasured(cls, reason: str) -> FlowReading:
-        """Create a reading that is marked as unmeasured, with the reason."""
+        """Return a reading that is marked as unmeasured, with the reason."""
         return cls(np.zeros(2), UNMEASURED_VARIANCE * np.eye(2), False, reason)
 
     def in_words(self) -> str:
@@ -114,10 +114,10 @@ class Unmeasured(Exception):  # noqa: N818 - not an error: a view may be blank
     """A batch yields no velocity; the exception contains an unmeasured reading with the reason."""
 
     def __init__(self, reason: str, inlier_share: float = 0.0, *, unmatched: bool = False) -> None:
-        """Store the reason.
+        """Create an unmeasured reading with the reason, and store it in the exception.
 
         Args:
-            reason: why no velocity was measured.
+            reason: reason why no velocity was measured.
             inlier_share: share of the line pairs that could be used, 0 to 1.
             unmatched: whether the lines have contrast but do not match.
         """
@@ -137,14 +137,14 @@ class TwistEstimate:
         covariance: covariance of the twist in the squares of its units, shape (3, 3); if not
             measured, the identity times `UNMEASURED_VARIANCE`.
         measured: whether enough sensors had a valid measurement.
-        readings: reading of each camera by name, in the order of the configuration.
-        assumed: whether the kinematic constraint was used. If the vehicle skids then, the twist
-            contains an error that the covariance does not include.
+        readings: reading of each camera, keyed by name, in the order of the configuration.
+        assumed: whether the kinematic constraint was used. If it was used while the vehicle skids,
+            the twist has an error that the covariance does not include.
         skid: description of how the sensors contradict the kinematic constraint; empty if they
             agree with it or if the constraint was used.
         inflation: factor by which the covariance was increased to explain the residuals [1]; 1 if
             the readings are consistent.
-        flows: reading of each flow sensor by name, in the order of the configuration.
+        flows: reading of each flow sensor, keyed by name, in the order of the configuration.
     """
 
     stamp_ns: int
@@ -159,7 +159,7 @@ class TwistEstimate:
 
     @property
     def reason(self) -> str:
-        """Why sensors did not measure, such as ``front: no line; left: ...``, and any skid."""
+        """Reasons why sensors did not measure, such as ``front: no line``, and any skid."""
         each: dict[str, SensorReading | FlowReading] = {**self.readings, **self.flows}
         reasons = [f"{name}: {r.reason}" for name, r in each.items() if not r.measured]
         return "; ".join(reasons + ([self.skid] if self.skid else []))

@@ -1,4 +1,4 @@
-"""Conversion of ROS messages to batches of lines and measurements of flow sensors, and back."""
+"""Conversion of ROS messages to inputs of the odometry, and of estimates to ROS messages."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -45,7 +45,7 @@ def flow_of(message: TwistWithCovarianceStamped) -> Flow:
 
 
 def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
-    """Return how a camera's ``camera_info`` differs from its configuration; empty if they agree.
+    """Return how the ``camera_info`` differs from a camera's configuration; empty if they agree.
 
     The scale ``k[0]`` [px/m on the ground] is compared only if the message contains one.
     """
@@ -66,9 +66,9 @@ def contradiction_of(message: CameraInfo, sensor: LineSensor) -> str:
 def estimate_messages(
     estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]
 ) -> dict[str, Any]:
-    """Return the messages with sideslip angles and twist, by topic.
+    """Return the messages with sideslip angles and twist, keyed by topic.
 
-    The twist is last, because other nodes wait for it.
+    The twist is the last entry, because other nodes wait for this message.
     """
     stamp_ns, messages = estimate.stamp_ns, {}
     if sideslip:

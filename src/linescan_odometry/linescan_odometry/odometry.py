@@ -96,9 +96,9 @@ class LineScanOdometry:
         self._early: list[tuple[LineBatch, Callable[[], SensorReading]]] = []
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Start to process the lines of one camera before those of the other cameras have arrived.
+        """Start to process the lines of one camera before lines of the other cameras arrive.
 
-        `update` uses the result.
+        The next `update` uses the result.
 
         Args:
             name: name of the camera.
@@ -109,14 +109,15 @@ class LineScanOdometry:
             del self._early[: -_MOST_EARLY * len(self._sensors)]
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Estimate the twist from the measurements since the last update.
+        """Return the twist estimated from the measurements since the last update.
 
         Args:
-            batches: camera batches and flow measurements by sensor name; without an entry, a sensor
-                counts as unmeasured.
+            batches: batches of the cameras and measurements of the flow sensors, keyed by sensor
+                name. A sensor without an entry counts as unmeasured.
 
         Raises:
-            LineBatchError: a name is not that of a configured camera (for lines) or flow sensor.
+            LineBatchError: a name does not belong to a configured camera (for lines) or flow
+                sensor.
         """
         lines: dict[str, LineBatch] = {}
         flows: dict[str, Flow] = {}
@@ -143,9 +144,10 @@ class LineScanOdometry:
         return estimate
 
     def warm_up(self) -> None:
-        """Compile or load all kernels, so that the first update is as fast as the later ones.
+        """Compile or load all kernels, so that the first update is as fast as later updates.
 
-        The state does not change, because a separate instance processes lines of the same sizes.
+        The state of this object does not change, because a separate instance processes lines of the
+        same sizes.
         """
         trial = LineScanOdometry(self._configuration)
         generator = np.random.default_rng(0)
@@ -176,7 +178,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Describe by how much a batch is older than the newest one; empty if it is recent."""
+        """Return a text on how much older a batch is than the newest one; empty if it is recent."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
@@ -184,7 +186,7 @@ class LineScanOdometry:
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
     ) -> TwistEstimate:
-        """Solve for the twist, check it, exclude faulty sensors, and solve again."""
+        """Return the twist after exclusion of faulty sensors."""
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
@@ -274,7 +276,7 @@ class LineScanOdometry:
     def _wrong_views(
         self, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of occluded cameras, or else of those over oblique textures.
+        """Return the readings of occluded cameras, or else of cameras over oblique textures.
 
         The readings are marked as unmeasured. The twist must not be computed from faulty sensors,
         since fault-free cameras would then seem occluded.
@@ -315,7 +317,7 @@ class LineScanOdometry:
         )
 
     def _skid(self, axle: float, twist: FloatArray, covariance: FloatArray, variance: float) -> str:
-        """Describe a violation of the kinematic constraint; empty if there is none.
+        """Return a description of a violation of the kinematic constraint; otherwise an empty text.
 
         Args:
             axle: position x of the axle without sideways slip [m].
@@ -336,7 +338,7 @@ class LineScanOdometry:
 
 
 def _tables(configuration: OdometryConfiguration, name: str) -> Path | None:
-    """Return the file with a camera's references and fixed pattern, None if it has none.
+    """Return the file with the tables of a camera; None without such a file.
 
     Raises:
         ConfigurationError: the folder does not exist.

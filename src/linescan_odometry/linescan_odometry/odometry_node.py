@@ -37,21 +37,21 @@ _ASSUMED = "sideways velocity not measured, but computed for an axle that does n
 
 
 class InterfaceConfiguration(Configuration):
-    """Choice of the odometry class, and the inputs and outputs of the node."""
+    """Parameters for the odometry class, and for the inputs and outputs of the node."""
 
     own_odometry: str = parameter("")
     """Your own odometry class as my_module:MyOdometry, see docs/extending.md; empty for the
     line-scan odometry"""
     best_effort_cameras: bool = parameter(False)
-    """Accept cameras whose drivers publish with best-effort QoS (sensor data); lines may then be
-    lost, but are not delayed"""
+    """Whether cameras may publish with best-effort QoS (sensor data); lines may then be lost, but
+    are not delayed"""
     publish_tf: bool = parameter(True)
-    """Publish odom -> base_link on /tf and the cameras' frames on /tf_static, if tf2_msgs is
-    installed"""
+    """Whether to publish odom -> base_link on /tf and the frames of the cameras on /tf_static;
+    requires tf2_msgs"""
 
 
 class OdometryNode(Node):
-    """Collects one batch from each line camera and publishes the twist."""
+    """Receives one batch of lines from each camera in each step, and publishes the twist."""
 
     def __init__(self) -> None:
         super().__init__("linescan_odometry")
@@ -137,7 +137,7 @@ class OdometryNode(Node):
         return transforms
 
     def _report(self, estimate: TwistEstimate, sideslip: Mapping[str, SideslipEstimate]) -> None:
-        """Update the status of the sensors."""
+        """Update the status of the sensors for the diagnostics."""
         each: dict[str, SensorReading | FlowReading] = {**estimate.readings, **estimate.flows}
         # A change of any of these values is reported.
         key = (

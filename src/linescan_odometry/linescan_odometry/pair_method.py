@@ -1,9 +1,9 @@
 """The method `pairs`: full search for the shift of each line pair, then a median filter.
 
-The method is that of section 4.4 of the dissertation. Each line is compared with the previous one
-at all shifts up to the limit, with one of six metrics, and the peak is refined to a fraction of a
+Section 4.4 of the dissertation describes the method. Each line is compared with the previous one at
+all shifts up to the limit, with one of six metrics, and the peak is refined to a fraction of a
 pixel. Displacements that are impossible for the platform, or far from the median of their neighbors
-(section 4.6), are excluded. The others are averaged.
+(section 4.6), are excluded. The remaining displacements are averaged.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ class PairsMethod:
     """Measures displacements from pairs of lines."""
 
     def __init__(self, sensor: LineSensor, configuration: OdometryConfiguration) -> None:
-        """Create the stages of the method.
+        """Create the search, the refinement and the median filter for one camera.
 
         Args:
             sensor: configuration of the camera.
@@ -44,7 +44,7 @@ class PairsMethod:
         self._matcher.reset()
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Measure a batch; see `sensor.Method`."""
+        """Return the displacement in a batch; see `sensor.Method`."""
         settings = self._settings
         pairs = self._matcher.match(lines)
         implausible = plausibility.mark(stamp_ns, pairs)

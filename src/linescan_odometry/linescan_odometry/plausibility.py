@@ -1,9 +1,9 @@
 """Plausibility check of displacements by an acceleration limit (dissertation, section 4.6).
 
 In the time ``dt`` since the last measurement, the velocity along an axis cannot have changed by
-more than ``a dt``, where ``a`` is the acceleration limit. Other displacements are rejected. The
-permitted range grows with time, so a faulty last measurement or a shock excludes the sensor for a
-limited time only.
+more than ``a dt``, where ``a`` is the acceleration limit. Displacements that contradict this limit
+are rejected. The permitted range grows with time, so a faulty last measurement or a shock excludes
+the sensor for a limited time only.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ class Plausibility:
     """Rejects displacements that the platform cannot have made since the last measurement."""
 
     def __init__(self, sensor: LineSensor, maximum_acceleration: float, tolerance: float) -> None:
-        """Create the check for one sensor.
+        """Create the plausibility check for one line camera.
 
         Args:
             sensor: configuration of the line camera.
@@ -34,10 +34,10 @@ class Plausibility:
         self._stamp_ns: float | None = None
 
     def mark(self, stamp_ns: int, pairs: PairDisplacements) -> int:
-        """Mark implausible displacements as unusable; return how many usable ones were rejected.
+        """Mark implausible displacements as unusable; return how many displacements this rejected.
 
         Args:
-            stamp_ns: exposure of the newest line [ns].
+            stamp_ns: time of exposure of the newest line [ns].
             pairs: displacements of consecutive lines; the last pair ends at the newest line.
         """
         off = pairs.usable & ~self.check(stamp_ns, pairs.displacement)
@@ -45,10 +45,10 @@ class Plausibility:
         return int(np.count_nonzero(off))
 
     def check(self, stamp_ns: int, displacement: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which displacements are plausible, shape (m,).
+        """Return whether each displacement is plausible, shape (m,).
 
         Args:
-            stamp_ns: exposure of the newest line [ns].
+            stamp_ns: time of exposure of the newest line [ns].
             displacement: displacements of consecutive pairs of lines [px], shape (m,); the last
                 pair ends at the newest line.
         """
@@ -77,7 +77,7 @@ def _mark(
     reach: tuple[float, float],
     plausible: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements within a range around the expected one.
+    """Mark the displacements that are within a range around the expected displacement.
 
     Args:
         displacement: displacements of consecutive pairs of lines [px], shape (m,).

@@ -1,4 +1,4 @@
-"""Choice of an odometry estimator by name, and grouping of its inputs, without ROS topics."""
+"""Creation of an odometry estimator by its name, and grouping of its inputs, without ROS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from omni_platform.plugins import load_class, make_part
 from omni_platform.signals import Flow, LineBatch, TwistSample
 
 ODOMETRY_GROUP = "linescan_odometry.odometries"
-"""Group of entry points in which an installed package registers odometry classes by name."""
+"""Group of entry points with which an installed package offers odometry classes."""
 
 _MOST_AHEAD = 2  # batches by which another camera may be ahead before a group stops waiting
 
@@ -24,13 +24,13 @@ class Odometry(Protocol):
     """Interface of an odometry estimator."""
 
     def match(self, name: str, batch: LineBatch) -> None:
-        """Start to process a batch early; the next `update` receives the same batch."""
+        """Start to process a batch of one camera; the next `update` receives the same batch."""
 
     def update(self, batches: Mapping[str, LineBatch | Flow]) -> TwistEstimate:
-        """Estimate the twist from the batches since the last update."""
+        """Return the twist estimated from the measurements since the last update."""
 
     def warm_up(self) -> None:
-        """Compile or load all kernels."""
+        """Compile or load all kernels of the estimator, so that the first update is fast."""
 
 
 class _OwnOdometry:
@@ -51,7 +51,7 @@ class _OwnOdometry:
 
 
 def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
-    """Create an odometry estimator.
+    """Return the odometry estimator that a name selects.
 
     Args:
         name: ``module:Class`` or the name of an entry point; empty for the line-scan odometry.
@@ -67,7 +67,7 @@ def make_odometry(name: str, configuration: OdometryConfiguration) -> Odometry:
 
 
 class BatchCollector:
-    """Groups batches by their stamps; cameras may deliver in any order.
+    """Groups the batches of all sensors by stamp; the sensors may deliver in any order.
 
     Batches form a group if their stamps differ by at most `maximum_skew`. A group waits for a
     missing camera until another camera has delivered two batches that are newer than the group. The
@@ -91,7 +91,7 @@ class BatchCollector:
         Args:
             sensors: names of the sensors; a group lists its batches in this order.
             maximum_skew: limit on the difference of stamps within a group [s].
-            followers: rate [1/s] of each sensor that has its own rate, by name.
+            followers: rate of each follower [1/s], keyed by sensor name.
         """
         self._skew_ns = round(1e9 * maximum_skew)
         self._pending: dict[str, deque[LineBatch | Flow]] = {name: deque() for name in sensors}
@@ -103,7 +103,7 @@ class BatchCollector:
 
     @classmethod
     def of(cls, configuration: OdometryConfiguration) -> BatchCollector:
-        """Return a collector for the sensors; without cameras, flow sensors start the groups."""
+        """Return a collector for all sensors; without cameras, flow sensors start the groups."""
         flows = configuration.flow_sensors
         leading = list(configuration.sensors)
         if not leading and flows:
@@ -189,9 +189,9 @@ class BatchCollector:
         return group
 
     def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
-        """Return the flow measurement that belongs to a group of batches, None if there is none.
+        """Return the flow measurement that belongs to a group of batches, or None.
 
-        This is the last measurement up to the newest batch, or else the first one after it.
+        This is the last measurement up to the newest batch, or else the first later measurement.
 
         Args:
             name: name of the flow sensor.
@@ -205,7 +205,7 @@ class BatchCollector:
 
 
 class OdometryPort:
-    """Takes the inputs of the odometry one by one, in any order of the sensors.
+    """Receives the inputs of the odometry one by one in any order, and yields the estimates.
 
     Args:
         own_odometry: name of a user's odometry class; empty for the line-scan odometry.
@@ -218,13 +218,13 @@ class OdometryPort:
         self._sideslip = SideslipMonitor(configuration)
 
     def warm_up(self) -> None:
-        """Compile or load all kernels."""
+        """Compile or load all kernels of the estimator, so that the first update is fast."""
         self._odometry.warm_up()
 
     def take(
         self, sensor: str, batch: LineBatch | Flow
     ) -> Iterator[tuple[TwistEstimate, dict[str, SideslipEstimate]]]:
-        """Process an input; yield each estimate that is now complete, with the wheels' sideslip."""
+        """Process an input; yield each twist that is now complete, with the sideslip of wheels."""
         if isinstance(batch, LineBatch):
             self._odometry.match(sensor, batch)
         for batches in self._collector.add(sensor, batch):

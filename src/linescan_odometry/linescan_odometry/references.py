@@ -1,4 +1,4 @@
-"""Reference tables of one camera: dark signal, gain of each pixel, fixed pattern of an earlier run.
+"""Reference tables of a camera: dark signal, gain of each pixel, fixed pattern of an earlier run.
 
 The dark signal is measured with a covered camera, and the gains with an evenly lit white surface.
 Both are used to correct lines before a measurement. Pixels that receive hardly any light are
@@ -20,13 +20,13 @@ _STRONGEST = 4.0  # limit on the gain; a pixel that needs a larger one counts as
 
 
 class References:
-    """Corrects the lines of one camera for its dark signal and gains.
+    """Corrects the lines of one camera for the camera's dark signal and gains.
 
     Attributes:
         dark: dark signal [gray levels], shape (n,).
         gain: gain of each pixel [1], shape (n,).
         dead: whether each pixel is dead and therefore interpolated, shape (n,).
-        pattern: fixed pattern from an earlier run; None if there is none.
+        pattern: fixed pattern from an earlier run, or None.
     """
 
     def __init__(self, pixels: int) -> None:
@@ -46,14 +46,15 @@ class References:
         return bool((self.gain != 1.0).any())
 
     def take(self, dark: Lines | None, white: Lines | None) -> None:
-        """Compute references from lines of a covered camera and of an evenly lit white surface.
+        """Compute dark signal and gains from lines of a covered camera and a white surface.
 
         Args:
             dark: lines without light [gray levels], shape (m, n); None for no dark signal.
             white: lines of an evenly lit surface, shape (m, n); None for equal gains.
 
         Raises:
-            LineBatchError: the number of pixels differs, or white is not brighter than dark.
+            LineBatchError: the lines have another number of pixels than the camera, or the white
+                lines are not brighter than the dark lines.
         """
         pixels = len(self.dark)
         for lines in (dark, white):
@@ -77,10 +78,11 @@ class References:
         np.savez(path, dark=self.dark, gain=self.gain, dead=self.dead, **pattern._asdict())
 
     def load(self, path: Path) -> None:
-        """Read references that `save` wrote.
+        """Read the references from a file that `save` has written.
 
         Raises:
-            LineBatchError: the references are invalid, or their number of pixels differs.
+            LineBatchError: the references are invalid, or have another number of pixels than the
+                camera.
         """
         try:
             with np.load(path, allow_pickle=False) as file:
@@ -97,7 +99,7 @@ class References:
         self.pattern = pattern if len(pattern.precision) else None
 
     def correct(self, lines: Lines) -> Lines:
-        """Return 16-bit lines corrected for dark signal and gains; unchanged without references.
+        """Return 16-bit lines, corrected for dark signal and gains; unchanged without references.
 
         A gain of 1 uses a quarter of the range, so that larger gains do not saturate.
 

@@ -34,15 +34,15 @@ _BACKGROUND = 16384  # pixels of a batch above which a background thread saves t
 
 
 class Method(Protocol):
-    """Measures the displacement of the lines of one camera."""
+    """Method that measures the displacement of the lines of one camera."""
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Measure a batch.
+        """Return the mean displacement per line in a batch.
 
         Args:
             lines: consecutive lines, oldest first, shape (m + 1, n).
-            plausibility: check whether the platform can have made a displacement.
-            stamp_ns: exposure of the newest line [ns].
+            plausibility: check whether the platform can have moved by a displacement.
+            stamp_ns: time of exposure of the newest line [ns].
 
         Raises:
             Unmeasured: the lines do not determine a displacement.
@@ -66,7 +66,7 @@ class SensorOdometry:
         Args:
             sensor: configuration of the camera.
             configuration: configuration of the odometry.
-            tables: file with the camera's reference tables; None if there is none.
+            tables: file with the camera's reference tables, or None.
 
         Raises:
             LineBatchError: the file contains no tables of this camera.
@@ -101,7 +101,7 @@ class SensorOdometry:
         return method.estimator.pattern if isinstance(method, JointMethod) else None
 
     def update(self, batch: LineBatch) -> SensorReading:
-        """Measure the mean velocity over a batch; never raises an exception."""
+        """Return the mean velocity over a batch; this method never raises an exception."""
         return self.begin(batch)()
 
     def begin(self, batch: LineBatch) -> Callable[[], SensorReading]:
@@ -128,7 +128,7 @@ class SensorOdometry:
             return nothing.reading
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Convert a displacement to a velocity reading."""
+        """Return a displacement as a velocity reading."""
         velocity = displacement.value * self._scale
         if self._chain.stretch > _LONGEST_STRETCH:
             raise Unmeasured(self._chain.remark)
@@ -173,7 +173,7 @@ class SensorOdometry:
 
 
 def _correlation(one: Lines, other: Lines) -> float:
-    """Return Pearson's correlation, -1 where it is not defined."""
+    """Return Pearson's correlation of two lines; -1 if it is not defined."""
     x, y = one - one.mean(), other - other.mean()
     norm = math.sqrt(float(x @ x) * float(y @ y))
     return float(x @ y) / norm if norm > 0.0 else -1.0
@@ -195,7 +195,7 @@ def _check(lines: Lines) -> None:
 
 @lean
 def _count_identical(lines: Lines) -> int:
-    """Return the number of lines that equal the previous one."""
+    """Return the number of lines that equal the line before them."""
     count = 0
     for row in range(1, lines.shape[0]):
         i = 0

@@ -80,7 +80,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Return whether a law may act in this step, and the motion to pass to it."""
+    """Return whether a law may act in this step, and the motion that is its input."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
@@ -298,7 +298,7 @@ def _outcome(
 
 @lean
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
-    """Return the first fault in the order of `conditions.CONDITIONS`, GOOD if there is none.
+    """Return the first fault in the order of `conditions.CONDITIONS`; GOOD without a fault.
 
     If `replans` is true, a failed brake gives the condition REPLANNED, because `allocation`
     controls the rest of the stop; otherwise it gives FAILED_BRAKE.

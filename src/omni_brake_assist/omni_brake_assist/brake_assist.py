@@ -179,7 +179,7 @@ class BrakeAssist:
         return outcome, enable, error
 
     def _samples(self, demand: BrakeDemand) -> tuple[TwistSample, WheelSample, ImuSample]:
-        """Check the samples of a demand and return them in the form that the kernel expects."""
+        """Return the samples of a demand, checked and in the form that the kernel expects."""
         twist = self._read(
             demand.feedback, {"value": (3,), "covariance": (3, 3)}, {"value": "twist"}
         )
@@ -242,7 +242,7 @@ class BrakeAssist:
         return self.geometry.names[int(self._memory.step["dead"][0]) - 1]
 
     def _reason(self, outcome: int, fault: Fault | None) -> str:
-        """Return the text that describes a condition."""
+        """Return the text that describes the condition of the assistant."""
         if fault is not None and INACTIVE < outcome < SLOW:
             return fault.reason
         configuration = self.configuration

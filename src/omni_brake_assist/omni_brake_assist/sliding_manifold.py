@@ -35,7 +35,7 @@ from omni_platform.quantities import FloatArray
 
 
 class Manifold(NamedTuple):
-    """Constants of the error functions.
+    """Constants of the error functions of N wheels.
 
     Attributes:
         r_x: wheel positions ``r_i`` [m], shape (N,).

@@ -20,7 +20,7 @@ ZERO, COSINE, ENHANCED = range(3)  # numbers of the weightings
 
 @lean
 def psi(kind: int, k: int, delta: float) -> float:
-    """Return the weight of a wheel [1].
+    """Return the weight of the parallel error component of a wheel [1].
 
     ``zero`` is Solution 1 of section 3.4.3, in which only orientation and line of motion count.
     ``cosine`` prefers a short stop to a constant orientation. ``enhanced`` is a compromise between

@@ -11,5 +11,5 @@ from omni_bringup.launching import run_description
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the arguments and the nodes."""
+    """Return the launch arguments and the nodes."""
     return run_description("drive")

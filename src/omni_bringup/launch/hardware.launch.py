@@ -21,7 +21,7 @@ RESPAWN_DELAY = 1.0  # [s]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the arguments and the nodes."""
+    """Return the launch arguments and the nodes."""
     return LaunchDescription([*declared(ARGUMENTS), OpaqueFunction(function=start)])
 
 

@@ -186,7 +186,7 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the second paragraph of a docstring, or the first line if there is no second one."""
+    """Return the second paragraph of a docstring, or the first line of a single paragraph."""
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:

@@ -25,7 +25,7 @@ Use it to look up an option; [Commands](commands.md) has purposes, examples and 
 
 
 def reference() -> str:
-    """Return the reference as Markdown."""
+    """Return the reference of all commands and studies as Markdown text."""
     return "\n".join((_HEAD, *_sections(commands, "./omni", 2)))
 
 

@@ -43,7 +43,7 @@ class Report:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Content of the JSON document."""
+        """Content of the JSON document that the command prints or stores."""
         return {"name": self.name, "metrics": dict(self.metrics), **self.details}
 
 

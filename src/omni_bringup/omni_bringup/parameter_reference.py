@@ -26,7 +26,7 @@ Sections, equations and tables are those of the dissertation.
 
 
 def reference() -> str:
-    """Return the reference as Markdown."""
+    """Return the reference of all parameters as Markdown text."""
     from linescan_odometry.camera.configuration import CameraConfiguration
     from linescan_odometry.odometry import OdometryConfiguration
     from omni_brake_assist.brake_assist import BrakeAssistConfiguration

@@ -69,7 +69,7 @@ def run_sweep(options: Any, workspace: Workspace) -> Report:
 def _configurations(
     options: Any, workspace: Workspace
 ) -> list[tuple[str, dict[str, str], ExperimentConfiguration]]:
-    """Check every combination before the first one runs."""
+    """Return the configurations of all combinations, checked before the first run."""
     from omni_loop.ground_choice import ground_overrides, prepare_grounds
     from omni_loop.sweep import combinations
     from omni_sim.texture.cache import TextureCache

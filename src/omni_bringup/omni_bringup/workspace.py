@@ -30,7 +30,7 @@ class Workspace:
 
     @property
     def config(self) -> Path:
-        """Folder of the configuration."""
+        """Folder of the configuration files in this workspace."""
         return self.folder / "config"
 
     def experiment_library(self) -> ExperimentLibrary:
@@ -46,7 +46,7 @@ class Workspace:
         return RemarkingLibrary(self.config, self.note)
 
     def check(self, experiments: Iterable[ExperimentConfiguration]) -> None:
-        """Report each implausible value of the experiments once on standard error."""
+        """Report each implausible value in the experiments once on standard error."""
         from omni_tools.vehicles.plausibility import remarks
 
         for remark in dict.fromkeys(words for one in experiments for words in remarks(one)):

@@ -60,7 +60,7 @@ def _table(
     """Return a table in which only the first column may become narrower.
 
     Args:
-        metrics_by_variant: results by variant, in the order of the columns.
+        metrics_by_variant: results, keyed by variant, in the order of the columns.
         title: title above the table; None for no title.
         wraps: where headings may wrap: 0 nowhere, 1 between the parts of names, 2 anywhere.
     """

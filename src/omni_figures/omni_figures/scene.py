@@ -22,7 +22,7 @@ class GroundPatch:
 
     Attributes:
         outline: corners in `odom` [m].
-        friction: ratio of the patch's friction to that of the ground around it [1].
+        friction: friction of the patch, divided by the friction of the ground around it [1].
     """
 
     outline: tuple[tuple[float, float], ...]

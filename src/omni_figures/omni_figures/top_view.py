@@ -234,8 +234,8 @@ def _choose_view(
 
     Args:
         scene: vehicle and ground.
-        histories: runs by variant.
-        snapshots: snapshots by variant.
+        histories: time history of each variant's run, keyed by variant.
+        snapshots: snapshots, keyed by variant.
         arrow_scale: length of an arrow per speed [m / (m/s)].
         height: height of all panels together [in].
         lowest: minimum height of a panel [in].

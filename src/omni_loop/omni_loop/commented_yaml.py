@@ -13,12 +13,12 @@ _LONGEST = 110  # limit on the number of characters of a mapping or list on one 
 def commented_yaml(
     values: Mapping[str, Any], heading: str = "", notes: Mapping[str, str] = _NO_NOTES
 ) -> str:
-    """Format values as YAML: short mappings and lists on one line, unless they have notes.
+    """Return values as YAML text; short mappings and lists without notes are on one line.
 
     Args:
         values: nested mappings, lists and scalars.
         heading: comment before the values, one or more lines.
-        notes: comment at the end of the line of each dotted key.
+        notes: comment for the end of a line, keyed by the dotted key on this line.
     """
     comment = [f"# {line}" for line in heading.splitlines()]
     return "\n".join([*comment, *_lines(values, notes, "")]) + "\n"

@@ -2,8 +2,8 @@
 
 The kernel calls the compiled functions of the simulator and of the brake assistant, without line
 cameras, odometry or messages. The results are bit-identical to those of `loop.run_closed_loop` with
-``feedback: velocity_sensor``. A user's control law is called between the two compiled halves of a
-step.
+``feedback: velocity_sensor``. A user's control law in Python is called between the two compiled
+halves of a step.
 """
 
 import dataclasses
@@ -59,7 +59,7 @@ def _new_record(stamps: int, wheels: int) -> _Record:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class FastRun(RunHistory):
-    """Time histories of a run of the fast loop, without odometry estimates and assistant states.
+    """Time histories of a run of the fast loop; odometry estimates and assistant states are empty.
 
     Attributes:
         feedback: twist that the brake assistant received [m/s, m/s, rad/s], shape (T, 3).
@@ -261,7 +261,7 @@ def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: floa
 
 
 class _Run(NamedTuple):
-    """State of a run in progress."""
+    """State of a run of the fast loop in progress."""
 
     state: State
     assist: assist_state.Constants

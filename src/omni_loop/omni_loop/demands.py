@@ -1,4 +1,4 @@
-"""A driver's demands from a CSV table or a recording."""
+"""Reading of a driver's demands (velocity and pedal) from a CSV table or a recording."""
 
 import csv
 from pathlib import Path
@@ -16,7 +16,7 @@ _PEDAL = topics.PEDAL.path
 
 
 def read_demands(path: Path, key: str) -> dict[str, list[float]]:
-    """Return the columns of `DemandConfiguration` by name.
+    """Return the driver's demands as columns, keyed by the field names of `DemandConfiguration`.
 
     Args:
         path: a CSV file with the header ``time,forward,left,turn,pedal`` [s, m/s, m/s, rad/s, 1],

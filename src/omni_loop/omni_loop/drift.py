@@ -1,9 +1,9 @@
-"""Drift of the odometry: absolute and relative error of its path against the true path.
+"""Drift of the odometry: absolute and relative error of the estimated path.
 
-Both paths begin at the same pose; the path of the odometry is the integral of its twists. The
-definitions are those of the library `evo`: ``evo_ape`` with aligned origins, and ``evo_rpe --delta
-1 --delta_unit m --pairs_from_reference`` with consecutive pairs. If the library is installed
-(``requirements/evo.lock``), a test compares the results.
+The estimated path is the integral of the twists that the odometry measured. It begins at the same
+pose as the true path. The definitions are those of the library `evo`: ``evo_ape`` with aligned
+origins, and ``evo_rpe --delta 1 --delta_unit m --pairs_from_reference`` with consecutive pairs. If
+the library is installed (``requirements/evo.lock``), a test compares the results.
 """
 
 import math
@@ -23,9 +23,10 @@ _SHORT = f"the path is shorter than {DELTA:g} m"
 
 
 def odometry_path(history: RunHistory) -> FloatArray:
-    """Return the odometry's poses x, y, yaw [m, m, rad], starting at the true pose, (T, 3).
+    """Return the path that results from the odometry: x, y, yaw [m, m, rad], shape (T, 3).
 
-    An unmeasured twist is integrated as zero, as in the node.
+    The path begins at the true pose. An unmeasured twist is integrated as zero, as in the node.
+
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))
@@ -44,11 +45,11 @@ def absolute_error(truth: FloatArray, path: FloatArray) -> float:
 
 
 def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) -> tuple[float, int]:
-    """Return the error of a path within segments of fixed length.
+    """Return the error with which a path follows segments of fixed length of the true path.
 
     Args:
-        truth: poses x, y, yaw [m, m, rad], shape (T, 3).
-        path: poses x, y, yaw at the same stamps [m, m, rad], shape (T, 3).
+        truth: true poses x, y, yaw [m, m, rad], shape (T, 3).
+        path: estimated poses x, y, yaw at the same stamps [m, m, rad], shape (T, 3).
         delta: length of a segment [m].
 
     Returns:
@@ -71,14 +72,14 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
 
 
 def _between(path: FloatArray, first: int, last: int) -> FloatArray:
-    """Return the second pose of a path in the frame of the first, shape (3,)."""
+    """Return pose `last` of a path in the frame of pose `first`, shape (3,)."""
     d_x, d_y, turn = path[last] - path[first]
     cosine, sine = math.cos(path[first, 2]), math.sin(path[first, 2])
     return np.array([cosine * d_x + sine * d_y, cosine * d_y - sine * d_x, turn])
 
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:
-    """Return `odometry_ate` and `odometry_rpe` of a history [m]."""
+    """Return absolute and relative error of the odometry, `odometry_ate`, `odometry_rpe` [m]."""
     absolute, relative, notes = math.nan, math.nan, (_NO_ODOMETRY, _NO_ODOMETRY)
     if np.any(history.measured):
         path = odometry_path(history)

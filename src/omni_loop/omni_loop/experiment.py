@@ -3,8 +3,8 @@
 An experiment file lists only values that differ from the defaults. Parts are referred to by name:
 ``vehicle: mecanum_forklift`` reads ``config/vehicles/mecanum_forklift.yaml``, and a vehicle refers
 to its tire in the same way. The variant is merged first, then each ``--set`` override, whose dotted
-key can address any value. If a variant or an override names another part, this part is read first,
-and the other values of the part are merged into it.
+key can address any value. If a variant or an override names another file for a part, this file is
+read first, and further values that are given for the part are merged into its content.
 """
 
 import re
@@ -50,7 +50,7 @@ WITHOUT_CAMERAS = ("feedback=velocity_sensor", "simulation.render_lines=false")
 
 
 class ExperimentConfiguration(SimulatorConfiguration):
-    """All values on which a run of the loop depends."""
+    """All values on which a run of the closed loop depends."""
 
     description: str = parameter("")
     """Purpose of the experiment"""
@@ -70,7 +70,7 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
     @property
     def twist_period(self) -> float:
-        """Time between two received twists [s]; 0 if the assistant receives one in every step."""
+        """Time between two received twists [s]; 0 if every step has a twist."""
         return 0.0 if self.uses_lines else self.velocity_sensor.sample_time
 
     @property
@@ -79,10 +79,10 @@ class ExperimentConfiguration(SimulatorConfiguration):
         return "" if self.feedback in FEEDBACKS else self.feedback
 
     def check_consistency(self) -> None:
-        """Check that no node would wait for messages that no other node publishes.
+        """Check that every message for which a node waits is published by another node.
 
-        The names of wheels and line cameras must agree between nodes and vehicle. The configured
-        positions may differ from the true ones, so that such errors can be studied.
+        The names of wheels and line cameras must agree between nodes and vehicle. Configured
+        positions may differ from the true positions, so that such errors can be studied.
 
         Raises:
             ConfigurationError: names of wheels or cameras differ, or the feedback is not suitable.
@@ -106,10 +106,10 @@ class ExperimentConfiguration(SimulatorConfiguration):
             )
 
     def check_drivable(self) -> None:
-        """Check that the odometry needs no axle, and that a user's class can be created.
+        """Check that the configured odometry, law and engine work on a simulated vehicle.
 
-        A simulated vehicle has no axle that resists lateral slip. A recorded vehicle may have one,
-        so replays skip this check.
+        An odometry with few cameras may need an axle that resists lateral slip. A recorded vehicle
+        may have such an axle, so replays skip this check; a simulated vehicle has none.
 
         Raises:
             ConfigurationError: the odometry needs such an axle, a user's law or odometry cannot be
@@ -135,11 +135,11 @@ class ExperimentConfiguration(SimulatorConfiguration):
 
 class _SensorsAlone(Configuration):
     sensors: Mapping[str, LineSensor] = parameter()
-    """Line cameras by name"""
+    """Line cameras, keyed by name"""
 
 
 class ExperimentLibrary:
-    """Reads experiments and their parts from a configuration folder.
+    """Reads experiments, and the files to which they refer, from a configuration folder.
 
     Attributes:
         folder: folder of the configuration.
@@ -153,7 +153,7 @@ class ExperimentLibrary:
         return self.parts(_EXPERIMENTS)
 
     def variants(self, experiment: str, overrides: Iterable[str] = ()) -> list[str]:
-        """Return the names of an experiment's variants, in the order of its file.
+        """Return the names of an experiment's variants, in the order of the experiment's file.
 
         Args:
             experiment: name of the experiment.
@@ -171,14 +171,17 @@ class ExperimentLibrary:
         return sorted(path.stem for path in (self.folder / kind).glob("*.yaml"))
 
     def named(self, experiment: str, part: str) -> str:
-        """Return the file name of an experiment's part, such as ``ground``; empty if inline."""
+        """Return the file name that an experiment gives for a part such as ``ground``.
+
+        The text is empty if the experiment contains the values of the part itself.
+        """
         found = self._read(_EXPERIMENTS, experiment, "experiment").get(part)
         return found if isinstance(found, str) else ""
 
     def load(
         self, experiment: str, variant: str | None = None, overrides: Iterable[str] = ()
     ) -> ExperimentConfiguration:
-        """Compose and check the configuration of one variant.
+        """Return the checked configuration of one variant of an experiment.
 
         Args:
             experiment: name of a file in ``experiments/``, a path that ends in ``.yaml``, or a
@@ -229,7 +232,7 @@ class ExperimentLibrary:
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
-        """Read a vehicle without an experiment.
+        """Return the configuration of a vehicle without an experiment.
 
         Args:
             name: name of a file in ``vehicles/``, a path that ends in ``.yaml``, or a folder that
@@ -249,7 +252,7 @@ class ExperimentLibrary:
         return plain(self._resolve({"vehicle": name})["vehicle"])
 
     def sensors(self, name: str) -> Mapping[str, LineSensor]:
-        """Read line cameras without a vehicle; their placement may be insufficient for a twist.
+        """Return line cameras without a vehicle; they need not suffice to measure a twist.
 
         Args:
             name: name of a file in ``sensors/``, or a path that ends in ``.yaml``.
@@ -291,10 +294,11 @@ class ExperimentLibrary:
         return resolved
 
     def located(self, kind: str, name: str) -> str:
-        """Return the path of a file in a vehicle's own folder; return other names unchanged.
+        """Return the path of a vehicle's file if `name` is its folder; otherwise return `name`.
 
         Args:
-            kind: configuration folder that otherwise contains such files, such as ``vehicles``.
+            kind: kind of file, named like the configuration folder that usually contains it, such
+                as ``vehicles``.
             name: folder made by ``./omni new-vehicle``, or another name or path.
         """
         file = Path(name) / _IN_FOLDER.get(kind, "")
@@ -321,7 +325,7 @@ class ExperimentLibrary:
 
 
 def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> ExperimentConfiguration:
-    """Return the effective configuration stored with a recording, after overrides.
+    """Return the configuration that is stored with a recording, with overrides applied.
 
     Args:
         path: a ``configuration.yaml`` written by a run.
@@ -337,7 +341,7 @@ def recorded_experiment(path: Path, overrides: Iterable[str] = ()) -> Experiment
 
 
 def short_name(path: str | Path) -> str:
-    """Return the name of an experiment or vehicle for results: the name of its file or own folder.
+    """Return the short name of an experiment or vehicle: the name of its file or folder.
 
     Args:
         path: a name, a path that ends in ``.yaml``, or a folder of ``./omni new-vehicle``.
@@ -372,7 +376,7 @@ def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return a layer without the names of parts (see `_PARTS`); store them in `named` by key."""
+    """Return a layer without the names of parts (`_PARTS`), which are stored in `named`."""
     rest: dict[str, Any] = {}
     for key, value in layer.items():
         path = declared.join_key(prefix, str(key))
@@ -408,7 +412,7 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to that of the simulator, unless the tree already contains the value.
+    """Set a value of a node to the simulator's value, unless the tree already contains a value.
 
     Args:
         tree: experiment, changed in place.

@@ -1,4 +1,4 @@
-"""Options ``--ground NAME|PICTURE --dpi X`` of a run or a study."""
+"""Command-line options ``--ground NAME|PICTURE --dpi X`` of a run or a study."""
 
 import json
 from collections.abc import Iterable
@@ -14,11 +14,11 @@ _SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", "
 
 
 def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
-    """Return the overrides that apply both options to an experiment.
+    """Return the experiment overrides that correspond to the options ``--ground`` and ``--dpi``.
 
     Args:
-        ground: a named ground, a YAML file or a picture; None keeps the experiment's ground.
-        dpi: dots per inch on the ground; None keeps the experiment's value.
+        ground: name of a ground, a YAML file or a picture; None keeps the experiment's ground.
+        dpi: dots per inch of the picture on the ground; None keeps the experiment's value.
 
     Raises:
         ConfigurationError: a picture is given without dots per inch.
@@ -38,7 +38,7 @@ def ground_overrides(ground: str | None, dpi: float | None) -> tuple[str, ...]:
 def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: TextureCache) -> None:
     """Render the grounds of a run before its nodes start, and check their pictures.
 
-    Rendering a ground with 2400 dpi takes longer than the timeouts of the nodes.
+    This prevents timeouts: rendering a ground with 2400 dpi takes longer than nodes wait.
 
     Args:
         configurations: configurations of the run's variants.

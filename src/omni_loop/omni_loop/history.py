@@ -46,8 +46,8 @@ class RunHistory:
         brake_torque: torque of each brake [N m], shape (T, N).
         enable: brake enable of each wheel [1], 1 for the full pressure, 0 for a freely rolling
             wheel, shape (T, N).
-        error: error of each wheel in the control law [m/s], shape (T, N); with the sliding-mode
-            law, ``s_i`` of Eq. (44) of the dissertation.
+        error: error of each wheel that the control law computes [m/s], shape (T, N). With the
+            sliding-mode law, it is ``s_i`` of Eq. (44) of the dissertation.
         pedal: brake demand of the driver, 0 to 1, shape (T,).
         estimate: twist measured by the odometry in the body frame [m/s, m/s, rad/s], shape (T, 3).
         estimate_variance: variances of `estimate` [m^2/s^2, m^2/s^2, rad^2/s^2], shape (T, 3).
@@ -91,7 +91,7 @@ class RunHistory:
             raise ValueError(f"assist_state has {len(self.assist_state)} entries, must be {stamps}")
 
     def columns(self, name: str) -> tuple[str, ...]:
-        """Return the column names of a signal; none for a scalar signal."""
+        """Return the column names of a signal; empty for a signal with a single column."""
         components = SIGNALS[name]
         return self.wheel_names if components == (PER_WHEEL,) else components
 
@@ -120,8 +120,8 @@ class RunHistory:
     ) -> RunHistory:
         """Create a history from samples whose heading is given as (q_z, q_w), as in a recording.
 
-        Rows of the estimate that were not measured become NaN: those with a component that is not
-        finite, or whose variance is `UNMEASURED_VARIANCE` or more.
+        Rows of the estimate that were not measured become NaN. These are rows with a component that
+        is not finite, or with a variance of at least `UNMEASURED_VARIANCE`.
 
         Args:
             position: x, y of `base_link` in `odom` [m], shape (T, 2).
@@ -129,8 +129,8 @@ class RunHistory:
             wheel_names: names of the N wheels.
             assist_state: state of the brake assistant at each stamp, if known.
             real_time_factor: ratio of simulated to elapsed time [1].
-            **samples: the other attributes by name; without odometry, `estimate` and its variance
-                are omitted.
+            **samples: the other attributes of `RunHistory`; without odometry, `estimate` and
+                `estimate_variance` are omitted.
 
         Raises:
             ValueError: shapes do not fit together, or stamps do not increase.
@@ -156,7 +156,7 @@ class RunHistory:
 
     @property
     def time(self) -> FloatArray:
-        """Control stamps [s], shape (T,)."""
+        """Control stamps as times since the start of the run [s], shape (T,)."""
         return np.asarray(self.stamp_ns * 1e-9, dtype=np.float64)
 
     @property
@@ -172,7 +172,7 @@ class RunHistory:
 
     @property
     def braking_time(self) -> FloatArray:
-        """Time since the start of braking, without braking since the first stamp [s], (T,)."""
+        """Time since the start of braking, or since the first stamp if there is none [s], (T,)."""
         stamps = self.stamp_ns - self.stamp_ns[self.brake_start or 0]
         return np.asarray(stamps * 1e-9, dtype=np.float64)
 
@@ -197,7 +197,7 @@ SIGNALS: Mapping[str, tuple[str, ...]] = {
     for field in dataclasses.fields(RunHistory)
     if "components" in field.metadata
 }
-"""Arrays of a history with the names of their columns, see `RunHistory.columns`."""
+"""Names of the columns of each array of a history; see `RunHistory.columns`."""
 
 
 def quaternion_from_yaw(yaw: float) -> tuple[float, float]:
@@ -222,7 +222,7 @@ def continuous_yaw(orientation: FloatArray) -> FloatArray:
 
 
 def without_jumps(yaw: FloatArray) -> FloatArray:
-    """Return headings [rad] without jumps of full turns, the first in (-pi, pi], shape (T,)."""
+    """Return headings [rad] without jumps by full turns, the first in (-pi, pi], shape (T,)."""
     if np.any(np.abs(np.diff(yaw)) > math.pi):  # most runs need no slow `unwrap`
         yaw = np.unwrap(yaw)
     turns = math.ceil((float(yaw[0]) - math.pi) / math.tau) if yaw.size else 0

@@ -1,7 +1,8 @@
 """Closed loop of plant, estimator and controller in one process, without ROS.
 
 The loop passes the same values between the same cores in the same order as the ROS graph in
-lockstep, so the results are bit-identical. `steps` is the loop; the other functions use it.
+lockstep, so the results are bit-identical. The generator `steps` is the loop; the other functions
+use it.
 """
 
 import dataclasses
@@ -24,7 +25,7 @@ class Estimator(Protocol):
     """Source of the body twist: line-scan odometry, a user's odometry or a velocity sensor."""
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the twist estimated from the measurements; called once per stamp."""
+        """Return the twist estimated from the measurements; the loop calls this once per stamp."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,17 +104,17 @@ def run_closed_loop(
     simulator: Simulator | None = None,
     estimator: Estimator | None = None,
 ) -> history.RunHistory:
-    """Run an experiment to its end.
+    """Run an experiment to its end, and return the history.
 
     Args:
         configuration: configuration of the whole loop.
-        simulator: simulator of this configuration, for inspection after the run; created if None.
-        estimator: estimator that replaces that of the configuration; None to use the configured
-            one.
+        simulator: simulator of this configuration, which the caller can inspect after the run; None
+            to create one.
+        estimator: source of the twist that replaces the configured source; None to use the
+            configured source.
 
     Returns:
-        The history at every control stamp. Its real-time factor is unknown, because this function
-        reads no clock.
+        The history of the run, without a real-time factor, because this function reads no clock.
     """
     plant = simulator or Simulator(configuration)
     estimator = estimator or make_estimator(configuration)
@@ -147,7 +148,8 @@ def record(
 
     Args:
         wheel_names: wheel names of the plant.
-        moments: one moment per control stamp, with the odometry's twist or None.
+        moments: moment of every control stamp, with the twist of the odometry (None without
+            odometry).
     """
     samples: dict[str, list[Any]] = {}
     states: list[str] = []

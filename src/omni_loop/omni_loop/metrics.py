@@ -40,7 +40,7 @@ from omni_loop.history import RunHistory
 from omni_platform.quantities import FloatArray
 
 REST_SPEED, REST_YAW_RATE = 0.1, 0.1
-"""Limits on the speed of `base_link` [m/s] and on the yaw rate [rad/s] of a vehicle at rest."""
+"""A vehicle is at rest if its speed [m/s] and its yaw rate [rad/s] do not exceed these limits."""
 
 _ROCKING_SPEED, _ROCKING_YAW_RATE = 0.4, 0.4  # m/s, rad/s; limits for a rocking vehicle
 _NEVER_PRESSED = "the brake pedal is never pressed"
@@ -59,7 +59,7 @@ _BRAKING_QUANTITIES = {
 
 @dataclasses.dataclass(frozen=True)
 class Metric:
-    """One measured quantity.
+    """A measured quantity with its unit, reference value and limits.
 
     Attributes:
         value: measured value, in `unit`; NaN if it is undefined.
@@ -92,10 +92,10 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
-    if it never exceeds the larger limits of rocking afterwards. At a deceleration a, this stamp
-    precedes the time of zero speed by `REST_SPEED` / a. A run ends by another rule,
-    `omni_sim.run_progress.run_outcome`: the vehicle must have been at rest for some time, because
-    later rocking cannot be known in advance.
+    provided that the later rocking stays below larger limits. At a deceleration a, this stamp
+    precedes the time of zero speed by `REST_SPEED` / a. A simulation cannot foresee later rocking
+    and therefore ends by another rule (`omni_sim.run_progress.run_outcome`): the vehicle must have
+    been at rest for some time.
 
     Args:
         twist: body twists [m/s, m/s, rad/s], shape (T, 3).
@@ -112,7 +112,7 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
 
 def run_metrics(history: RunHistory) -> dict[str, Metric]:
-    """Compute the metrics of a run; the module's table lists them."""
+    """Return the metrics of a run, keyed by quantity; the table of this module lists them."""
     metrics = _braking_metrics(history) | _odometry_metrics(history)
     metrics["real_time_factor"] = Metric(history.real_time_factor, "1")
     return metrics
@@ -131,13 +131,13 @@ def results_document(
 ) -> dict[str, Any]:
     """Return the JSON document of a command that computes metrics.
 
-    A metric is named ``<quantity>.<variant>``. That of a wheel is named
-    ``<quantity>.<variant>_<wheel>``, and also contains `variant` and `wheel` separately. Values
-    that are not finite become None, with the reason in `note`.
+    A metric is named ``<quantity>.<variant>``. The metric of a wheel is named
+    ``<quantity>.<variant>_<wheel>``; its entry also contains `variant` and `wheel` separately.
+    Values that are not finite become None, with the reason in `note`.
 
     Args:
         name: name of the experiment.
-        metrics_by_variant: results of `run_metrics` by variant.
+        metrics_by_variant: results of `run_metrics`, keyed by variant.
     """
     entries: dict[str, dict[str, Any]] = {}
     for variant, metrics in metrics_by_variant.items():
@@ -150,7 +150,7 @@ def results_document(
 
 
 def results_entry(metric: Metric) -> dict[str, Any]:
-    """Return a metric as an entry of the document, with None for values that are not finite."""
+    """Return a metric as an entry of the JSON document; values that are not finite become None."""
     entry: dict[str, Any] = {"value": _finite(metric.value), "unit": metric.unit}
     for name in ("reference", "at_most", "at_least"):
         if (number := getattr(metric, name)) is not None:

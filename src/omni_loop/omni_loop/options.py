@@ -4,7 +4,7 @@ from omni_platform import command_options, configuration
 
 
 class LoopOptions(configuration.Configuration):
-    """Overrides of an experiment."""
+    """Command-line options that override values of an experiment."""
 
     overrides: tuple[str, ...] = command_options.overrides_option()
     law: str | None = command_options.option(None, metavar="NAME")
@@ -17,7 +17,7 @@ class LoopOptions(configuration.Configuration):
 
     @property
     def changes(self) -> list[str]:
-        """All overrides as ``dotted.key=value`` texts."""
+        """Overrides of all options as ``dotted.key=value`` texts."""
         law = [f"brake_assist.law={self.law}"] if self.law is not None else []
         odometry = [f"feedback={self.odometry}"] if self.odometry is not None else []
         simulator = [f"vehicle.wheel_model={self.simulator}"] if self.simulator is not None else []

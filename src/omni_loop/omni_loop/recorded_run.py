@@ -45,7 +45,7 @@ _VARIANCES = [0, 7, 35]
 
 @dataclasses.dataclass(frozen=True)
 class Stream:
-    """Messages of one topic in the order of their stamps."""
+    """Messages of one topic, sorted by stamp."""
 
     stamp_ns: NDArray[np.int64]
     messages: tuple[Any, ...]
@@ -61,16 +61,16 @@ class Stream:
 def read_run(bag_folder: Path | str) -> RunHistory:
     """Read the history of a run from a rosbag2 folder, for any namespace of the vehicle.
 
-    A value for which no message was recorded is NaN, for example if the last period has no enable.
-    A recording of a real vehicle has no ground truth; its motion is the integral of the measured
-    twist.
+    A value for which no message was recorded is NaN, such as the enables of the last period if they
+    are missing. A recording of a real vehicle has no ground truth, so the motion in the history is
+    the integral of the measured twist.
 
     Args:
         bag_folder: folder with ``metadata.yaml`` and the recording.
 
     Raises:
-        BagError: the recording is missing, empty, truncated or damaged, lacks a topic, or is not
-            that of a single run.
+        BagError: the recording is missing, empty, truncated or damaged, lacks a topic, or contains
+            more than one run.
     """
     from omni_recording.folder import open_vehicle
 
@@ -86,7 +86,7 @@ def read_run(bag_folder: Path | str) -> RunHistory:
 def read_streams(
     bag: Bag, chosen: Iterable[topics.Topic], required: Collection[topics.Topic] = ()
 ) -> dict[str, Stream]:
-    """Return the messages of the chosen topics, by topic name without the vehicle's namespace.
+    """Return the messages of the chosen topics, keyed by topic name without the namespace.
 
     Args:
         bag: the recording of a vehicle.
@@ -233,7 +233,7 @@ def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
 
 
 def demand(pedal: Any) -> float:
-    """Return the demand of a message on `brake/pedal` [1]; NaN if the message is empty."""
+    """Return the braking demand in a message on `brake/pedal` [1]; NaN if the message is empty."""
     return float(pedal.position[0]) if len(pedal.position) else np.nan
 
 
@@ -259,7 +259,7 @@ def cut(history: RunHistory, first: int, last: int) -> RunHistory:
 
 
 def stops_of(history: RunHistory) -> tuple[RunHistory, ...]:
-    """Return the history of each stop, in order.
+    """Return the history of each stop of a run, in the order of the stops.
 
     A stop begins when the pedal is pressed while the vehicle moves. It ends when the vehicle is at
     rest with the pedal still down; braking that does not end at rest is not a stop. The history of

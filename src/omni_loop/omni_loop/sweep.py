@@ -1,7 +1,7 @@
 """Sweeps: an experiment with several values of one or more keys, run in one process.
 
-``vehicle.load.mass=0,100,250`` gives three runs; several such texts give all combinations. The
-results are bit-identical to those of runs over the ROS graph.
+The override ``vehicle.load.mass=0,100,250`` causes three runs; several such overrides cause a run
+for each combination. The results are bit-identical to those of runs over the ROS graph.
 """
 
 import dataclasses
@@ -22,12 +22,12 @@ SHOWN = ("stopping_distance", "orientation_change", "lateral_deviation", "stoppi
 
 @dataclasses.dataclass(frozen=True)
 class SweptRun:
-    """One run of a sweep.
+    """One run of a parameter sweep.
 
     Attributes:
         variant: variant of the experiment.
-        values: values of the swept keys, as texts.
-        metrics: metrics by quantity.
+        values: value of each swept key as a text, keyed by the dotted key.
+        metrics: metrics of the run, keyed by quantity.
     """
 
     variant: str
@@ -68,7 +68,7 @@ def sweep(
     configurations: Sequence[tuple[str, Mapping[str, str], experiment.ExperimentConfiguration]],
     report: Callable[[float, str], None],
 ) -> list[SweptRun]:
-    """Run all combinations.
+    """Run all combinations of a sweep, and return the runs in this order.
 
     Args:
         configurations: variant, values of the swept keys, and configuration of each run.
@@ -94,6 +94,6 @@ def _run(configuration: experiment.ExperimentConfiguration) -> history.RunHistor
 
 
 def number(text: str) -> float | None:
-    """Convert a value to a number; None if it is not a number."""
+    """Return the number in a text; None if the text is not a number."""
     value = load_yaml(text)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

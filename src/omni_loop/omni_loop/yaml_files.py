@@ -51,7 +51,7 @@ def load_yaml(text: str) -> Any:
 
 
 def read_mapping(path: Path, key: str) -> dict[str, Any]:
-    """Return the values in a YAML file by name.
+    """Return the values in a YAML file, keyed by name.
 
     Args:
         path: the file.
@@ -73,7 +73,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
 
 
 class Part(dict[str, Any]):
-    """A part read from a file: it replaces the previous value instead of being merged into it."""
+    """Values read from a file; they replace previous values instead of being merged into them."""
 
 
 def parse_override(text: str) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def plain(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge the values of `layer` into `base`, mapping by mapping, and return the result."""
+    """Return the values of `base`, overridden by those of `layer` in all nested mappings."""
     merged = dict(base)
     for key, value in layer.items():
         below = merged.get(key)

@@ -217,7 +217,7 @@ def _declared_parameters(cls: Any) -> tuple[tuple[str, Any, ParameterInfo], ...]
 
 @functools.cache
 def _field_docstrings(module: str) -> dict[tuple[str, str], str]:
-    """Return the strings below the fields of a module's classes, by (class, field)."""
+    """Return the strings below the fields of a module's classes, keyed by (class, field)."""
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     return {
         (node.name, ast.unparse(field.target)): " ".join(str(below.value.value).split())
@@ -330,8 +330,8 @@ def check_choice(key: str, value: Any, known: Iterable[str]) -> None:
     """Raise an error unless a value is one of the permitted values.
 
     Raises:
-        ConfigurationError: the value is not permitted; the message names the permitted values and a
-            similar one.
+        ConfigurationError: the value is not permitted; the message names the permitted values and
+            the most similar value.
     """
     names = list(known)
     if value not in names:

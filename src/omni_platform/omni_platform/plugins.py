@@ -55,7 +55,7 @@ def check_name(key: str, name: str, built_in: Collection[str], group: str) -> No
         group: group of entry points.
 
     Raises:
-        ConfigurationError: the name is none of these.
+        ConfigurationError: the name has none of these forms.
     """
     if name in built_in or ":" in name:
         return

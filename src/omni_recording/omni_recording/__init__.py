@@ -1,1 +1,1 @@
-"""Recordings: rosbag2 folders with MCAP files, written and read."""
+"""Reading and writing of recordings (rosbag2 folders with MCAP files)."""

@@ -43,7 +43,7 @@ class MessageDefinition:
         text: the type's ``.msg`` text, followed by the texts of the types that it contains, each
             after a line of 80 ``=`` and a line ``MSG: <package>/<Name>``.
         type_hash: official hash of the type, ``RIHS01_...``.
-        stamped: whether every message begins with a time stamp, usually that of its header.
+        stamped: whether every message begins with a time stamp, usually the stamp in its header.
         of_stamped: whether every message begins with a list of stamped messages.
     """
 
@@ -57,7 +57,7 @@ class MessageDefinition:
 def installation_prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
     """Return the folders in which message packages may be installed.
 
-    The last folder is that of the running Python, because the ROS wheels are installed there but
+    The last folder belongs to the running Python, because the ROS wheels are installed there but
     not added to ``AMENT_PREFIX_PATH``.
     """
     named = environment.get("AMENT_PREFIX_PATH", "").split(os.pathsep)

@@ -32,7 +32,7 @@ _INFORMATION = "rosbag2_bagfile_information"
 
 @dataclasses.dataclass(frozen=True)
 class Bag:
-    """A recording whose files exist.
+    """Files and metadata of a recording.
 
     Attributes:
         path: path of the folder or of the single file.
@@ -54,7 +54,7 @@ class Bag:
 
 
 def open_bag(path: Path | str) -> Bag:
-    """Find the files of a recording.
+    """Return a recording, after its files have been found.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.

@@ -10,7 +10,7 @@ class Limits:
     Attributes:
         record: size of a record, and of an unpacked chunk [B].
         description: total size of all schemas and channels of a file [B].
-        definition: length of the definition of a type; the longest one of ROS 2 has 20 KiB.
+        definition: length of the definition of a type; the longest definition in ROS 2 has 20 KiB.
         chunks: number of chunks in an index.
         metadata: size of ``metadata.yaml`` [B].
         note: size of another file stored with the recording [B].

@@ -89,7 +89,7 @@ class RecordedMessage:
 
 @dataclasses.dataclass(frozen=True)
 class McapSummary:
-    """Summary at the end of a file.
+    """Summary at the end of an MCAP file.
 
     Attributes:
         channels: all channels of the file.
@@ -130,7 +130,7 @@ class McapMessages:
 
     @property
     def channels(self) -> tuple[RecordedChannel, ...]:
-        """All channels found so far."""
+        """All channels that have been found in the file so far."""
         return tuple(self._tables.channels.values())
 
     def __iter__(self) -> Iterator[RecordedMessage]:
@@ -232,7 +232,7 @@ _SUMMARY_RECORDS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, 
 
 
 class _Tables:
-    """Schemas and channels by their numbers."""
+    """Schemas and channels of a file, keyed by their numbers."""
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace

@@ -17,7 +17,7 @@ _HELD_BACK_NS = SECOND_NS  # delay for sorting the messages of a shared topic by
 
 
 class RecorderConfiguration(Configuration):
-    """Parameters of the recorder."""
+    """Parameters of the recorder node."""
 
     folder: str = parameter()
     """Folder of the recording, created with its parents; must be empty if it exists"""
@@ -96,7 +96,7 @@ class StampedRecording:
         self.problem: str | None = None  # first evidence of messages from another run
 
     def add(self, topic: str, data: bytes, stamp_ns: int | None = None) -> None:
-        """Write a message.
+        """Write a message with its stamp, or buffer it.
 
         Args:
             topic: full name of one of the recording's topics.
@@ -124,7 +124,7 @@ class StampedRecording:
         self._writer.write(topic, stamp_ns, data)
 
     def finish(self) -> None:
-        """Write the buffered messages.
+        """Write all messages that are still buffered.
 
         Raises:
             RecordingError: the file can no longer be written.

@@ -28,7 +28,7 @@ class TooWideError(ValueError):
 
 
 def flatten(decoder: MessageDecoder, type_name: str, message: Any) -> list[Cell]:
-    """Return the columns of a decoded message.
+    """Return a decoded message as table columns.
 
     Args:
         decoder: decoder, which knows the fields of the type.

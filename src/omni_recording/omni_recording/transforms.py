@@ -32,7 +32,7 @@ class RecordedTransforms:
     def __init__(
         self, odometry: str = "", frames: Sequence[str] = (), poses: Sequence[float] = ()
     ) -> None:
-        """Prepare the transforms.
+        """Create the transforms that the recording will contain.
 
         Args:
             odometry: full name of the odometry topic whose poses become transforms; empty for none.

@@ -44,7 +44,7 @@ class RecordingError(WorkError):
 
 
 class Rosbag2Writer:
-    """A recording in progress.
+    """Writer of one recording.
 
     After a `RecordingError`, the file is truncated to its last complete chunk and closed, as far as
     the disk allows. It remains readable, and further writes raise the error again.
@@ -113,7 +113,7 @@ class Rosbag2Writer:
         return dict(self._safe.counts)
 
     def write(self, topic: str, stamp_ns: int, data: bytes, publish_ns: int | None = None) -> None:
-        """Add a message.
+        """Add a message to the recording.
 
         Args:
             topic: full name of one of the recording's topics.

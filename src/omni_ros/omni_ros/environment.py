@@ -44,7 +44,7 @@ def chosen_domain(environment: Mapping[str, str]) -> int | None:
 def name_log_folder(environment: MutableMapping[str, str]) -> None:
     """Make ROS write its logs to the folder for temporary files if there is no home folder.
 
-    Otherwise ROS would end the process.
+    Without a folder for the logs, ROS would end the process.
 
     Args:
         environment: environment variables, changed in place.
@@ -54,9 +54,9 @@ def name_log_folder(environment: MutableMapping[str, str]) -> None:
 
 
 def node_environment(domain: int) -> dict[str, str]:
-    """Return the environment of this process with the variables for nodes of a local graph.
+    """Return the environment variables of this process, extended for nodes of a local graph.
 
-    A discovery range and a DDS profile set by the user are kept.
+    Variables by which the user has set a discovery range or a DDS profile keep their values.
 
     Args:
         domain: ROS domain of the graph.

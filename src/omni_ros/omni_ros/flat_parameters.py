@@ -1,8 +1,8 @@
 """Configurations as flat, dotted parameters, which is the form of ROS 2 parameters.
 
-A nested configuration becomes ``parent.child``; a mapping of named entries becomes a list
-``wheels.names`` and parameters such as ``wheels.front_left.x``, because ROS parameters must be
-known by name before they can be read.
+A field of a nested configuration becomes ``parent.child``. A mapping of named entries becomes a
+list ``wheels.names`` and parameters such as ``wheels.front_left.x``, because a node must know the
+name of a ROS parameter before it can read the parameter.
 """
 
 import dataclasses
@@ -23,15 +23,16 @@ def flatten(
     prefix: str = "",
     part: type[declared.Configuration] | None = None,
 ) -> dict[str, Any]:
-    """Return every value of a configuration by its dotted parameter name.
+    """Return all values of a configuration, keyed by dotted parameter name.
 
     Args:
         configuration: the configuration.
         prefix: dotted path that is put before each name.
-        part: base class of the configuration to whose fields the result is limited; None for all.
+        part: base class of the configuration's class; only the fields of this class are returned;
+            None for all fields.
 
     Returns:
-        bool, int, float, str, or list of float or str, by parameter name.
+        Values of the types bool, int, float, str, or list of float or str, keyed by parameter name.
     """
     flat: dict[str, Any] = {}
     for name, kind, _ in declared.declared_parameters(part or type(configuration)):
@@ -53,7 +54,7 @@ def flatten(
 
 
 def unflatten(cls: type[C], read: ReadParameter) -> C:
-    """Build a configuration by reading its parameters one by one.
+    """Return a configuration whose parameters are read one by one.
 
     Args:
         cls: the configuration to build.
@@ -95,7 +96,7 @@ def _read_mapping(
 
 
 def _default_of(cls: type[declared.Configuration], name: str) -> Any:
-    """Return a field's default; None if a value is required."""
+    """Return the default of a field; None if a value is required."""
     field = cls.__dataclass_fields__[name]
     if callable(field.default_factory):
         return field.default_factory()

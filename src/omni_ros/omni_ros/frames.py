@@ -1,4 +1,4 @@
-"""Frame prefix of a vehicle, for graphs with several vehicles."""
+"""Prefix of a vehicle's frame names, for graphs with several vehicles."""
 
 from typing import Any
 
@@ -9,16 +9,17 @@ class FrameConfiguration(Configuration):
     """Names of the frames in the messages of a node."""
 
     frame_prefix: str = parameter("")
-    """Prefix of all frames, such as robot1/, so that several vehicles can share one /tf; the
-    same as in robot_state_publisher"""
+    """Prefix of all frame names, such as robot1/, so that several vehicles can share one /tf; must
+    equal the frame_prefix of robot_state_publisher"""
 
 
 def prefix_frames(message: Any, prefix: str) -> None:
     """Put a prefix before each frame that a message names.
 
     Args:
-        message: any message; one with a header, or a list of markers or transforms.
-        prefix: such as ``robot1/``; empty changes nothing.
+        message: message, changed in place; frames are named in its header, or in a list of markers
+            or transforms.
+        prefix: prefix such as ``robot1/``; an empty prefix changes nothing.
     """
     if not prefix:
         return

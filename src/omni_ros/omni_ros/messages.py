@@ -53,12 +53,12 @@ def message_class(kind: str, key: str = "type") -> Any:
 
 
 def to_time(stamp_ns: int) -> Time:
-    """Convert a stamp [ns] to a message stamp."""
+    """Return a stamp [ns] as the stamp of a message."""
     return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Convert a message stamp to [ns]."""
+    """Return the stamp of a message in [ns]."""
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
@@ -69,7 +69,7 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
         data: CDR with its encapsulation header, of a type that begins with a
             `builtin_interfaces/Time`.
         of_list: whether the message begins with a list of messages of such a type; the stamp of the
-            first one is then returned.
+            first message in the list is then returned.
 
     Returns:
         The stamp; None if it is missing or negative, which a recording cannot contain.
@@ -155,7 +155,7 @@ def planar_odometry(
 
 
 def planar_pose(pose: FloatArray) -> geometry.Pose:
-    """Convert x, y [m] and yaw [rad] to a pose on the ground."""
+    """Return x, y [m] and yaw [rad] as a pose message with zero height."""
     x, y, yaw = (float(value) for value in pose)
     turn = geometry.Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
     return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=turn)
@@ -171,7 +171,7 @@ def planar_pose_of(pose: geometry.Pose) -> FloatArray:
 
 
 def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
-    """Return the transform of a frame fixed at x, y [m] and yaw [rad] in `base_link`."""
+    """Return the transform of a frame that is fixed in `base_link` at x, y [m] and yaw [rad]."""
     place = planar_pose(pose)
     message = geometry.TransformStamped(header=header(0, BASE_FRAME), child_frame_id=frame)
     message.transform.translation.x = place.position.x
@@ -199,7 +199,7 @@ class _Header(NamedTuple):
 
 
 class LineImage(NamedTuple):
-    """Fields of an `Image` that contains lines, read from its serialized form."""
+    """Fields of an `Image` message with camera lines, read from its serialized form."""
 
     header: _Header
     height: int
@@ -213,7 +213,7 @@ class LineImage(NamedTuple):
 def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
     """Return a batch of lines as a serialized image; each row is a line, oldest first.
 
-    As in `diagnostics`, the message is serialized here so that its padding is zero.
+    As in `diagnostics`, this function serializes the message itself so that the padding is zero.
 
     Args:
         stamp_ns: stamp of the newest line [ns].
@@ -234,7 +234,7 @@ def line_image(stamp_ns: int, frame: str, lines: LineArray) -> bytes:
 
 
 def read_line_image(wire: bytes) -> LineImage | Image:
-    """Read an image from its serialized form, four times as fast as rclpy.
+    """Return an image from its serialized form; this is four times as fast as with rclpy.
 
     Raises:
         ValueError: the message is incomplete.
@@ -311,7 +311,9 @@ def lines_of(message: Image | LineImage) -> LineArray:
 def diagnostics(
     stamp_ns: int, name: str, level: int, message: str, values: Mapping[str, str]
 ) -> bytes:
-    """Return the status of one component; level is 0 OK, 1 warning, 2 error, 3 stale.
+    """Return a serialized message with the status of one component.
+
+    The level is 0 OK, 1 warning, 2 error or 3 stale.
 
     The result is a serialized `DiagnosticArray` (CDR, little endian) whose padding is zero. The
     middleware would not initialize the padding, so recordings of equal runs would differ.
@@ -354,8 +356,8 @@ def _doubles(values: FloatArray) -> array[float]:
 def _spatial(covariance: FloatArray) -> FloatArray:
     """Return a planar covariance (3, 3) as the 6 x 6 covariance of messages, shape (36,).
 
-    The other three axes are not measured. For a node that fuses the message, such as
-    `robot_localization`, a variance of zero would mean an exact measurement.
+    The other three axes are marked as unmeasured, because a node that fuses the message, such as
+    `robot_localization`, would treat a variance of zero as an exact measurement.
     """
     matrix = UNMEASURED_VARIANCE * np.eye(6)
     matrix[np.ix_(_PLANAR, _PLANAR)] = covariance

@@ -22,7 +22,7 @@ _OF_RCLPY_BELOW = "qos_overrides."
 
 
 def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] = ()) -> C:
-    """Declare every field of a configuration as a parameter of the node and read it.
+    """Declare every field of a configuration as a parameter of the node; return the values.
 
     The parameters have descriptors (description, unit, range). They are read-only, since a node is
     configured when it starts, except those in `changeable`.
@@ -46,15 +46,15 @@ def declare_configuration(node: Node, cls: type[C], changeable: Collection[str] 
 def refuse_unknown_parameters(node: Node) -> None:
     """Raise an error if values are given for parameters that the node does not have.
 
-    Otherwise a value with a mistyped name would be ignored, and the default would be used. This
-    must be called after the node has declared all of its configurations.
+    Without this check, a value with a mistyped name would be ignored, and the default would be
+    used. Call this function after the node has declared all configurations.
 
     Args:
         node: the node.
 
     Raises:
         ConfigurationError: a parameter is unknown; the message names it and the most similar known
-            one.
+            parameter.
     """
     for name in _given(node):
         known = node.has_parameter(name) or name in _OF_RCLPY or name.startswith(_OF_RCLPY_BELOW)
@@ -65,7 +65,7 @@ def refuse_unknown_parameters(node: Node) -> None:
 
 
 def _given(node: Node) -> Mapping[str, Parameter]:
-    """Return the parameter values from files and command-line arguments, by name."""
+    """Return the parameter values from files and command-line arguments, keyed by name."""
     given: Mapping[str, Parameter] = node._parameter_overrides  # rclpy has no public access
     return given
 

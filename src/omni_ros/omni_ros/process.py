@@ -40,7 +40,7 @@ class NodeError(Exception):
 
 
 class StopFlag:
-    """Flag that SIGINT, SIGTERM or SIGHUP sets."""
+    """Flag that is set when the process receives SIGINT, SIGTERM or SIGHUP."""
 
     def __init__(self) -> None:
         self._requested = False
@@ -59,7 +59,7 @@ class StopFlag:
         return self._terminations > 1
 
     def request(self, number: int = signal.SIGINT, *_: object) -> None:
-        """Request the stop; can be used as a signal handler."""
+        """Set the flag; this function can be used as a signal handler."""
         self._requested = True
         self.is_interrupt |= number == signal.SIGINT
         self._terminations += number == signal.SIGTERM
@@ -71,7 +71,7 @@ def run_process(make_node: Callable[[], Node], run: Callable[[Node, Spinner], No
     Args:
         make_node: function that creates the node; its `ConfigurationError` ends the process with a
             message.
-        run: the node's work, usually `spin_until_stopped`.
+        run: function that does the work of the node, usually `spin_until_stopped`.
 
     Returns:
         Exit code: 0 done or stopped, 1 failed, 2 invalid configuration.
@@ -184,7 +184,7 @@ class Spinner:
         """Run callbacks until `condition()` is true, a stop is requested or `timeout` [s] passes.
 
         Returns:
-            Whether the condition holds.
+            Whether the condition is true at the end.
         """
         deadline = time.monotonic() + timeout
         while not condition():

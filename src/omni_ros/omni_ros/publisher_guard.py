@@ -11,13 +11,13 @@ _NAMELESS = "_NODE_NAMESPACE_UNKNOWN_/_NODE_NAME_UNKNOWN_"  # name of a new publ
 
 
 class PublisherGuard:
-    """Monitors topics for a second publisher.
+    """Detects a second publisher on topics of a node that must have only one.
 
     Args:
         node: node that observes the graph.
-        subscribed: subscriptions that must have one publisher.
-        published: publishers that must be the only ones on their topics.
-        period: time between two checks of the graph [s]; a check of the subscriptions costs less.
+        subscribed: subscriptions of the node that must have only one publisher.
+        published: publishers of the node that must be the only ones on their topics.
+        period: time between two checks of `published` [s]; `subscribed` is checked at every call.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ class PublisherGuard:
         self._rival: str | None = None
 
     def second(self) -> str | None:
-        """Return a sentence about a topic with several publishers; None if there is none."""
+        """Return a sentence about a topic with several publishers; None without such a topic."""
         for subscription in self._subscribed:
             if subscription.get_publisher_count() > 1:
                 return self._sentence(subscription.topic_name)

@@ -14,7 +14,7 @@ from omni_ros.environment import REPORT_FILE_VARIABLE, REPORT_VARIABLE
 
 
 def report(document: Mapping[str, Any]) -> None:
-    """Write a document to the file descriptor and the file named by environment variables, if any.
+    """Write a document to the file descriptor and the file that environment variables name.
 
     Args:
         document: values that strict JSON can represent.

@@ -8,9 +8,9 @@ class RunningClock:
     """Monotonic clock that advances by at most `longest` between two readings.
 
     If the operating system suspends a process, the messages of that time wait in the queues, and
-    the watchdog timer may be due before they are received. By an ordinary monotonic clock, the time
-    of the suspension would count as silence of the publishers. A watchdog reads this clock at each
-    message and at each tick of its timer. While the process runs, two readings are at most one
+    the watchdog timer may be due before they are received. With an ordinary monotonic clock, the
+    time of the suspension would count as silence of the publishers. A watchdog reads this clock at
+    each message and at each tick of its timer. While the process runs, two readings are at most one
     period of the timer apart; a longer interval therefore counts as one period.
 
     Args:

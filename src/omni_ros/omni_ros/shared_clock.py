@@ -1,4 +1,4 @@
-"""Publisher of simulated time, active only in the first of several simulators in a domain."""
+"""Publisher of simulated time; of several simulators in a domain, only the first one publishes."""
 
 import time
 
@@ -32,7 +32,7 @@ class SharedClock:
         self._due = time.monotonic() + (0.0 if alone else discovery)
 
     def publisher(self) -> Publisher | None:
-        """Return the publisher of the time; None while another node publishes it."""
+        """Return the publisher of `/clock`; None while another node publishes the time."""
         now = time.monotonic()
         if now >= self._due:
             self._due = now + self._period

@@ -1,6 +1,6 @@
 """Start of a node's process; a signal during the imports ends it without a traceback.
 
-The entry points of the group `NODES` name the module that each executable of a package starts.
+For each executable of a package, an entry point of the group `NODES` names the module to run.
 """
 
 import atexit
@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 NODES = "omni_nodes"
-"""Group of entry points that name the module of a node by its executable."""
+"""Group of entry points, each of which names the module that an executable runs."""
 
 _COLLECTION_THRESHOLD = 50_000  # number of new objects per garbage collection of 2 ms
 
@@ -22,9 +22,10 @@ def start_lightly() -> None:
     """Disable slow imports and threads; this function must be called before numpy is imported.
 
     numba would import the coverage tool, and the message packages would import a message generator.
-    NumPy and SciPy each contain an OpenBLAS, which would start threads that wait actively at first;
-    no matrix of the nodes is large enough to need them. Frequent garbage collections would take a
-    tenth of the import time and free nothing; those when the interpreter exits would take 0.3 s.
+    NumPy and SciPy each contain an OpenBLAS library. It would start threads that wait actively at
+    first, but no matrix of the nodes is large enough to need these threads. Frequent garbage
+    collections would take a tenth of the import time and free nothing. Garbage collections at the
+    exit of the interpreter would take 0.3 s.
     """
     gc.set_threshold(_COLLECTION_THRESHOLD)
     atexit.register(gc.freeze)
@@ -34,12 +35,12 @@ def start_lightly() -> None:
 
 
 def start_node(module: str) -> None:
-    """Import the module of a node, run its ``main`` and exit with the code that it returns.
+    """Import the module of a node, run ``main`` of this module, and exit with the returned code.
 
     The imports take a second, in which Ctrl-C would otherwise print a traceback.
 
     Args:
-        module: full name, such as ``omni_sim.simulator_node``.
+        module: full name of the module, such as ``omni_sim.simulator_node``.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))

@@ -1,4 +1,4 @@
-"""Start of a node: it waits for its subscribers before it publishes."""
+"""Start of a node, which waits for its subscribers before it publishes."""
 
 import time
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from omni_ros import process
 
 
 class StartupConfiguration(Configuration):
-    """Conditions for the first message, which would be lost without subscribers."""
+    """Subscriptions for which a node waits, since they would miss messages before they exist."""
 
     subscribers: int = parameter(0, minimum=0, maximum=100)
     """Number of subscriptions that each output must have before the node starts to work"""

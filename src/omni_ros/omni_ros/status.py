@@ -32,7 +32,7 @@ class Status:
     Attributes:
         level: 0 OK, 1 warning, 2 error.
         message: one line of text.
-        values: details by name.
+        values: details as texts, keyed by name.
     """
 
     level: int
@@ -41,7 +41,7 @@ class Status:
 
 
 def steady_clock() -> Clock:
-    """Return a clock for watchdog timers, which also runs while simulated time is paused."""
+    """Return a clock for watchdog timers; it also runs while simulated time is paused."""
     return Clock(clock_type=ClockType.STEADY_TIME)
 
 
@@ -71,7 +71,7 @@ class StatusReporter:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Set the status at a stamp [ns]; publish it if the key has changed, or after a second."""
+        """Set the status at a stamp [ns]; publish it if `key` has changed, or once a second."""
         self._updated = time.monotonic()
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0

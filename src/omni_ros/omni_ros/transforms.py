@@ -1,4 +1,7 @@
-"""Live transforms, published only if `tf2_msgs` is installed, which the ROS wheels lack."""
+"""Publisher of transforms while a node runs, if `tf2_msgs` is installed.
+
+The ROS wheels do not contain this package.
+"""
 
 import contextlib
 from typing import Any
@@ -16,11 +19,11 @@ MISSING = "tf2_msgs is not installed: no live transforms"
 
 
 class TransformPublisher:
-    """Publishes poses on `/tf` and, once, the frames fixed to the platform on `/tf_static`.
+    """Publishes poses on `/tf`, and once the frames that are fixed to the platform on `/tf_static`.
 
     Args:
         node: the node that publishes.
-        fixed: transforms to the fixed frames.
+        fixed: transforms of the frames that are fixed to the platform.
     """
 
     def __init__(self, node: Node, fixed: list[TransformStamped]) -> None:

@@ -27,7 +27,7 @@ class GroundConfiguration(Configuration):
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Friction factor mu/mu_0 of the ground, relative to the friction in the tire data"""
     patches: Mapping[str, FrictionPatch] = section(dict)
-    """Patches of ground with different friction, by name"""
+    """Patches of ground with different friction, keyed by name"""
     elevation: ElevationConfiguration = section(ElevationConfiguration)
     """Height of the ground; flat by default"""
 
@@ -63,7 +63,8 @@ class SimulationConfiguration(Configuration):
         """Check that the control period is a multiple of the physics step.
 
         Raises:
-            ConfigurationError: the control period is not such a multiple; the message states both.
+            ConfigurationError: the control period is not such a multiple; the message states both
+                times.
         """
         if abs(self.steps_per_period * self.physics_step - self.control_period) > 1e-12:
             raise ConfigurationError(
@@ -79,15 +80,15 @@ class SimulatorConfiguration(Configuration):
     seed: int = parameter(1, minimum=0)
     """Seed of all random numbers"""
     vehicle: VehicleConfiguration = parameter()
-    """Vehicle and its sensors' mounting"""
+    """Vehicle that is simulated"""
     ground: GroundConfiguration = section(GroundConfiguration)
     """Ground"""
     sensors: Mapping[str, LineSensor] = parameter()
-    """Line cameras by name"""
+    """Line cameras, keyed by name"""
     camera: CameraConfiguration = section(CameraConfiguration)
     """Exposure and optics of all line cameras"""
     flow_sensors: Mapping[str, FlowSensor] = section(dict)
-    """Optical-flow sensors by name"""
+    """Optical-flow sensors, keyed by name"""
     flow: FlowConfiguration = section(FlowConfiguration)
     """Errors of all flow sensors"""
     maneuver: ManeuverConfiguration = section(ManeuverConfiguration)
@@ -99,7 +100,7 @@ class SimulatorConfiguration(Configuration):
     encoders: EncoderConfiguration = section(EncoderConfiguration)
     """Wheel encoders"""
     faults: Mapping[str, FaultConfiguration] = section(dict)
-    """Faults of velocity sensor, IMU and encoders by name"""
+    """Faults of velocity sensor, IMU and encoders, keyed by name"""
     simulation: SimulationConfiguration = section(SimulationConfiguration)
     """Time steps and end of the simulation"""
 

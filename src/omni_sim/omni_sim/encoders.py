@@ -1,9 +1,9 @@
 """Wheel encoders: mean speed of each wheel over a control period, from integer counts.
 
 A reading is ``(floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, where
-``theta`` is the angle of the wheel at the stamp, ``theta_before`` that at the previous stamp, ``T``
-the time between both, and ``q`` the angle of one count. With infinite resolution, a reading is the
-true speed at the stamp plus noise.
+``theta`` is the angle of the wheel at the stamp, ``theta_before`` the angle at the previous stamp,
+``T`` the time between both, and ``q`` the angle of one count. With infinite resolution, a reading
+is the true speed at the stamp plus noise.
 """
 
 import math
@@ -27,7 +27,7 @@ class EncoderConfiguration(Configuration):
 
 
 class Encoders(NamedTuple):
-    """Constants and state of the encoders for the kernel.
+    """Constants and state of the wheel encoders, in the form that the kernel uses.
 
     Attributes:
         angle_step: angle of a count [rad], 0 for infinite resolution.
@@ -41,7 +41,7 @@ class Encoders(NamedTuple):
 
 
 def build_encoders(configuration: EncoderConfiguration, wheels: int) -> Encoders:
-    """Return the encoders for the kernel, before their first reading."""
+    """Return the constants and the initial state of the encoders for the kernel."""
     resolution = configuration.resolution
     count = 2.0 * math.pi / resolution if resolution else 0.0
     return Encoders(count, configuration.noise, np.zeros(wheels))
@@ -56,11 +56,11 @@ def read_encoders(
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Read the encoders; must be called once per stamp.
+    """Write the readings of the encoders; this function must be called once per stamp.
 
     Args:
         encoders: encoders, changed in place.
-        step: number of the stamp; at the first stamp no previous angle exists, so the reading is
+        step: number of the stamp. At the first stamp, no previous angle exists, so the reading is
             the true speed.
         period: time between two stamps [s].
         wheels: true states of the wheels, records `state.WHEEL`, shape (N,).

@@ -68,15 +68,15 @@ class FaultConfiguration(Configuration):
 
 
 class Faults(NamedTuple):
-    """Faults of a run, with their state: K faults, and W values in the widest channel.
+    """Faults of a run and their state, for K faults and W values in the widest channel.
 
     Attributes:
         table: one row per fault: channel, kind, axis, onset and end [ns], amplitude [unit of the
             channel], period [s]; shape (K, 7).
         held: reading at the onset of each fault, shape (K, W).
         begun: 1 if the onset of a fault has passed, else 0, shape (K,).
-        past: latest readings before each fault is applied, a ring buffer by stamp,
-            shape (K, 64, W).
+        past: latest readings before each fault is applied, a ring buffer over the stamps, shape (K,
+            64, W).
     """
 
     table: FloatArray
@@ -86,10 +86,10 @@ class Faults(NamedTuple):
 
 
 def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Faults:
-    """Convert the faults of a run to the arrays that the kernel uses.
+    """Return the faults of a run as the arrays that the kernel uses.
 
     Args:
-        faults: faults by name.
+        faults: faults, keyed by name.
         wheels: number of wheels, each with an encoder.
 
     Raises:
@@ -155,7 +155,7 @@ def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
 def corrupt(
     faults: Faults, channel: int, step: int, period_ns: int, draw: FloatArray, values: FloatArray
 ) -> None:
-    """Apply the faults of a channel to a reading; must be called once per stamp and channel.
+    """Apply the faults of a channel to a reading; call this once per stamp and channel.
 
     Args:
         faults: faults of the run.

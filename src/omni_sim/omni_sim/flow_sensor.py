@@ -40,7 +40,7 @@ class FlowConfiguration(Configuration):
 def check_flow_sensors(
     sensors: Mapping[str, FlowSensor], configuration: FlowConfiguration, control_period: float
 ) -> None:
-    """Check the rates against the control period [s], and the name of the faulty sensor.
+    """Check the rates of the sensors, and the name of the faulty sensor.
 
     Raises:
         ConfigurationError: a check fails; the message names the sensor.
@@ -61,7 +61,7 @@ def check_flow_sensors(
 
 
 class FlowSensorArray:
-    """All flow sensors of a vehicle."""
+    """All simulated flow sensors of a vehicle."""
 
     def __init__(
         self,
@@ -73,7 +73,7 @@ class FlowSensorArray:
         """Create the sensors of a vehicle that has moved with a constant twist before the start.
 
         Args:
-            sensors: sensors by name.
+            sensors: sensors, keyed by name.
             configuration: errors of the sensors.
             random: source of the noise.
             twist: body twist before the start [m/s, m/s, rad/s], shape (3,).
@@ -101,7 +101,7 @@ class FlowSensorArray:
             self._path[name] = self._path[name] + np.sum(way, axis=0)
 
     def measure(self, stamp_ns: int) -> dict[str, Flow]:
-        """Return the measurements that are due at a stamp [ns], by sensor name."""
+        """Return the measurements that are due at a stamp [ns], keyed by sensor name."""
         due = {name: period for name, period in self._periods.items() if stamp_ns % period == 0}
         return {name: self._measure(name, stamp_ns, 1e-9 * due[name]) for name in due}
 

@@ -8,8 +8,8 @@ of gravity along this (sloping) plane. Then the specific force is
     f = R(psi)^T ((V - V_before) / T - g)
 
 in the body axes at the middle of the period, rotated by the error of the mounting angle. The gyro
-gives the yaw rate at the stamp. Both have a scale error, a bias, white noise and a latency. The
-nodes that receive the readings do not know these errors.
+gives the yaw rate at the stamp. Both sensors have a scale error, a bias, white noise and a latency.
+The nodes that receive the readings do not know these errors.
 """
 
 import math
@@ -59,7 +59,7 @@ class ImuConfiguration(Configuration):
 
 
 class Imu(NamedTuple):
-    """Constants and state of the IMU for the kernel.
+    """Constants and state of the IMU, in the form that the kernel uses.
 
     Attributes:
         enabled: whether the vehicle has an IMU.
@@ -71,7 +71,7 @@ class Imu(NamedTuple):
         force: bias of x and y [m/s^2], noise [m/s^2] and scale error [1] of the accelerometer,
             shape (4,).
         memory: yaw [rad] and velocity of the mounting position [m/s] at the last stamp, shape (3,).
-        late: the latest readings, a ring buffer by stamp, shape (latency in control periods + 1,
+        late: latest readings, a ring buffer over the stamps, shape (latency in control periods + 1,
             3).
     """
 
@@ -87,7 +87,7 @@ class Imu(NamedTuple):
 
 
 def build_imu(configuration: ImuConfiguration, control_period: float) -> Imu:
-    """Return the IMU for the kernel, before its first reading.
+    """Return the constants and the initial state of the IMU for the kernel.
 
     Args:
         configuration: mounting and errors of the IMU.
@@ -112,7 +112,7 @@ def read_imu(
     draw: FloatArray,
     reading: FloatArray,
 ) -> None:
-    """Read the IMU; must be called once per stamp.
+    """Write the reading of the IMU; this function must be called once per stamp.
 
     Args:
         imu: IMU, changed in place.

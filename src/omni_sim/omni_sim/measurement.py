@@ -16,7 +16,7 @@ from omni_sim.vehicle.state import Structured
 
 
 class Instruments(NamedTuple):
-    """IMU, encoders and sensor faults of a vehicle: constants and state."""
+    """Constants and state of a vehicle's IMU, encoders and sensor faults."""
 
     imu: Imu
     encoders: Encoders
@@ -42,7 +42,7 @@ class Truth(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """Readings of a vehicle's sensors, with their faults; written in place.
+    """Buffers for the readings of a vehicle's sensors, in which faults are included.
 
     Attributes:
         twist: reading of the velocity sensor [m/s, m/s, rad/s], shape (3,).
@@ -56,7 +56,7 @@ class Readings(NamedTuple):
 
 
 def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
-    """Return the sensors of a vehicle for the kernel."""
+    """Return the constants and initial states of a vehicle's sensors for the kernel."""
     wheels = len(configuration.vehicle.wheels)
     return Instruments(
         build_imu(configuration.imu, configuration.simulation.control_period),
@@ -66,13 +66,13 @@ def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
 
 
 def draws(wheels: int) -> int:
-    """Return the number of standard normal values per stamp: for sensors, then for faults."""
+    """Return how many standard normal values a stamp needs, for all sensors and faults."""
     return 2 * (IMU_DRAWS + wheels) + 3
 
 
 @lean
 def measure(instruments: Instruments, truth: Truth, draw: FloatArray, readings: Readings) -> None:
-    """Read all sensors; must be called once per stamp.
+    """Write the readings of all sensors; this function must be called once per stamp.
 
     Args:
         instruments: sensors, changed in place.

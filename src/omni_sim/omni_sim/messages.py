@@ -1,4 +1,4 @@
-"""Messages that only the simulator publishes: truth, IMU, flow sensors and scene markers."""
+"""Messages that only the simulator publishes: true motion, IMU, flow sensors, scene markers."""
 
 import math
 from collections.abc import Sequence
@@ -34,10 +34,10 @@ _ARROW_HEIGHT = 0.45  # [m]
 
 
 def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfiguration) -> Imu:
-    """Return angular velocity and specific force of the IMU as in REP 145, without orientation.
+    """Return a message with angular velocity and specific force of the IMU, as in REP 145.
 
-    The rates of roll and pitch are zero and have the variance of the gyro noise. The vertical
-    specific force is that of gravity.
+    The message has no orientation. The rates of roll and pitch are zero and have the variance of
+    the gyro noise. The vertical specific force equals gravity.
     """
     message = Imu(header=header(stamp_ns, IMU_FRAME))
     message.orientation_covariance[0] = -1.0  # convention for "not measured"
@@ -135,7 +135,7 @@ def _point(coordinates: Sequence[float]) -> Point:
 
 
 def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
-    """Return the rotation by yaw, followed by the smallest one that gives the tilt in the body."""
+    """Return the rotation by yaw, followed by the smallest rotation that gives the tilt."""
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
     w = math.sqrt(0.5 * (1.0 + up))  # half the tilt angle, about (x, y, 0) in the body frame

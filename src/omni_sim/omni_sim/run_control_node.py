@@ -24,7 +24,7 @@ _SCRIPTED = "not possible in a scripted run; restart the node, or start it with 
 
 
 class RunControl:
-    """Stores requests to pause, continue or step until the simulation loop processes them.
+    """Stores requests to pause, continue, step or place the vehicle until the loop handles them.
 
     Args:
         node: node that provides the services.
@@ -53,7 +53,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return the requested pose x, y [m], yaw [rad]; None if there is no request."""
+        """Return the requested pose x, y [m], yaw [rad] once; None without a request."""
         pose, self._pose = self._pose, None
         return pose
 

@@ -1,4 +1,4 @@
-"""Progress and end of a run."""
+"""Progress of a simulated run, and the conditions under which it ends."""
 
 import math
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ _REST = np.dtype([("still", "?"), ("since", "f8")])  # whether at rest, and sinc
 
 
 class End(NamedTuple):
-    """Conditions for the end of a run; see `SimulationConfiguration`.
+    """Conditions under which a run ends; see `SimulationConfiguration`.
 
     Attributes:
         rest_speed: speed below which the vehicle is at rest [m/s].
@@ -38,12 +38,12 @@ class End(NamedTuple):
 
 
 def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
-    """Return the conditions for the kernel; `earliest` is the end of the maneuver [s]."""
+    """Return the conditions under which a run ends; `earliest` is the end of the maneuver [s]."""
     return End(simulation.rest_speed, simulation.settling_time, simulation.duration_limit, earliest)
 
 
 def rest_memory() -> NDArray[np.void]:
-    """Return the initial memory of a run, shape (1,)."""
+    """Return the initial memory of `run_outcome`, shape (1,)."""
     return np.zeros(1, _REST)
 
 
@@ -106,7 +106,7 @@ class RunProgress:
 
     @property
     def is_news(self) -> bool:
-        """Whether the completed share has increased enough for a new report."""
+        """Whether the completed share has increased enough since the last report for a new one."""
         return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:

@@ -43,8 +43,8 @@ class Observation:
             [m/s^2], shape (3,); NaN if the vehicle has no IMU.
         encoder_speed: wheel speeds measured by the encoders [rad/s], shape (N,).
         wheel_force_body: forces of the wheels in the body frame [N], shape (N, 2).
-        line_batches: lines of each camera since the last stamp, by name.
-        flows: measurements of the flow sensors at this stamp, by name.
+        line_batches: lines of each camera since the last stamp, keyed by camera name.
+        flows: measurements of the flow sensors at this stamp, keyed by sensor name.
     """
 
     stamp_ns: int
@@ -65,13 +65,14 @@ class Observation:
 
 
 class Simulator:
-    """Vehicle with its driver and sensors.
+    """Simulated vehicle with its driver and sensors.
 
     Attributes:
         configuration: configuration of the simulator.
         vehicle: the simulated vehicle.
         control_period_ns: simulated time by which one call of `advance` advances [ns].
-        overload: overload of the tire model since the start of the run.
+        overload: monitor of wheel loads beyond the range of the tire model, since the start of the
+            run.
         overloaded: whether a wheel load exceeded the range of the tire model in the last period.
         tipping: whether a real vehicle would have begun to tip over in the last period.
     """
@@ -148,7 +149,7 @@ class Simulator:
             self._batches = self._expose(self._lines, start, -1)
 
     def observe(self) -> Observation:
-        """Return state and measurements at the present stamp; a repeated call returns the same."""
+        """Return state and measurements at the present stamp; repeated calls give equal results."""
         vehicle = self.vehicle
         twist = vehicle.twist
         pose = vehicle.pose
@@ -192,7 +193,7 @@ class Simulator:
         self._velocity_sensor.state_covariance(self._reading, self._covariance)
 
     def advance(self, brake_enable: quantities.FloatArray) -> None:
-        """Advance by one control period.
+        """Advance vehicle and sensors by one control period.
 
         Args:
             brake_enable: share of the brake pressure that reaches each wheel, 0 to 1, shape (N,).

@@ -150,7 +150,7 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step; the pedal is published last, because it triggers the replies."""
+        """Publish one step; the pedal message is the last one, because it triggers the replies."""
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
@@ -190,7 +190,7 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return, for each exceeded limit of the model, for how long [s] and a description."""
+        """Return duration [s] and description for each limit of the model that is exceeded."""
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
         if overload.time > 0.0:
@@ -220,7 +220,7 @@ class SimulatorNode(Node):
         self._send(self._diagnostics, status)
 
     def take_demand(self) -> None:
-        """Set pedal and command of an external driver for the next step."""
+        """Pass the latest demand of an external driver to the simulator for the next step."""
         if self.manual_driver is None:
             return
         pose = self.control.take_pose()
@@ -246,7 +246,7 @@ class SimulatorNode(Node):
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Update the time since each node's last message; `now` is on a monotonic clock [s]."""
+        """Update the time since the last message of each node; `now` is a monotonic time [s]."""
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")

@@ -19,7 +19,7 @@ from omni_platform.signals import TwistSample
 SMALLEST_DEVIATION = 1e-4
 
 FAILURES = ("none", "frozen", "zero", "invalid")
-"""Readings during a fault: the last reading, 0, or NaN."""
+"""Kinds of faults: no fault; the sensor repeats the last reading; reads 0; reads NaN."""
 
 
 class VelocitySensorConfiguration(Configuration):
@@ -46,14 +46,14 @@ class VelocitySensorConfiguration(Configuration):
 
     @property
     def failure_ns(self) -> tuple[int, int]:
-        """Start and end of the fault [ns]; the two are equal if the sensor has no fault."""
+        """Start and end of the fault [ns]; both are equal if the sensor has no fault."""
         start = round(self.failure_time * SECOND_NS)
         fails = self.failure != "none"
         return start, start + (round(self.failure_duration * SECOND_NS) if fails else 0)
 
 
 class SensorConstants(NamedTuple):
-    """Constants of the readings; see `VelocitySensorConfiguration`.
+    """Constants of the sensor for the kernel; see `VelocitySensorConfiguration`.
 
     Attributes:
         period_ns: period of the samples [ns].
@@ -82,7 +82,7 @@ SENSOR_MEMORY = np.dtype(
 
 
 def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConstants:
-    """Return the constants of the kernels for a configuration."""
+    """Return the constants of the sensor for a configuration."""
     c = configuration
     return SensorConstants(
         round(c.sample_time * SECOND_NS),
@@ -170,7 +170,7 @@ class VelocitySensor:
     def __init__(
         self, configuration: VelocitySensorConfiguration, random: np.random.Generator
     ) -> None:
-        """Create the sensor in its initial state.
+        """Create a sensor that has not taken a sample yet.
 
         Args:
             configuration: sampling and errors.

@@ -5,7 +5,7 @@ claims, keyed by study. A claim consists of a sentence, an expression and a comp
 expression, ``quantity.case`` is a metric, ``quantity`` stands for the values of all cases, and
 ``of(quantity, "pattern")`` for the values of the cases whose names match the pattern. The functions
 ``min``, ``max``, ``mean``, ``abs`` and ``zip`` are available. A claim about metrics that a run does
-not have, such as those of another ground, is omitted.
+not have, such as metrics of another ground, is omitted.
 """
 
 import dataclasses
@@ -24,7 +24,7 @@ from omni_loop.metrics import Metric, results_entry
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A claim with its result.
+    """A claim about a study's metrics, and the value that was found.
 
     Attributes:
         sentence: text of the claim.

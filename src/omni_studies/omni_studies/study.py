@@ -90,7 +90,7 @@ class StudyRun:
 
 @dataclasses.dataclass(frozen=True)
 class StudyResult:
-    """Results of a study.
+    """Metrics, files and findings of a study.
 
     Attributes:
         metrics: metrics, keyed by ``<quantity>.<case>``.

@@ -68,9 +68,9 @@ class PlanarDisplacement(NamedTuple):
         """Return the displacement of another point of the (rigid) platform.
 
         Args:
-            x: coordinate x of the other point relative to this one, forward at the first instant
+            x: coordinate x of the other point relative to this point, forward at the first instant
                 [m].
-            y: coordinate y of the other point relative to this one, to the left [m].
+            y: coordinate y of the other point relative to this point, to the left [m].
         """
         sine, less = math.sin(self.angle), 1.0 - math.cos(self.angle)
         return PlanarDisplacement(

@@ -156,7 +156,7 @@ class BrakeAdapterNode(Node):
         return time.monotonic() - self._received.get(name, -math.inf) > timeout
 
     def _demand(self) -> tuple[WheelDemand, str]:
-        """Return the inputs, with full braking for missing ones, and a description of problems."""
+        """Return the inputs (full braking for missing inputs), and a description of problems."""
         timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
         problems = []
         pedal, enable = self._pedal, self._enable

@@ -39,7 +39,7 @@ class _Pixart(enum.IntEnum):
 
 
 class _OtosStatus(enum.IntEnum):
-    """Bits of an OTOS's status."""
+    """Bits of the status register of an OTOS."""
 
     FAULTS = 0xC0
     """The optical chip or the IMU is defective"""
@@ -168,7 +168,7 @@ class CountingChip:
         self.counts = [0, 0]
 
     def read(self, time: float) -> FlowSample:
-        """Return the mean velocity between the last reading and this one."""
+        """Return the mean velocity since the last reading."""
         try:
             # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)

@@ -13,7 +13,7 @@ class LineAssembler:
     """Extracts lines from frames and assembles them into stamped batches.
 
     A batch never extends across lost frames, so consecutive lines are always one line period apart.
-    The odometry detects a gap between batches from their stamps.
+    The odometry detects a gap between two batches from the stamps.
     """
 
     def __init__(self, configuration: CameraConfiguration) -> None:
@@ -39,11 +39,11 @@ class LineAssembler:
         Args:
             picture: gray levels, shape (height, width).
             arrival_ns: stamp of the driver, or time of arrival [ns].
-            number: frame number of the driver, None if it has none.
+            number: frame number from the driver; None if the driver does not number frames.
 
         Raises:
-            FrameError: the picture does not contain the configured rows, or its lines differ in
-                length or type from those of earlier frames.
+            FrameError: the picture does not contain the configured rows, or its lines have another
+                length or type than the lines of earlier frames.
         """
         lines = self._cut.lines(picture)
         shape = (lines.shape[1], str(lines.dtype))
@@ -75,7 +75,7 @@ class LineAssembler:
         return ready
 
     def finish(self) -> list[LineBatch]:
-        """Return the remaining lines as a last batch, at the end of a file."""
+        """Return a last batch with the lines that remain at the end of a file."""
         return self._flush()
 
     def _flush(self) -> list[LineBatch]:

@@ -143,7 +143,7 @@ class CameraNode(Node):
             self._lines.publish(line_image(batch.stamp_ns, frame, batch.lines))
 
     def _report(self, stamp_ns: int, frame: Frame) -> None:
-        """Update the status of the camera."""
+        """Update the status of the camera for the diagnostics."""
         clock, nominal = self._assembler.clock, self._configuration.frame_rate
         lost = clock.lost + self._overrun
         off = clock.rate / nominal - 1.0

@@ -5,7 +5,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 
 
 class CameraConfiguration(Configuration):
-    """Camera, and the selection of lines in its frames."""
+    """Parameters of a camera, and the selection of lines in its frames."""
 
     sensor: str = parameter()
     """Name of the line camera, one of the odometry's `sensors`; its lines are published on
@@ -17,7 +17,7 @@ class CameraConfiguration(Configuration):
     frame_rate: float = parameter(unit="1/s", above=0.0, maximum=1e5)
     """Frame rate, which is also requested from a device"""
     rows: str = parameter("")
-    """Rows of a frame to use, for example 240 or 236:244; empty for all rows"""
+    """Rows of a frame that are used, for example 240 or 236:244; empty for all rows"""
     band: bool = parameter(True)
     """Whether the rows are averaged to one line per frame; otherwise each row is a line"""
     columns: bool = parameter(False)
@@ -48,7 +48,7 @@ class CameraConfiguration(Configuration):
 
     @property
     def cut(self) -> Cut:
-        """Selection of the lines in a frame."""
+        """Selection of the lines in a frame, from the parameters `rows`, `band` and `columns`."""
         return Cut(row_range(self.rows, "rows"), self.band, self.columns)
 
     def check_consistency(self) -> None:

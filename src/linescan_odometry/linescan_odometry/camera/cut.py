@@ -1,4 +1,4 @@
-"""Selection of the lines in a picture: all rows, some rows, the mean of some rows, or columns."""
+"""Selection of the lines in a picture: rows, the mean of rows, or columns."""
 
 import dataclasses
 from typing import Any
@@ -16,10 +16,10 @@ class FrameError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class Cut:
-    """Selection of the lines in a picture.
+    """Rows or columns of a picture that are used as lines.
 
     Attributes:
-        rows: first row and one past the last row to use; None for all rows.
+        rows: index of the first row, and that after the last row; None for all rows.
         mean: whether these rows are averaged into one line.
         columns: whether the lines are the columns of the picture.
     """
@@ -48,7 +48,7 @@ class Cut:
 
 
 def row_range(text: str, key: str) -> tuple[int, int] | None:
-    """Return the first row and one past the last row; None (all rows) if the text is empty.
+    """Return the index of the first row and that after the last row; None for an empty text.
 
     Args:
         text: value of the parameter, such as ``240`` or ``236:244``.
@@ -68,7 +68,7 @@ def row_range(text: str, key: str) -> tuple[int, int] | None:
 
 
 def _whole(rows: NDArray[Any]) -> Lines:
-    """Convert gray levels to 8 or 16 bit integers."""
+    """Return gray levels as 8 or 16 bit integers."""
     if rows.dtype in (np.uint8, np.uint16):
         return np.ascontiguousarray(rows)
     low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))

@@ -1,11 +1,11 @@
 """Exposure times of frames from their arrival times, with detection of lost frames.
 
 A camera takes frames at a constant rate, but the frames arrive with varying delays. The odometry
-needs constant periods, and it must detect lost frames, because they change the duration of a
-displacement. The frame numbers of the driver reveal lost frames. Without frame numbers, if a frame
-arrives more than half a period late, a frame before it is assumed to be lost. If the next frame
-shows that the frame was only late, the clock is reset, and the lines before and after the reset are
-not joined.
+needs constant periods. It must also detect lost frames, because they change the time in which a
+displacement occurs. The frame numbers of the driver reveal lost frames. Without frame numbers, if a
+frame arrives more than half a period late, a frame before it is assumed to be lost. If the next
+frame shows that the frame was only late, the clock is reset, and the lines before and after the
+reset are not joined.
 """
 
 _FOLLOWED = 0.05  # share of a frame's timing error by which its stamp is corrected
@@ -15,7 +15,7 @@ _WIDEST = 0.1  # limit on the relative deviation of the rate from the configured
 
 
 class FrameClock:
-    """Assigns stamps to frames.
+    """Computes the stamps of frames from their times of arrival, and counts lost frames.
 
     Attributes:
         lost: number of lost frames so far.
@@ -37,7 +37,7 @@ class FrameClock:
 
     @property
     def rate(self) -> float:
-        """Measured frame rate [1/s]."""
+        """Frame rate measured from the times of arrival [1/s]."""
         return 1e9 / self._period_ns
 
     def take(self, arrival_ns: int, number: int | None = None) -> tuple[int, int]:
@@ -45,7 +45,7 @@ class FrameClock:
 
         Args:
             arrival_ns: stamp of the driver, or time of arrival [ns].
-            number: frame number of the driver, None if it has none.
+            number: frame number from the driver; None if the driver does not number frames.
         """
         before, self._number = self._number, number
         if self._last_ns is None:

@@ -31,12 +31,12 @@ class CameraError(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """A picture of a camera.
+    """A picture taken by a camera.
 
     Attributes:
         picture: gray levels, shape (height, width).
-        number: frame number of the driver, None if it has none.
-        stamp_ns: stamp of the driver on the monotonic clock [ns], None if it has none.
+        number: frame number from the driver; None if the driver does not number frames.
+        stamp_ns: stamp from the driver on the monotonic clock [ns]; None without such a stamp.
     """
 
     picture: NDArray[np.uint8] | NDArray[np.uint16]
@@ -45,10 +45,11 @@ class Frame:
 
 
 class FrameSource(Protocol):
-    """A camera or a file.
+    """Interface of a source of frames: a camera or a file.
 
     Attributes:
-        played: whether the source is a file, whose frames can be read before they are due.
+        played: whether the source is a file; its frames can be read before the times at which they
+            are due.
         ended: whether the source has no more frames.
     """
 
@@ -63,11 +64,11 @@ class FrameSource(Protocol):
         """
 
     def close(self) -> None:
-        """Release the device."""
+        """Release the camera."""
 
 
 def open_source(configuration: CameraConfiguration) -> FrameSource:
-    """Open a camera or a file.
+    """Open the camera or file that a configuration names, and return it.
 
     Raises:
         ConfigurationError: the source does not exist, or its library is missing.
@@ -86,12 +87,12 @@ def open_source(configuration: CameraConfiguration) -> FrameSource:
 
 
 class ArraySource:
-    """Pictures in a NumPy file that contains an array of three dimensions."""
+    """Pictures in a NumPy file, an array of three dimensions (picture, row, column)."""
 
     played = True
 
     def __init__(self, path: Path) -> None:
-        """Open the file."""
+        """Open the NumPy file."""
         self.ended = False
         try:
             self._pictures = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -176,7 +177,7 @@ class VideoSource:
         return Frame(gray, None, round(1e6 * stamp_ms) if stamp_ms > 0.0 else None)
 
     def close(self) -> None:
-        """Release the device."""
+        """Release the camera."""
         self._capture.release()
 
 
@@ -236,7 +237,7 @@ class GenicamSource:
                 ) from None
 
     def read(self) -> Frame | None:
-        """Return the next frame."""
+        """Return the next frame of the camera; None after a timeout."""
         try:
             buffer = self._camera.fetch(timeout=_FETCH_TIMEOUT)
         except self._timeout:

@@ -15,10 +15,10 @@ covariance T:
     z_k = Y_k(f) exp(-2 pi i f X_k),    T_kj = S rho^|k - j| + N delta_kj.
 
 S is the power of the texture, rho its coherence between neighboring lines, and N the power of the
-noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The pattern is Gaussian
-too. Each batch updates its mean and variance at every frequency. The mean is subtracted, and the
-variance is marginalized. The variance of the displacement therefore increases where a pattern could
-be mistaken for motion: in slow motion over coarse texture.
+noise. These three depend on the frequency; delta_kj is 1 for k = j, else 0. The pattern is also
+Gaussian. Each batch updates its mean and variance at every frequency. The mean is subtracted, and
+the variance is marginalized. The variance of the displacement therefore increases where a pattern
+could be mistaken for motion: in slow motion over coarse texture.
 
 In motion, the prior variance of the pattern is the power of its estimate. At rest, lines do not
 separate ground and pattern. The prior variance is then the specified non-uniformity of the pixels,

@@ -3,8 +3,8 @@
 Whitened correlations at several line spacings are summed along straight lines of constant
 displacement, as a sensor array sums its channels for each direction of arrival.
 
-In shapes, m is the number of lines, n that of pixels per line, F that of spatial frequencies, and c
-that of candidates.
+In shapes, m is the number of lines, n the number of pixels per line, F the number of spatial
+frequencies, and c the number of candidates.
 """
 
 import math
@@ -36,7 +36,7 @@ _LAGS = 4  # number of line spacings that are correlated
 
 @kernel
 def lags(lines: int) -> NDArray[np.int64]:
-    """Return the line spacings to correlate, from 1 to a third of the m lines, shape (4,)."""
+    """Return the line spacings to correlate, from 1 to a third of all lines, shape (4,)."""
     distance = np.empty(_LAGS, np.int64)
     for which in range(_LAGS):
         distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
@@ -44,7 +44,7 @@ def lags(lines: int) -> NDArray[np.int64]:
 
 
 class Layout(NamedTuple):
-    """Dimensions of a batch.
+    """Dimensions of a batch of lines and of its Fourier transform.
 
     Attributes:
         lines: number of lines m.
@@ -60,12 +60,12 @@ class Layout(NamedTuple):
 
 
 class Products(NamedTuple):
-    """Correlations between the lines of a batch, at all frequencies.
+    """Correlations between the lines of a batch at four line spacings and all frequencies.
 
     Attributes:
         lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
-        newer: mean spectrum of the newer line of these pairs, shape (4, F).
-        older: mean spectrum of the older line of these pairs, shape (4, F).
+        newer: mean spectrum of the newer lines of these pairs, shape (4, F).
+        older: mean spectrum of the older lines of these pairs, shape (4, F).
         mean: mean spectrum of all lines, shape (F,).
         power: mean power spectrum of both lines of these pairs, shape (4, F).
     """
@@ -78,7 +78,7 @@ class Products(NamedTuple):
 
 
 def band_pass(size: int, count: int) -> Floats:
-    """Return the weight of each frequency in the stack, shape (count,)."""
+    """Return the weight of each frequency in the sum over line spacings [1], shape (count,)."""
     f = np.arange(count) / size
     weight: Doubles = -np.expm1(-((_COARSEST * f) ** 2)) * np.cos(0.5 * np.pi * f / HIGHEST) ** 2
     return weight.astype(np.float32)
@@ -86,7 +86,7 @@ def band_pass(size: int, count: int) -> Floats:
 
 @kernel
 def correlate(spectra: Spectrum) -> Products:
-    """Compute the correlations between the lines of a batch.
+    """Return the correlations between the lines of a batch.
 
     Args:
         spectra: spectra of the lines, shape (m, F).
@@ -130,11 +130,11 @@ def find(
     """Return candidates for the displacement per line [px], shape (c,).
 
     Args:
-        products: see `correlate`.
+        products: correlations from `correlate`.
         layout: sizes of the batch.
         pattern: spectrum of the present estimate of the fixed pattern, shape (F,).
         weight: weight of each frequency, see `band_pass`, shape (F,).
-        last: displacement per line in the previous batch [px], NaN if there is none.
+        last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
     lines, pixels, size, limit = layout
     count = len(pattern)
@@ -186,7 +186,7 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index of the largest spacing in `lags` at which lines overlap enough."""
+    """Return the index of the largest spacing in `lags` at which two lines overlap sufficiently."""
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]
@@ -222,7 +222,7 @@ def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
 
 
 class Remainder(NamedTuple):
-    """Correlations between the lines of a batch without the fixed part of the view.
+    """Correlations between the lines of a batch after the fixed part of the view is subtracted.
 
     Attributes:
         lagged: mean product of the spectra of two lines at each spacing of `lags`, shape (4, F).
@@ -237,10 +237,12 @@ class Remainder(NamedTuple):
 
 @kernel
 def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
-    """Subtract the fixed part of the view, at the frequencies at which candidates are compared.
+    """Return the correlations without the fixed part of the view.
+
+    The result contains only the frequencies at which candidates are compared.
 
     Args:
-        products: see `correlate`.
+        products: correlations from `correlate`.
         layout: sizes of the batch.
         fixed: spectrum of the fixed part of the view, shape (F,).
     """
@@ -266,7 +268,7 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
 
 @kernel
 def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return the correlations with all pairs counted as independent, which is true of noise."""
+    """Return the correlations with all pairs counted as independent, as is true for noise."""
     pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 
@@ -275,13 +277,14 @@ def against_noise(rest: Remainder, layout: Layout) -> Remainder:
 def coherent(
     rest: Remainder, layout: Layout, displacement: float, spread: float, which: int
 ) -> float:
-    """Return the log-likelihood ratio of a motion against incoherent lines [nats].
+    """Return the log-likelihood ratio of a displacement versus incoherent lines [nats].
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        spread: width of the range around the displacement in which the largest ratio is taken [px].
+        spread: width of the range around the displacement from which the largest ratio is returned
+            [px].
         which: index of the line spacing in `lags`.
     """
     size = layout.size
@@ -311,9 +314,9 @@ def coherent(
 
 @kernel
 def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
-    """Return each candidate's log-likelihood ratio against noise [nats], shape (c,).
+    """Return the log-likelihood ratio of each candidate versus noise [nats], shape (c,).
 
-    The ratio is the largest one among the line spacings.
+    Of the ratios at all line spacings, the largest one is returned.
 
     Args:
         rest: correlations between the lines.
@@ -334,21 +337,21 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
 def scatter(
     rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
-    """Return the variance of a displacement due to others that are nearly as likely [px^2].
+    """Return the variance of a displacement due to nearly equally likely displacements [px^2].
 
-    These rivals are zero displacement, and displacements that differ from the given one by 1 px to
-    `APART` px. In each direction, they end before the first one that is too unlikely. On smooth
-    ground, zero displacement is nearly as likely as slow motion, and the likelihood has many small
-    maxima on one peak that is several pixels wide. The curvature at the largest maximum then does
-    not give the variance.
+    These rivals are zero displacement, and displacements that differ from the given displacement by
+    1 px to `APART` px. In each direction, they end before the first displacement that is too
+    unlikely. On smooth ground, zero displacement is nearly as likely as slow motion, and the
+    likelihood has many small maxima on one peak that is several pixels wide. The curvature at the
+    largest maximum then does not give the variance.
 
     Args:
         rest: correlations between the lines.
         layout: sizes of the batch.
         displacement: displacement per line [px].
-        limits: two numbers: the loss of log-likelihood from which on a rival is excluded [nats],
-            and the factor on this loss in the rival's weight [1], which is below 1 because
-            neighboring frequencies are not independent.
+        limits: two numbers. The first is the loss of log-likelihood at which a rival is excluded
+            [nats]. The second is the factor on this loss in the weight of a rival [1]; it is below
+            1 because neighboring frequencies are not independent.
     """
     excluded, share = limits
     last = farthest(displacement, layout)
@@ -387,11 +390,11 @@ def decide(
         rest: correlations between the lines.
         layout: sizes of the batch.
         found: candidates [px], shape (c,).
-        evidence: result of `rate`, shape (c,).
+        evidence: log-likelihood ratio of each candidate from `rate` [nats], shape (c,).
         unlikely: negative logarithm of each candidate's prior [nats], shape (c,).
-        limits: two numbers: the smallest log-likelihood of an accepted displacement [nats], and the
-            ratio of the second-best log-likelihood to the best one above which the choice is
-            ambiguous [1].
+        limits: two numbers. The first is the minimum log-likelihood of an accepted displacement
+            [nats]. The second is the ratio of the second-largest log-likelihood to the largest one
+            above which the choice is ambiguous [1].
     """
     likely, ratio = limits
     order = np.argsort(unlikely - evidence)

@@ -1,4 +1,4 @@
-"""Method `joint`: displacement of the lines of one camera, batch by batch."""
+"""Method `joint`: displacement of each batch of lines of one camera."""
 
 import math
 from typing import NamedTuple
@@ -44,9 +44,9 @@ class Estimate(NamedTuple):
     Attributes:
         value: mean displacement per line [px].
         variance: variance of the displacement [px^2].
-        reason: why the displacement is invalid; empty if it is valid.
-        rest: logarithm of the lines minus the fixed pattern, or unchanged lines if the displacement
-            was rejected before the fit, shape (m, n).
+        reason: reason why the displacement is invalid; empty for a valid displacement.
+        rest: logarithm of the lines minus the fixed pattern, shape (m, n). If the displacement was
+            rejected before the fit, these are the unchanged lines.
         coherence: coherence between neighboring lines [1].
     """
 
@@ -58,12 +58,12 @@ class Estimate(NamedTuple):
 
 
 class _Choice(NamedTuple):
-    """The candidate that explains the lines best.
+    """Candidate for the displacement that explains the lines best.
 
     Attributes:
         displacement: displacement per line [px].
         moves: whether the candidate is a motion, not rest.
-        reason: why the displacement is invalid; empty if it is valid.
+        reason: reason why the displacement is invalid; empty for a valid displacement.
     """
 
     displacement: float
@@ -72,7 +72,7 @@ class _Choice(NamedTuple):
 
 
 class JointEstimator:
-    """Estimates the displacements and the fixed pattern of a camera.
+    """Estimates the displacements of a camera's lines, and the fixed pattern of the camera.
 
     Attributes:
         pattern: present estimate of the camera's fixed pattern.
@@ -85,7 +85,7 @@ class JointEstimator:
         acceleration: float,
         non_uniformity: float = LineSensor.non_uniformity,
     ) -> None:
-        """Allocate the working memory.
+        """Create the estimator of one camera, without knowledge of the fixed pattern.
 
         Args:
             pixels: number of pixels n of a line.
@@ -106,11 +106,11 @@ class JointEstimator:
         self.pattern = FixedPattern(np.zeros(self._bins, np.complex64), np.zeros(self._bins))
 
     def estimate(self, lines: Lines, last: float = math.nan) -> Estimate:
-        """Estimate the displacement of a batch.
+        """Return the displacement estimated from a batch of lines.
 
         Args:
-            lines: oldest first, shape (m, pixels).
-            last: displacement per line in the previous batch [px], NaN if there is none.
+            lines: lines of the batch, oldest first, shape (m, pixels).
+            last: displacement per line in the previous batch [px]; NaN without a previous batch.
         """
         m, n = lines.shape
         size = self._size
@@ -174,7 +174,7 @@ class JointEstimator:
         found: spectra.Doubles,
         last: float,
     ) -> _Choice:
-        """Return the candidate that explains the lines best.
+        """Return the candidate for the displacement that explains the lines best.
 
         The mean of the batch contains everything that is fixed in the view. Without this mean, the
         lines of a static scene are noise. A motion that explains the remaining lines therefore
@@ -231,7 +231,7 @@ def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:
 
 
 class JointMethod:
-    """Measures displacements by the maximum likelihood of whole batches."""
+    """Measures displacements with maximum-likelihood estimates from whole batches."""
 
     def __init__(
         self,
@@ -240,14 +240,14 @@ class JointMethod:
         non_uniformity: float,
         pattern: FixedPattern | None = None,
     ) -> None:
-        """Create the estimator.
+        """Create the method for one camera.
 
         Args:
             sensor: configuration of the camera.
             configuration: configuration of the odometry.
             non_uniformity: standard deviation of the fixed pattern before the camera has moved,
                 relative to the gray level [1].
-            pattern: fixed pattern from an earlier run; None if there is none.
+            pattern: fixed pattern from an earlier run, or None.
         """
         self._limit = configuration.maximum_acceleration
         change = _ACCELERATION / (sensor.line_rate**2 * sensor.pixel_pitch)
@@ -263,7 +263,7 @@ class JointMethod:
         self._last = math.nan
 
     def measure(self, lines: Lines, plausibility: Plausibility, stamp_ns: int) -> Displacement:
-        """Measure a batch; see `sensor.Method`."""
+        """Return the displacement in a batch; see `sensor.Method`."""
         estimate = self.estimator.estimate(without_defects(lines), self._last)
         if estimate.reason:
             raise Unmeasured(estimate.reason, unmatched=True)

@@ -30,7 +30,7 @@ _LEAST_FREEDOM = 2.5  # degrees of freedom; limits Student's factor of the varia
 
 
 class Fit(NamedTuple):
-    """A maximum of the likelihood.
+    """Properties of a displacement at a maximum of the likelihood.
 
     Attributes:
         variance: robust variance of the displacement [px^2].
@@ -38,10 +38,10 @@ class Fit(NamedTuple):
             without information.
         features: effective number of independent features that move with the displacement.
         coherence: coherence between neighboring lines, weighted by power [1].
-        contrast: energy of the gradients that neighboring lines have in common, relative to that of
-            the noise [1].
-        difference: difference between the displacement per line estimated from neighboring lines
-            and that from all lines [px]; 0 if the difference is not significant.
+        contrast: energy of the gradients that neighboring lines have in common, relative to the
+            energy of the gradients of the noise [1].
+        difference: displacement per line estimated from neighboring lines, minus that estimated
+            from all lines [px]; 0 if the difference is not significant.
     """
 
     variance: float
@@ -54,7 +54,7 @@ class Fit(NamedTuple):
 
 @summing
 def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients common to neighboring lines, on the scale of `_gain`."""
+    """Return the energy of the gradients that neighboring lines share, relative to `_gain`."""
     total, number = 0.0, 0
     for block in range(len(cut.first) - 1):
         for r in range(cut.first[block] + 1, cut.first[block + 1]):
@@ -80,7 +80,7 @@ def _gain(cut: Cut) -> float:
 
 @kernel
 def _noise(lines: Floats) -> float:
-    """Return the noise variance of a pixel, as the median over the pixels of the line.
+    """Return the noise variance of the pixels, the median over all pixels of the line.
 
     Differences between lines contain no fixed pattern. Their third differences along the line
     contain hardly any ground texture, because the optics blur it.
@@ -135,7 +135,7 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
 @kernel
 def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the displacement's variance [px^2]; infinite if one or two segments have all energy.
+    """Return the variance of the displacement [px^2]; infinite if <= 2 segments have all energy.
 
     Args:
         parts: properties of the p segments from `_places`, shape (p, 5).

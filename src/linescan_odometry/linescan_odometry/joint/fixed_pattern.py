@@ -2,8 +2,8 @@
 
 The optics blur every detail of the ground over several pixels. If a pixel differs from its
 neighbors both in the mean of a batch and in each line, it is defective, or a speck of dirt covers
-it. Such pixels are interpolated. At rest, some sharp features of the ground may be interpolated
-too, which does no harm.
+it. Such pixels are interpolated. At rest, some sharp features of the ground may also be
+interpolated, which does no harm.
 
 The fixed pattern consists of dirt, unequal pixels, shading and mud, which change every line in the
 same way. For a given displacement, its posterior is Gaussian at every frequency. Earlier batches
@@ -26,7 +26,7 @@ from omni_platform.kernels import kernel
 from omni_platform.signals import Lines
 
 FEWEST_LINES = 8
-"""Smallest number of lines from which a fixed pattern is estimated."""
+"""Minimum number of lines for the estimation of a fixed pattern."""
 
 # Smallest difference of a defective pixel from its neighbors, as a multiple of the median
 # difference of all pixels [1]: about 6 standard deviations.
@@ -34,7 +34,7 @@ _OUTSTANDING = 9.0
 
 
 class FixedPattern(NamedTuple):
-    """Estimated fixed pattern of a camera, as the logarithm of the gains.
+    """Estimated fixed pattern of a camera: spectrum of the logarithm of the pixel gains.
 
     Attributes:
         information: precision times mean of each frequency, shape (F,).
@@ -45,7 +45,7 @@ class FixedPattern(NamedTuple):
     precision: spectra.Doubles
 
     def deviation(self, pixels: int) -> float:
-        """Return the standard deviation of the relative gains over a line of n pixels [1]."""
+        """Return the standard deviation of the gains of n pixels, relative to their mean [1]."""
         power = np.abs(shrink(self.information, self.precision)) ** 2
         size = len(power) / spectra.HIGHEST
         return math.sqrt(2.0 * float(power.sum()) / (pixels * size))  # by Parseval's theorem
@@ -53,7 +53,7 @@ class FixedPattern(NamedTuple):
 
 @kernel
 def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
-    """Return the power of a pattern without the power of its estimation error, shape (F,).
+    """Return the power of a pattern minus the power of its estimation error, shape (F,).
 
     Where the difference would be negative, the power is 0.
 
@@ -72,7 +72,7 @@ def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Double
 
 @kernel
 def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
-    """Return the mean of a pattern, shrunk toward 0 where it is mostly noise, shape (F,).
+    """Return the mean of a pattern, reduced at frequencies where it is mostly noise, shape (F,).
 
     Args:
         information: precision times mean, shape (F,).
@@ -88,8 +88,8 @@ def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra
 def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
     """Return the prior precision of a pattern from its power (empirical Bayes), shape (F,).
 
-    Without a significant power, the precision is infinite: the pattern is known to be 0. A pattern
-    that absorbs part of the ground texture would bias slow displacements away from 0.
+    If the power is not significant, the precision is infinite: the pattern is assumed to be 0. A
+    pattern that absorbs part of the ground texture would bias slow displacements away from 0.
 
     Args:
         information: precision times mean, shape (F,).
@@ -105,7 +105,7 @@ def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.
 
 @kernel
 def posterior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
-    """Return the posterior mean of a pattern, 0 at frequencies without information, shape (F,)."""
+    """Return the posterior mean of a pattern, which is 0 without information, shape (F,)."""
     mean = np.zeros(len(precision), np.complex64)
     for f in range(len(precision)):
         if precision[f] > 0.0:
@@ -117,7 +117,7 @@ def posterior(information: spectra.Spectrum, precision: spectra.Doubles) -> spec
 def observe(
     transformed: spectra.Spectrum, removed: spectra.Spectrum, paths: spectra.Doubles, size: int
 ) -> tuple[spectra.Spectrum, spectra.Doubles]:
-    """Estimate the pattern from one batch whose displacements are known.
+    """Return the pattern estimated from one batch with known displacements.
 
     Args:
         transformed: spectra of whole lines, shape (m, F).
@@ -126,7 +126,7 @@ def observe(
         size: length of the Fourier transform [px].
 
     Returns:
-        Information (precision times mean) and precision, each with shape (F,).
+        Information (precision times mean) and precision at each frequency, shape (F,) each.
     """
     m, count = transformed.shape
     turn, edges = spectra.phases(paths, size, count), spectra.bands(size)
@@ -182,7 +182,7 @@ def _defects(lines: Lines) -> NDArray[np.int64]:
 
 
 def without_defects(lines: Lines) -> Lines:
-    """Interpolate the defective pixels; if there are none, return the same lines.
+    """Return the lines with interpolated defective pixels; without defects, the lines themselves.
 
     Args:
         lines: consecutive lines, shape (m, n).

@@ -1,11 +1,11 @@
 """Log-likelihood of a displacement and its change, expanded to second order, and Newton steps.
 
 The lines are cut to the ground that all of them show, so that no texture enters or leaves, and are
-then transformed again. The fixed pattern is marginalized.
+then transformed again to spectra. The fixed pattern is marginalized.
 
 The package docstring defines the model: displacement d per line, its change a, displacement X_k of
-line k, and covariance T of the lines. In shapes, m is the number of lines, t that of the lines in
-all blocks, F that of spatial frequencies, and B that of frequency bands.
+line k, and covariance T of the lines. In shapes, m is the number of lines, t the number of lines in
+all blocks, F the number of spatial frequencies, and B the number of frequency bands.
 """
 
 import math
@@ -68,7 +68,7 @@ class _Model(NamedTuple):
 
 
 class Cut(NamedTuple):
-    """Lines cut to the ground that they share, block by block.
+    """Lines of each block, cut to the ground that all lines of the block show.
 
     Attributes:
         spectra: spectra in the ground frame, shape (t, F).
@@ -88,12 +88,12 @@ class Cut(NamedTuple):
 
 
 class Expansion(NamedTuple):
-    """Log-likelihood near a displacement, expanded to second order.
+    """Second-order expansion of the log-likelihood near a displacement and its change.
 
     Attributes:
         cut: cut lines, without the pattern.
         model: covariance model of the lines.
-        white: lines multiplied by the inverse covariance, shape (t, F).
+        white: spectra of the lines multiplied by the inverse covariance, shape (t, F).
         moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
         slopes: derivatives of the log-likelihood with respect to d and a, shape (2,).
         inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if there is
@@ -204,7 +204,7 @@ def _marginalize(
 
 @kernel
 def _turned(cut: Cut, paths: Doubles) -> Spectrum:
-    """Return u of each row, see `_marginalize`, shape (t, F)."""
+    """Return the vector u of `_marginalize` for each row, shape (t, F)."""
     shift = paths[cut.line]
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
@@ -283,7 +283,7 @@ def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
 
 @kernel
 def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the inner product of each column, shape (B,)."""
+    """Return the inner product of both arrays in each column, shape (B,)."""
     product: NDArray[np.complex128] = (np.conj(one) * other).sum(axis=0)
     return product
 
@@ -348,7 +348,7 @@ def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doub
 
 @kernel
 def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Expansion:
-    """Expand the log-likelihood at a displacement and its change; see `step`."""
+    """Return the expansion of the log-likelihood at a displacement; arguments as in `step`."""
     m, n = lines.shape
     along = np.empty((2, m))
     along[0] = np.arange(m) - 0.5 * (m - 1)

@@ -1,9 +1,9 @@
 """Spectra of lines, and the covariance between lines of a texture that loses its coherence.
 
 The package docstring defines the model: displacement X_k of line k, and covariance T of the lines
-with texture power S, coherence rho and noise power N. In shapes, m is the number of lines, n that
-of pixels per line, t that of the lines in all blocks, F that of frequencies, and B that of
-frequency bands.
+with texture power S, coherence rho and noise power N. In shapes, m is the number of lines, n the
+number of pixels per line, t the number of lines in all blocks, F the number of frequencies, and B
+the number of frequency bands.
 """
 
 import math
@@ -35,7 +35,7 @@ summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"
 
 @summing
 def sum_of(values: Floats) -> float:
-    """Return the sum of values, shape (n,)."""
+    """Return the sum of `values`, shape (n,)."""
     result = np.float32(0.0)
     for i in range(len(values)):
         result += values[i]
@@ -44,7 +44,7 @@ def sum_of(values: Floats) -> float:
 
 @_fast
 def window(length: int) -> Floats:
-    """Return a taper with cosine flanks, shape (length,)."""
+    """Return a taper: a factor for each pixel, with cosine flanks, shape (length,)."""
     taper = np.ones(length, np.float32)
     flank = max(1, length // _TAPER)
     for i in range(flank):
@@ -72,7 +72,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def smoothed(values: Doubles) -> Doubles:
-    """Return the running mean of a spectrum."""
+    """Return the running mean of a spectrum over neighboring frequencies."""
     count = len(values)
     total = np.zeros(count + 1)
     for i in range(count):
@@ -85,13 +85,13 @@ def smoothed(values: Doubles) -> Doubles:
 
 
 def log_table(depth: int) -> Floats:
-    """Return the logarithm of each gray level of a bit depth; level 0 counts as level 1."""
+    """Return the logarithm of each gray level at a bit depth; level 0 counts as level 1."""
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
 @kernel
 def logarithms(lines: Lines, table: Floats) -> Floats:
-    """Return the logarithm of lines, in which gains become offsets, shape (m, n).
+    """Return the logarithm of lines, which converts gains to offsets, shape (m, n).
 
     Args:
         lines: gray levels, shape (m, n).
@@ -187,8 +187,8 @@ def covariance(
             shape (F,).
         turn: phase change of a fixed pattern from one line to the next in the ground frame [rad],
             shape (F,).
-        share: number of independent frequencies per bin: the length of the lines divided by that of
-            their transform.
+        share: number of independent frequencies per bin: length of the lines divided by the length
+            of the transform.
 
     Returns:
         Texture power S, coherence rho of neighboring lines and noise power N, shape (3, B); the
@@ -300,7 +300,7 @@ def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
 def solve(
     off: Doubles, inverse: Doubles, noise: Doubles, values: NDArray[np.complex128]
 ) -> NDArray[np.complex128]:
-    """Return T^-1 times the values of the lines in each band, shape (m, B); see `whiten`.
+    """Return the product of T^-1 (see `whiten`) and the values of the lines, shape (m, B).
 
     Args:
         off: off-diagonal element from `pivots`, shape (B,).
@@ -342,7 +342,7 @@ def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.compl
 
 @_fast
 def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
-    """Apply T^-1 to the lines of one block; the cost is proportional to the number of lines.
+    """Multiply the lines of one block by T^-1; the cost is proportional to the number of lines.
 
     The covariance of the lines is ``T = A + N``: an autoregressive part A, and white noise of power
     N. The inverse of A is tridiagonal, and ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.

@@ -1,8 +1,8 @@
-"""Search with any of the distances (79)-(83), pair by pair, with an optional window and prior.
+"""Search with any of the distances (79)-(83), with an optional window and prior.
 
-Equations and sections are those of the dissertation. Each shift is evaluated with integers over the
-true overlap. The sum is divided by its number of pixels, since otherwise a sum over fewer pixels
-would win because it has fewer terms:
+Equation and section numbers refer to the dissertation. Each shift is evaluated with integers over
+the true overlap. The sum is divided by the number of its pixels, since otherwise a sum over fewer
+pixels would be smaller:
 
 | metric | distance at a shift with N common pixels |
 |---|---|
@@ -17,9 +17,10 @@ Divided by N, (79) is the root mean square divided by ``sqrt(N)``. Unlike its sq
 prefers longer overlaps. The first three distances are *not* invariant to a change of brightness,
 contrary to section 4.3.2; neither is the cosine at low contrast.
 
-Two methods of section 4.6 use the last displacement. With a **window**, only shifts near it are
-searched, as long as the best of them is credible. A **prior** multiplies the distance at shift s by
-``1 + weight |s - before| / limit``, which favors small changes of velocity.
+Two methods of section 4.6 use the last displacement. With a **window**, only shifts near the last
+displacement are searched, as long as the best of these shifts is credible. A **prior** multiplies
+the distance at shift s by ``1 + weight |s - before| / limit``, which favors small changes of
+velocity.
 """
 
 import math
@@ -84,10 +85,10 @@ class _Range(NamedTuple):
 
 
 class DirectSearch:
-    """Search with any of the metrics, which can use the displacement of the last pair."""
+    """Search with any metric, pair by pair; it can use the displacement of the last pair."""
 
     def __init__(self, metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> None:
-        """Prepare for one sensor.
+        """Create the search for the lines of one camera.
 
         Args:
             metric: distance measure of the search, one of `search.METRICS`.
@@ -110,7 +111,7 @@ class DirectSearch:
     def match(
         self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
-        """Compare every line with the one before it; see `search.ShiftSearch`."""
+        """Find the shift of each line from the previous one; see `search.ShiftSearch`."""
         codes, levels = lines, 0
         if self._kind == _SPEARMAN:
             codes, levels = _order(lines)
@@ -226,9 +227,10 @@ def _distance(batch: _Batch, pair: int, s: int) -> float:
 def correlation(
     lines: Lines, sums: NDArray[np.int64], pair: int, s: int, undefined: float = -1.0
 ) -> float:
-    """Return Pearson's correlation (81) of a pair at shift `s` [px], bit-identical to `pearson`.
+    """Return Pearson's correlation (81) of a pair at shift `s` [px].
 
-    If a line is constant in the overlap, the result is `undefined`.
+    The result is bit-identical to that of the module `pearson`. If a line is constant in the
+    overlap, the result is `undefined`.
     """
     count = lines.shape[1] - abs(s)
     x, y = max(0, -s), max(0, s)
@@ -268,7 +270,7 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the correlation of the ranks of two line parts, given as codes (see `_Batch`)."""
+    """Return the rank correlation of two parts of lines, which are given as codes (`_Batch`)."""
     count = np.int64(x.shape[0])
     # Ranks are doubled, so that tied ranks are integers; their mean is count + 1.
     variance_x = _rank(x, ranks[0])

@@ -1,11 +1,11 @@
 """Median filter over consecutive displacements (dissertation, section 4.6, Enhancements).
 
-A point error is a single pair that matches at a wrong peak. Displacements that are far from the
-median of n consecutive ones count as point errors and are rejected. The others are averaged,
-because their mean is more accurate than the median. The error of a line enters two consecutive
-displacements with opposite signs, so in a mean over m displacements all errors cancel except the
-first and the last. The error of the mean therefore decreases with m, whereas that of white noise
-would decrease with sqrt(m).
+A point error is a single line pair that matches at a wrong peak. A displacement that is far from
+the median of n consecutive displacements counts as a point error and is rejected. The remaining
+displacements are averaged, because their mean is more accurate than the median. The error of a line
+enters two consecutive displacements with opposite signs, so in a mean over m displacements all
+errors cancel except the first and the last. The error of the mean is therefore proportional to 1 /
+m, whereas the mean of independent errors would be proportional to 1 / sqrt(m).
 """
 
 import numpy as np
@@ -65,7 +65,7 @@ def find_inliers(
     group_lines: int,
     tolerance: float,
 ) -> tuple[NDArray[np.bool_], float]:
-    """Return which displacements agree with the median of their group, and their share (0 to 1).
+    """Return whether each displacement agrees with its group's median, and their share (0 to 1).
 
     The arguments are those of `mark_inliers`.
     """
@@ -86,8 +86,8 @@ def average(
         weight: output, weight of each displacement in the mean, with the sum 1, shape (m,).
 
     Returns:
-        The mean [px]: value in the middle of the batch of a straight line through the inliers, so
-        that outliers cause no bias while the platform accelerates.
+        Value [px] of a straight line through the inliers in the middle of the batch, so that the
+        omission of outliers causes no bias while the platform accelerates.
     """
     total = displacement.shape[0]
     count = 0

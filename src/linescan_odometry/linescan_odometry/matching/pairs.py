@@ -1,4 +1,4 @@
-"""Displacement of each line from the previous one, by a search and a refinement of its result."""
+"""Displacement of each line from the previous one: search for the shift, then refinement."""
 
 import dataclasses
 
@@ -17,9 +17,8 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        errors: contribution of each part of the overlap to the error of each displacement [px],
-            shape (m, parts); the contributions are independent, and their squares add up to the
-            variance.
+        errors: error of each displacement that each part of the overlap contributes [px], shape (m,
+            parts). The contributions are independent, and the sum of their squares is the variance.
         similarity: correlation at the peak [1], shape (m,).
         usable: whether the peak of each pair is high enough, shape (m,).
     """
@@ -31,17 +30,17 @@ class PairDisplacements:
 
 
 class PairMatcher:
-    """Matches consecutive lines."""
+    """Measures the displacements of consecutive lines."""
 
     def __init__(
         self, search: ShiftSearch, refiner: SubpixelRefiner, minimum_correlation: float
     ) -> None:
-        """Store the two stages of the match.
+        """Create a matcher from its two stages.
 
         Args:
-            search: finds the integer shifts.
-            refiner: finds the fractions of the shifts.
-            minimum_correlation: smallest correlation of a usable pair.
+            search: stage that finds the integer shifts.
+            refiner: stage that finds the fractions of the shifts.
+            minimum_correlation: minimum correlation of a usable pair [1].
         """
         self._search = search
         self._refiner = refiner

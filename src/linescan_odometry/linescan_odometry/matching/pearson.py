@@ -2,10 +2,10 @@
 
 One cross-correlation by FFT gives the products for all shifts at once. The means and standard
 deviations of the overlapping parts are computed from running sums. The sums of a line are used for
-both of its pairs. This single-precision step only selects candidates: every shift whose
-correlation could be the largest, within a bound of the rounding error, is then evaluated with
-integers. The result therefore equals that of a direct evaluation, for 8-bit and 16-bit lines, and
-does not depend on the rounding of the FFT or on the grouping of lines into batches.
+both of its pairs. This single-precision step only selects candidates: every shift whose correlation
+could be the largest, within a bound of the rounding error, is then evaluated with integers. The
+result therefore equals the result of a direct evaluation, for 8-bit and 16-bit lines. It does not
+depend on the rounding of the FFT or on the grouping of lines into batches.
 """
 
 import math
@@ -36,7 +36,7 @@ _REORDER = {"reassoc", "contract", "nsz", "nnan"}
 class _Ends(NamedTuple):
     """Sums over the first and the last N = n - s pixels of each line, for each shift s.
 
-    Index 0 of the second axis is for the first pixels, index 1 for the last ones.
+    Index 0 of the second axis is for the first pixels, index 1 for the last pixels.
 
     Attributes:
         sums: sums of the centered pixels, shape (lines, 2, shifts).
@@ -53,7 +53,7 @@ class PearsonSearch:
     """Full search by Pearson's correlation."""
 
     def __init__(self, limit: int) -> None:
-        """Prepare for shifts within +/- `limit` [px]."""
+        """Create a search over shifts within +/- `limit` [px]."""
         load_transforms()
         self._limit = limit
 
@@ -132,7 +132,7 @@ def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends)
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _cross_spectra(spectra: NDArray[np.complex64]) -> None:
-    """Multiply each line's spectrum in place by the conjugate of the next newer line's."""
+    """Multiply the spectrum of each line by the conjugate spectrum of the next newer line."""
     rows, bins = spectra.shape
     for row in range(rows - 1):
         old, new = spectra[row], spectra[row + 1]

@@ -1,4 +1,4 @@
-"""Full search for the integer shift between consecutive lines, with a metric chosen by name.
+"""Full search for the integer shift between consecutive lines, with a selectable metric.
 
 A search compares each line with the previous one at each shift up to the limit. At shift s only the
 overlapping part is used: pixel i of the newer line is compared with pixel i + s of the older one,
@@ -25,7 +25,7 @@ class ShiftSearch(Protocol):
     def match(
         self, lines: Lines, shift: NDArray[np.int64], similarity: NDArray[np.float64]
     ) -> None:
-        """Compare each line with the previous one.
+        """Find the shift of each line relative to the previous one.
 
         Args:
             lines: m + 1 lines of n pixels, oldest first, C-contiguous, shape (m + 1, n).
@@ -46,11 +46,11 @@ METRICS: Mapping[str, Callable[[int], ShiftSearch]] = {
     "spearman": partial(DirectSearch, "spearman"),
     "cosine": partial(DirectSearch, "cosine"),  # Eq. (83)
 }
-"""Constructors of the full searches by metric; each takes the shift limit [px]."""
+"""Constructor of the full search for each metric; its argument is the limit on the shift [px]."""
 
 
 def make_search(metric: str, limit: int, window: int = 0, prior_weight: float = 0.0) -> ShiftSearch:
-    """Return a search; if a window or prior is given, it uses the last displacement.
+    """Return a search for integer shifts; a search with window or prior uses the last displacement.
 
     Args:
         metric: one of `METRICS`.

@@ -19,7 +19,7 @@ summed over the pairs: the noise of a line cancels in the pairs before and after
 ground that enters or leaves causes correlated errors in several pairs (cluster-robust variance).
 
 The width of the Gaussian is a compromise. A wide Gaussian loses the information of fine texture. A
-narrow one is undersampled, which biases displacements toward integer shifts: by 0.006 px at a
+narrow Gaussian is undersampled, which biases displacements toward integer shifts: by 0.006 px at a
 sigma of 0.7 px, but by less than 0.001 px at 0.8 px.
 """
 
@@ -32,7 +32,7 @@ from omni_platform.kernels import kernel, njit
 from omni_platform.signals import Lines
 
 FEWEST_PIXELS = 32
-"""Smallest overlap of two lines that can be refined [px]."""
+"""Minimum overlap of two lines for a refinement of their shift [px]."""
 
 _RADIUS = 4  # px; radius of the FIR filter, 4.1 sigma at the largest shift
 _TAPS = 2 * _RADIUS + 1
@@ -58,7 +58,7 @@ class SubpixelRefiner:
     """Refines the integer shifts of consecutive lines."""
 
     def __init__(self, pixels: int) -> None:
-        """Prepare for lines of `pixels`."""
+        """Create a refiner for lines with this number of pixels."""
         self._sigma = kernel_sigma(pixels)
 
     def refine(
@@ -71,10 +71,10 @@ class SubpixelRefiner:
             shift: integer shifts [px], shape (m,).
 
         Returns:
-            Displacements, shift plus fraction [px], shape (m,); and the independent errors of each
-            from the parts of its overlap [px], shape (m, parts), whose squares add up to its
-            variance. The errors are infinite if the lines have no gradient, or if the refinement
-            moved away from the peak by a pixel.
+            Displacements, shift plus fraction [px], shape (m,); and, for each displacement, the
+            independent errors that the parts of the overlap contribute [px], shape (m, parts). The
+            sum of their squares is the variance of the displacement. The errors are infinite if the
+            lines have no gradient, or if the refinement moved away from the peak by a pixel.
         """
         displacement, errors = np.empty(len(shift)), np.empty((len(shift), _BLOCKS))
         _refine(lines, shift, self._sigma, displacement, errors)

@@ -19,7 +19,7 @@ times radius) equals v_f only without longitudinal slip. On a braked wheel omega
 the angle would be too large.
 
 If a camera is not at the wheel's center, or not exactly parallel to its axis, it also measures a
-part of the yaw rate and of v_f. Both are removed:
+part of the yaw rate and of v_f. Both parts are removed:
 
     v_s sin d = u - Omega cross(r_s - r_w, a) - v_f cos d,
 
@@ -44,7 +44,7 @@ _ROUNDING = 1e-6  # deg; error of this angle due to rounding of sine and arcsine
 
 
 class SideslipWheel(Configuration):
-    """A wheel whose sideslip angle is measured."""
+    """Position, direction and camera of a wheel whose sideslip angle is measured."""
 
     sensor: str = parameter()
     """Line camera next to the wheel, parallel to the wheel's axis of rotation within 30 deg"""
@@ -60,14 +60,14 @@ class SideslipWheel(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class SideslipEstimate:
-    """Estimated sideslip of a wheel.
+    """Sideslip of a wheel, estimated from one batch of lines.
 
     Attributes:
         angle: sideslip angle [rad], positive if the wheel slides to the right; 0 if not measured.
         deviation: standard deviation of the angle [rad], infinite if not measured.
         sideways: velocity of the wheel to its left [m/s], 0 if not measured.
         measured: whether these values are valid.
-        reason: why they are invalid; empty if they are valid.
+        reason: reason why these values are invalid; empty for valid values.
     """
 
     angle: float
@@ -78,7 +78,7 @@ class SideslipEstimate:
 
     @classmethod
     def unmeasured(cls, reason: str) -> SideslipEstimate:
-        """Create an estimate that is marked as unmeasured, with the reason."""
+        """Return an estimate that is marked as unmeasured, with the reason."""
         return cls(0.0, math.inf, 0.0, False, reason)
 
 
@@ -93,10 +93,10 @@ def sideslip_angle(sideways: float, forward: float) -> float:
 
 
 class WheelSideslip:
-    """Geometry of one camera next to one wheel."""
+    """Measures the sideslip angle of one wheel with one camera next to this wheel."""
 
     def __init__(self, wheel: SideslipWheel, sensor: LineSensor) -> None:
-        """Compute the geometry.
+        """Compute the angle and the offset between the axes of the camera and the wheel.
 
         Raises:
             ConfigurationError: the camera's axis is more than 30 deg from the axis of rotation.
@@ -114,7 +114,7 @@ class WheelSideslip:
     def measure(
         self, reading: SensorReading, forward: float, yaw_rate: float, covariance: FloatArray
     ) -> SideslipEstimate:
-        """Return the angle, from the camera's velocity and the motion across the camera's axis.
+        """Return the sideslip from the camera's reading and the motion across its axis.
 
         Args:
             reading: reading of the camera.
@@ -152,7 +152,7 @@ class WheelSideslip:
         return SideslipEstimate(angle, math.sqrt(variance), sideways, True)
 
     def measure_with(self, estimate: TwistEstimate) -> SideslipEstimate:
-        """Return the angle, given a twist that was estimated with this camera.
+        """Return the sideslip angle for a twist that was estimated with this camera.
 
         Args:
             estimate: twist of the platform, including the reading of this camera.
@@ -176,10 +176,10 @@ class WheelSideslip:
 
 
 def check_axis(wheel: SideslipWheel, sensor: LineSensor) -> None:
-    """Check that the camera's axis is along the wheel's axis of rotation.
+    """Check that the camera's axis is nearly parallel to the wheel's axis of rotation.
 
     Raises:
-        ConfigurationError: the angle between the two is too large.
+        ConfigurationError: the angle between both axes is too large.
     """
     along = math.cos(sensor.heading - math.radians(wheel.steering_deg))
     skew = math.degrees(math.asin(min(1.0, abs(along))))

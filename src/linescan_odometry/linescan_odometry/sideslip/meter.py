@@ -56,10 +56,10 @@ class SideslipMeter:
         forward_deviation: float = 0.0,
         yaw_rate_deviation: float = 0.0,
     ) -> SideslipEstimate:
-        """Process the camera's lines since the last update, and return the angle.
+        """Process the camera's lines since the last update, and return the sideslip of the wheel.
 
         Args:
-            batch: the lines.
+            batch: these lines of the camera.
             forward_velocity: mean velocity of the wheel's center along its rolling direction during
                 the batch [m/s]; wheel speed times radius if there is no longitudinal slip.
             yaw_rate: yaw rate [rad/s]; required if the camera is not at the wheel's center.
@@ -72,7 +72,7 @@ class SideslipMeter:
 
 
 class SideslipMonitor:
-    """Sideslip of the configured wheels from the cameras and the twist of the odometry."""
+    """Measures the sideslip of all configured wheels with the cameras and twist of the odometry."""
 
     def __init__(self, configuration: OdometryConfiguration) -> None:
         """Compute the geometry of the wheels of `configuration.sideslip`."""
@@ -82,7 +82,7 @@ class SideslipMonitor:
         }
 
     def measure(self, estimate: TwistEstimate) -> dict[str, SideslipEstimate]:
-        """Return the sideslip of each wheel by name, from one estimate of the odometry."""
+        """Return the sideslip of each wheel for a twist estimate, keyed by wheel name."""
         return {name: wheel.measure_with(estimate) for name, wheel in self._wheels.items()}
 
 

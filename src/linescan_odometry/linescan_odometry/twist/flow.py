@@ -22,7 +22,7 @@ class FlowMonitor:
     """Checks the range and the change of one flow sensor's measurements."""
 
     def __init__(self, sensor: FlowSensor, maximum_acceleration: float) -> None:
-        """Create the check for one sensor.
+        """Create the plausibility check for one flow sensor.
 
         Args:
             sensor: configuration of the flow sensor.
@@ -33,7 +33,7 @@ class FlowMonitor:
         self._last: Flow | None = None
 
     def read(self, flow: Flow) -> FlowReading:
-        """Convert a measurement to a reading, which is unmeasured if a check rejects it."""
+        """Return a measurement as a reading; if a check rejects it, the reading is unmeasured."""
         velocity = np.asarray(flow.velocity, np.float64)
         covariance = np.asarray(flow.covariance, np.float64)
         covariance = 0.5 * (covariance + covariance.T)

@@ -3,15 +3,15 @@
 Source: dissertation, section 4.6 and Figure 70. A wheel that is not steered rolls along the body's
 x axis and, as long as it grips, does not move sideways. The same is true for every point on the
 line through its axle. For an axle at x = a, the constraint on the sideways velocity v_y and the yaw
-rate Omega of the body is ``v_y + a Omega = 0``. It adds one row to the equations of the sensors,
-like that of a line camera at (a, 0) whose axis points to the left and that measures zero. The
+rate Omega of the body is ``v_y + a Omega = 0``. It adds one row to the equations of the sensors.
+The row equals that of a line camera at (a, 0) that points to the left and measures zero. The
 constraint is valid for the driven axle of a differential drive and the rear axle of an Ackermann
 drive, but not for omni-wheels.
 
-When the vehicle skids, the constraint is wrong. Two sensors cannot detect the skid: the estimated
-v_y then has an error as large as the skid velocity, while the covariance includes only
-`deviation`. The constraint is therefore used only if the sensors alone do not determine the twist.
-Otherwise it is only compared with them, to detect a skid.
+When the vehicle skids, the constraint is wrong. Two cameras cannot detect the skid: the estimated
+v_y then has an error as large as the skid velocity, while the covariance includes only `deviation`.
+The constraint is therefore used only if the sensors alone do not determine the twist. Otherwise, it
+is only compared with the sensors to detect a skid.
 """
 
 import math

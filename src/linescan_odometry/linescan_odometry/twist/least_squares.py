@@ -20,12 +20,12 @@ Omega), this error is
 
     v dp / p + (v_y cos phi - v_x sin phi) dphi + Omega dl.
 
-The variance of this error is added to that of the match. A pitch error scales the velocity, an axis
-error adds a part of the motion across the axis, and a lever-arm error adds a part of the yaw rate.
-A flow sensor has one scale error and one axis error for both of its velocities.
+The variance of this error is added to the variance of the velocity. A pitch error scales the
+velocity, an axis error adds a part of the motion across the axis, and a lever-arm error adds a part
+of the yaw rate. A flow sensor has one scale error and one axis error for both of its velocities.
 
-In shapes, S is the number of sensors, and R the number of velocities: one for each line camera and
-for the axle, two for each flow sensor.
+In shapes, S is the number of sensors, and R the number of velocities: one for each line camera, one
+for the axle, and two for each flow sensor.
 """
 
 import math
@@ -49,8 +49,8 @@ def check_placement(
     """Check that the sensors determine all three components of the twist.
 
     Args:
-        sensors: line cameras and flow sensors by name.
-        minimum_lever: smallest effective lever arm for the yaw rate [m].
+        sensors: line cameras and flow sensors, keyed by name.
+        minimum_lever: minimum effective lever arm for the yaw rate [m].
         axle: position x of an axle without sideways slip [m], which counts as a sensor if the
             sensors do not suffice; None if there is no such axle.
 
@@ -108,20 +108,20 @@ class TwistSolver:
         self._calibrated = bool(self._left.any())
 
     def rows(self, measured: tuple[bool, ...]) -> NDArray[np.bool_]:
-        """Return which velocities belong to the sensors that are used, shape (R,)."""
+        """Return whether each velocity belongs to a sensor that is used, shape (R,)."""
         return np.repeat(np.array(measured, np.bool_), self._sizes[: len(measured)])
 
     @property
     def places(self) -> Sequence[slice]:
-        """Slices of the velocity array, one for each sensor."""
+        """Slice of the velocity array that belongs to each sensor."""
         return self._places
 
     def problem(self, measured: tuple[bool, ...]) -> str:
-        """Return why the used rows do not determine the twist; empty if they determine it.
+        """Return why the used sensors do not determine the twist; empty if they determine it.
 
         Args:
-            measured: whether to use each of the S sensors, then whether to use the axle, if there
-                is one.
+            measured: whether each of the S sensors is used; if there is an axle, a last entry
+                states whether the axle is used.
         """
         problem = self._problems.get(measured)
         if problem is None:
@@ -146,8 +146,8 @@ class TwistSolver:
                 axle, the last velocity belongs to it and is 0.
             variance: variances of these velocities [m^2/s^2], positive, shape (R,), or their
                 covariance, shape (R, R), if there are flow sensors.
-            measured: whether to use each of the S sensors, then whether to use the axle, if there
-                is one.
+            measured: whether each of the S sensors is used; if there is an axle, a last entry
+                states whether the axle is used.
 
         Returns:
             Twist (v_x, v_y, yaw rate) of base_link [m/s, m/s, rad/s] and its covariance, which
@@ -160,7 +160,7 @@ class TwistSolver:
         return twist, covariance
 
     def _systematic(self, twist: FloatArray, dimensions: int) -> FloatArray:
-        """Return variance, (R,), or covariance, (R, R), of the errors caused by calibration."""
+        """Return the variance (R,) or covariance (R, R) of the errors that calibration causes."""
         along = self._matrix @ (twist / self._unit)
         motion = np.column_stack(
             (along, self._across @ twist, np.full(len(along), float(twist[2])))
@@ -222,7 +222,7 @@ class TwistSolver:
 
         The variance of a residual is ``s_i^2 - a_i C a_i^T``, with the sensor's variance ``s_i^2``,
         its row ``a_i`` of the matrix, and the covariance ``C`` of the twist. The second term is
-        subtracted because the twist depends on the sensor itself.
+        subtracted because the twist depends on the tested sensor itself.
 
         Args:
             velocity: as in `solve`.
@@ -232,9 +232,10 @@ class TwistSolver:
             covariance: covariance from `solve`.
 
         Returns:
-            Residual of each sensor, and of the axle, divided by its standard deviation [1],
-            shape (S,) or (S + 1,). The value is 0 for a sensor that has not measured or that the
-            others cannot check. With four line cameras all four values are equal, so a fault can be
+            Residual of each sensor, and of the axle, divided by its standard deviation [1], shape
+            (S,) or (S + 1,). The value is 0 for a sensor that has not measured, or that the
+            remaining sensors cannot check. With four line cameras all four values are equal, so a
+            fault can be
             detected but not isolated. A flow sensor has one value: the root of the sum of squares
             of its two residuals.
         """
@@ -269,7 +270,7 @@ def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
 
 
 def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None) -> str:
-    """Return why a placement is unusable; empty if it is usable."""
+    """Return the reason why a placement is unusable; empty for a usable placement."""
     names = ", ".join(sensors) or "none"
     matrix = _rows(sensors, axle)
     if axle is None and len(matrix) < 3:

@@ -11,12 +11,12 @@ from omni_platform.quantities import FloatArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Pose:
-    """A planar pose, in the body frame of the first twist.
+    """Planar pose of the vehicle in its body frame at the start of the integration.
 
     Attributes:
         stamp_ns: stamp of the newest integrated twist [ns].
         value: x, y [m] and yaw [rad], shape (3,).
-        covariance: covariance of x, y and yaw in the squares of these units, shape (3, 3); grows
+        covariance: covariance of x, y and yaw in the squares of these units, shape (3, 3); it grows
             with the distance.
     """
 
@@ -26,7 +26,7 @@ class Pose:
 
 
 class PoseIntegrator:
-    """Integrates twists to a pose.
+    """Integrates the twists of the odometry to a pose of the vehicle.
 
     Between two stamps the platform moves on an arc with the twist of the newer stamp, since this
     twist is the mean over the batch that ends there. An unmeasured twist is integrated as zero. In
@@ -48,7 +48,7 @@ class PoseIntegrator:
         self._gap = 0.0  # s, since the last measured twist
 
     def update(self, stamp_ns: int, twist: FloatArray, covariance: FloatArray) -> Pose:
-        """Integrate a twist and return the pose.
+        """Integrate a twist and return the new pose.
 
         Args:
             stamp_ns: stamp of the twist [ns]; a twist that is not newer than the last is ignored.

@@ -1,1 +1,1 @@
-"""Fixed patterns, occlusion and oblique textures in the view of a camera."""
+"""Detection of occluded cameras, and of oblique textures in the view of a camera."""

@@ -39,10 +39,10 @@ _SLOWEST = 0.03  # m/s across the axis; at lower speeds, oblique texture causes 
 
 
 class Keyframe:
-    """Stores an earlier line of one camera, and compares newer lines with it."""
+    """Stores an earlier line of one camera, and compares newer lines with this line."""
 
     def __init__(self, pixels: int) -> None:
-        """Start without a stored line.
+        """Create the comparison for one camera, without a stored line.
 
         Args:
             pixels: number of pixels n of a line.
@@ -59,7 +59,7 @@ class Keyframe:
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
     ) -> tuple[float, float]:
-        """Compare the newest line with the stored one.
+        """Compare the newest line with the stored line; return age and correlation.
 
         Args:
             stamp_ns: stamp of the newest line [ns].
@@ -68,9 +68,9 @@ class Keyframe:
             displacement: mean displacement per line [px].
 
         Returns:
-            Age of the stored line [s]; and the correlation of its shifted gradient with that of the
-            newest line, divided by the correlation of neighboring lines. Both are 0 if the view has
-            hardly shifted.
+            Age of the stored line [s]; correlation of the shifted gradient of this line with the
+            gradient of the newest line, divided by the correlation of neighboring lines [1]. Both
+            are 0 if the view has hardly shifted.
         """
         span = len(lines) - 1
         pixels = lines.shape[1]
@@ -128,12 +128,12 @@ def _compare(
     abort_below: float,
     gradient: Floats,
 ) -> tuple[float, float]:
-    """Compare the gradients of the newest lines with each other and with that of an earlier line.
+    """Compare the gradients of the newest lines with each other and with an earlier line.
 
     Args:
         lines: consecutive lines, oldest first, shape (m + 1, n).
         step: number of pixels in each sum of `_differentiate`.
-        shift: shift of the newest line against the earlier one [px].
+        shift: shift of the newest line against the earlier line [px].
         displacement: displacement per line [px].
         abort_below: correlation below which the comparison is aborted.
         gradient: gradient of the earlier line, with working memory for two more gradients, shape
@@ -183,7 +183,7 @@ class ObliqueTextures:
     """Detects which cameras are over an oblique texture."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Start without oblique textures.
+        """Create the detection for all cameras; no camera is over an oblique texture yet.
 
         Args:
             sensors: the cameras by name.
@@ -205,7 +205,7 @@ class ObliqueTextures:
     def unconfirmed(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Reject all readings if a camera has no match and the motion across its axis is unknown.
+        """Reject all readings if a camera has no match and its motion across the axis is unknown.
 
         Without a twist this motion is unknown, so the texture may be oblique. If a twist was
         measured shortly before, it gives the motion, and only cameras over oblique textures are
@@ -213,10 +213,10 @@ class ObliqueTextures:
 
         Args:
             stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras by name; too few are valid for a twist.
+            readings: readings of all cameras, keyed by name; too few are valid for a twist.
 
         Returns:
-            Rejected readings, marked as unmeasured, by the names of their cameras.
+            Rejected readings, marked as unmeasured, keyed by camera name.
         """
         blind = [
             name for name, reading in readings.items() if reading.unmatched and not reading.measured
@@ -231,7 +231,7 @@ class ObliqueTextures:
         }
 
     def remember(self, stamp_ns: int, twist: FloatArray) -> None:
-        """Integrate the motion of each camera across its axis.
+        """Store a twist, and integrate the motion of each camera across the camera's axis.
 
         Args:
             stamp_ns: stamp of the twist [ns].
@@ -263,11 +263,11 @@ class ObliqueTextures:
     def over_oblique_texture(
         self, stamp_ns: int, readings: Mapping[str, SensorReading], twist: FloatArray
     ) -> dict[str, SensorReading]:
-        """Return the readings of cameras over oblique textures, marked as unmeasured.
+        """Return the readings of the cameras over oblique textures, marked as unmeasured.
 
         Args:
             stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras by name.
+            readings: readings of all cameras, keyed by name.
             twist: twist estimated from the readings.
         """
         over_oblique_texture = {}

@@ -1,6 +1,6 @@
 """Detection of occluded cameras, for example by a lid or by dirt on the lens.
 
-The image of an occluded camera matches itself perfectly at zero displacement, like that of the
+The image of an occluded camera matches itself perfectly at zero displacement, like the image of the
 ground at rest or in motion across the axis. However, a vehicle cannot stop faster than its brakes
 permit, and in motion across the axis the view of the ground changes.
 """
@@ -23,7 +23,7 @@ class Covers:
     """Detects occluded cameras from the motion of each camera."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
-        """Start at rest without occluded cameras."""
+        """Create the detection for all cameras, for a vehicle at rest without occluded cameras."""
         self._sensors = sensors
         # Rows that convert the twist to the velocity along and across each camera's axis; the
         # velocity across it is positive to the left.
@@ -48,14 +48,14 @@ class Covers:
     def stopped(
         self, stamp_ns: int, readings: Mapping[str, SensorReading]
     ) -> dict[str, SensorReading]:
-        """Return the readings of occluded cameras, marked as unmeasured.
+        """Return the readings of cameras that became occluded, marked as unmeasured.
 
         A camera is occluded if its velocity became zero faster than a vehicle can stop. It remains
         occluded until its view changes.
 
         Args:
             stamp_ns: stamp of the readings [ns].
-            readings: readings of all cameras by name.
+            readings: readings of all cameras, keyed by name.
         """
         if stamp_ns < self._stamp_ns:  # the recording is played again
             self._start_anew()
@@ -84,11 +84,11 @@ class Covers:
         """Return the reading whose constant view contradicts the twist most, marked as unmeasured.
 
         Args:
-            readings: readings of all cameras by name.
+            readings: readings of all cameras, keyed by name.
             twist: twist estimated from the readings.
 
         Returns:
-            This reading by the name of its camera; empty if no view contradicts the twist.
+            This reading, keyed by camera name; empty if no view contradicts the twist.
         """
         farthest, covered = _STILL_SHARE, {}
         for name, reading in readings.items():

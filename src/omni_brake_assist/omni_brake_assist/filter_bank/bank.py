@@ -153,7 +153,7 @@ def _is_lost(memory: BankMemory) -> bool:
 
 @lean
 def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
-    """Update the probabilities of the hypotheses by Bayes' rule; select the most probable one."""
+    """Update the probabilities of the hypotheses by Bayes' rule, and select a hypothesis."""
     record, posterior, largest = memory.record[0], memory.posterior, -math.inf
     if record.pressed and _is_lost(memory):
         return  # all brakes act until the pedal is released
@@ -176,7 +176,7 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def _mix(memory: BankMemory, best: int) -> None:
-    """Average each filter with the best one, so that no filter drifts while the pedal is up."""
+    """Average each filter with the best filter, so that no filter drifts while the pedal is up."""
     there, p_there = memory.state[best], memory.covariance[best]
     for k in range(bank.FILTERS):
         if k == best:
@@ -196,10 +196,10 @@ def _keep_precise(
 ) -> None:
     """Replace the components of the estimate for which the fused, current twist has less variance.
 
-    Both variances are those of the motion of base_link. A precise twist is better used directly, as
-    the filter would only add its model errors. The twist is used directly only if its innovations
-    are no larger than expected: the mean of their normalized squares is at most 1. The estimated
-    offset of the yaw rate counts as part of the twist's error.
+    Both variances describe the motion of base_link. A precise twist is better used directly, as the
+    filter would only add its model errors. The twist is used directly only if its innovations are
+    no larger than expected: the mean of their normalized squares is at most 1. The estimated offset
+    of the yaw rate counts as part of the twist's error.
     """
     agrees = measurement.GATE * (memory.ratio[0] + memory.ratio[1]) <= answer.size
     if best not in (bank.NO_TWIST, bank.NO_ESTIMATE) and agrees:
@@ -214,7 +214,7 @@ def _keep_precise(
 
 @lean
 def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: FloatArray) -> int:
-    """Predict the best estimate to the present; return NO_ESTIMATE if its variance is too large."""
+    """Predict the best estimate to the present time; return NO_ESTIMATE if it is too uncertain."""
     covariance, record, state = memory.covariance[best], memory.record[0], memory.gain
     for i in range(STATES):
         state[i] = memory.state[best, i]

@@ -43,9 +43,9 @@ class _Wheel(NamedTuple):
 
     Attributes:
         rolls: prior probability that the wheel rolls [1].
-        slides: prior probability that it slides without being locked [1].
+        slides: prior probability that the wheel slides without being locked [1].
         locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
-        faulty: probability that its encoder is faulty [1].
+        faulty: probability that the encoder of the wheel is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can be faster than in rolling after its brake is released,
             while the tire springs back [m/s].

@@ -84,7 +84,7 @@ class Readings(NamedTuple):
 
 
 class Twist(NamedTuple):
-    """Latest received twist.
+    """Latest received twist and its variances.
 
     Attributes:
         received: whether there is a valid twist.
@@ -166,7 +166,7 @@ class BankConstants(NamedTuple):
 
 
 class BankMemory(NamedTuple):
-    """State of the filter bank between steps.
+    """State of the filter bank between two steps.
 
     Attributes:
         state: state of each filter, columns `U_X` to `OFFSET`, shape (5, 8).
@@ -188,7 +188,7 @@ class BankMemory(NamedTuple):
         rows: readings of the past steps, a ring buffer; each row contains pedal, yaw rate,
             specific force (x, y), N wheel speeds and N enables, shape (64, 4 + 2 N).
         stamps: stamps of these readings [ns], shape (64,).
-        newest: row of the newest reading, and of the newest one that the filters have used,
+        newest: row of the newest reading, and row of the newest reading that the filters have used,
             shape (2,).
         h: direction in the state space that a measurement observes, shape (8,).
         gain: Kalman gain of a correction, shape (8,).

@@ -71,7 +71,8 @@ def step(
 ) -> int:
     """Compute the enables of one step; the arguments are those of `Law.step`.
 
-    The error of a wheel is the speed of its hub minus the hub speed at the target slip [m/s].
+    The error of a wheel is the speed of its hub minus the hub speed at which the wheel would have
+    the target slip [m/s].
     """
     body = memory.body[0]
     body.dt = motion.dt if motion.dt > 0.0 else _PERIOD
@@ -96,7 +97,7 @@ def step(
 
 @lean
 def _start(law: Constants, memory: Memory) -> None:
-    """Initialize with the nominal mass, equal wheel loads, and a friction coefficient of 1."""
+    """Initialize the memory: nominal mass, equal wheel loads, friction coefficient of 1."""
     body, wheel = memory.body[0], memory.wheel
     body.steps, body.heading = 0, 0.0
     body.yaw_disturbance = body.lateral_disturbance = 0.0

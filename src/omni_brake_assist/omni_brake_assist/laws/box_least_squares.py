@@ -130,7 +130,7 @@ def _release(box: Box) -> bool:
 
 @lean
 def _find_step(box: Box) -> None:
-    """Compute the step to the minimum over the free unknowns; the step of all others is zero.
+    """Compute the step to the minimum over the free unknowns; all other unknowns keep their value.
 
     ``d step = b' y - slope`` with ``(1/w + b 1/d b') y = b 1/d slope``.
     """

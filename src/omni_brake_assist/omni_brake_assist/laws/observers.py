@@ -7,9 +7,9 @@ capacity. The estimated capacity is raised if a wheel uses all of it without sli
 forces, the motion of the body gives the vehicle's mass and the accelerations that friction does not
 explain.
 
-Three loops form a cascade. From the inside out, these are the observer of the friction, that of the
-disturbances, and the mass estimate together with the return of the heading (`braking_qp`). Each
-loop is half as fast as the next inner one.
+Three loops form a cascade. From the inside out, these are the friction observer, the disturbance
+observer, and the mass estimate together with the return of the heading (`braking_qp`). Each loop is
+half as fast as the next inner loop.
 """
 
 import math

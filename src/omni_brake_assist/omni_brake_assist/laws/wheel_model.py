@@ -20,7 +20,7 @@ QUEUE = 128
 
 
 class NominalBrake(NamedTuple):
-    """Assumed properties of a brake.
+    """Properties of a brake that the law assumes.
 
     Attributes:
         dead_time: time from a command to the first change of the force [s].
@@ -34,7 +34,7 @@ class NominalBrake(NamedTuple):
 
 
 class BrakedWheel(NamedTuple):
-    """Assumed properties of a braked wheel.
+    """Properties of a braked wheel that the law assumes.
 
     Attributes:
         capacity: largest friction force [N].
@@ -51,7 +51,7 @@ class BrakedWheel(NamedTuple):
 
 
 class Rim(NamedTuple):
-    """State of a braked wheel.
+    """State of the rim of a braked wheel.
 
     Attributes:
         speed: speed of the rim in the sense in which it rolls [m/s], at least 0.

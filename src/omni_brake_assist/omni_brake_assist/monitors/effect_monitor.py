@@ -13,17 +13,17 @@ encoders and the twist share therefore does not shorten the computed distance. W
 an error cannot be observed, and ``v`` decreases by at most `loss` per second. While all brakes act,
 nothing is added to ``M``. The deceleration ``a`` is measured in two ways: as the low-passed
 specific force, and as the difference between ``v`` and its low-pass. The larger of the two ratios
-``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest one observed in this
-stop, scaled by the pedal position, and at least `least_loss`, which is possible even with little
-friction. Without an IMU it is `least_loss`, because the deceleration of a rim that begins to slide
-exceeds that of the vehicle.
+``a / c`` is used. With an IMU, the possible deceleration ``c`` is the largest deceleration observed
+in this stop, scaled by the pedal position, and at least `least_loss`, which is possible even with
+little friction. Without an IMU, ``c`` is `least_loss`, because a rim that begins to slide
+decelerates faster than the vehicle.
 
 Two more bounds limit how long brakes may be released. The first is the duration of a stop with the
 mean deceleration `least`, extended by `grace`. The second is used only with an IMU: at the end of a
 stop, the deceleration may be small for at most the time constant of the specific force's low-pass.
 This bound ends stops in which the braked wheels exert no force along the motion, because the
 vehicle moves along their passive direction. Without an IMU, the end of a stop cannot be recognized,
-because locked wheels have slow rims too.
+because locked wheels also have slow rims.
 
 After a bound is exceeded, all brakes act until the pedal is released.
 """
@@ -220,7 +220,7 @@ def _share_of_force(
 
 @lean
 def _share(loss: float, pedal: float, least: float, best: float, best_pedal: float) -> float:
-    """Return a deceleration divided by the possible one, 0 to 1.
+    """Return a deceleration, divided by the possible deceleration, 0 to 1.
 
     Args:
         loss: deceleration [m/s^2].

@@ -77,7 +77,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 class _Row(NamedTuple):
-    """A calibrated quantity of a camera."""
+    """Table row of a calibrated quantity of a camera."""
 
     quantity: str
     unit: str

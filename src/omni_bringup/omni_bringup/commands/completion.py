@@ -22,7 +22,7 @@ class Options(configuration.Configuration):
 
 
 def run(_options: Options, workspace: Workspace) -> Report:
-    """Return the script."""
+    """Return the completion script for bash."""
     names = {kind: sorted(names_of(kind, workspace.folder)) for kind in EVERY}
     cases = list(_cases(commands, "", names))
     values = [f'    {flag}) choices="{" ".join(names[kind])}" ;;' for flag, kind in _VALUES.items()]

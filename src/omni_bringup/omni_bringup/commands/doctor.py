@@ -37,7 +37,7 @@ class TroubleError(Exception):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Check each part of the installation."""
+    """Check each part of the installation, and report the results."""
     checks: dict[str, Callable[[Path], str]] = {
         "Python": _python,
         "packages": _packages,

@@ -30,7 +30,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Return the names of every kind."""
+    """Report the names and descriptions of the items of every kind."""
     for kind in options.kinds:
         check_choice("KIND", kind, EVERY)
     found = {kind: names_of(kind, workspace.folder) for kind in options.kinds or EVERY}

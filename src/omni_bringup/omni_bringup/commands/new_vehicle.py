@@ -92,7 +92,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _answers(options: Options) -> dict[str, Any]:
-    """Return the values of `Measured`, from the options or, where not given, from the terminal."""
+    """Return the values of `Measured` from the options; ask on the terminal for missing values."""
     from omni_tools.vehicles.estimates import Measured
 
     values: dict[str, Any] = {}
@@ -113,7 +113,7 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value that is entered on the terminal; without an entry, the usual value.
+    """Return a value that the user enters on the terminal; without an entry, the usual value.
 
     Raises:
         ConfigurationError: there is no terminal and no usual value.

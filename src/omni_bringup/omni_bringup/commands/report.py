@@ -33,7 +33,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
-    """Write the page."""
+    """Write the HTML page of the recordings."""
     from omni_bringup.progress_bar import progress_bar
     from omni_loop.metrics import results_document
     from omni_tools.report.document import report_page
@@ -84,7 +84,7 @@ def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:
-    """Return the descriptions of the runs, or their names if there are none."""
+    """Return the descriptions of the runs, or the names of runs without a description."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
     title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
     return title[:200]  # characters

@@ -32,7 +32,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Write the files."""
+    """Write the parameter files and the URDF."""
     from omni_bringup.graph.hardware import read_hardware, write_parameters
     from omni_tools.vehicles.rollers import roller_remarks
 

@@ -55,12 +55,12 @@ class DemandSource:
         self._command_time = -math.inf
 
     def open_page(self) -> None:
-        """Select a page as the source; the vehicle brakes until the page's first demand."""
+        """Record that a page was opened; the vehicle brakes until the first demand of this page."""
         self._page_open, self._page_left = True, False
         self._page_time = -math.inf
 
     def close_page(self) -> None:
-        """Deselect the page as the source."""
+        """Record that the page was closed; it is no longer the source of demands."""
         self._page_open, self._page_left = False, True
 
     def take_page(self, pedal: float, twist: Twist, now: float) -> None:

@@ -146,7 +146,7 @@ class DriverNode(Node):
         self.create_subscription(kind, topic, on_message, qos.RELIABLE)
 
     def publish_demand(self) -> None:
-        """Publish the present demand."""
+        """Publish the present demand of the selected source."""
         demand = self.source.demand(time.monotonic())
         self.state["source"] = demand.source
         pedal = joint_state(self._stamp_ns, ("brake_pedal",), position=np.array([demand.pedal]))

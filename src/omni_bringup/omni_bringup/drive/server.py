@@ -47,7 +47,7 @@ class PageError(ValueError):
 
 
 class Demand(NamedTuple):
-    """A message of a page.
+    """Demand in a message that the page has sent.
 
     Attributes:
         pedal: position of the brake pedal, 0 to 1.

@@ -96,7 +96,7 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
-    """Return the nodes that the launch arguments select; `given` contains these by name.
+    """Return the nodes that the launch arguments `given` (values keyed by name) select.
 
     Raises:
         ConfigurationError: an argument is invalid, or the folder does not contain a required file.

@@ -31,7 +31,7 @@ LOCKSTEP, REAL_TIME, DRIVE = "lockstep", "real_time", "drive"
 
 @dataclasses.dataclass(frozen=True)
 class LaunchPlan:
-    """Processes of a launch file.
+    """Processes that a launch file starts, and the data of the run.
 
     Attributes:
         nodes: processes in the order of their start; subscribers start before their publishers.
@@ -84,7 +84,7 @@ class LaunchPlan:
 
 
 def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
-    """Return the processes that a mode starts.
+    """Return the processes that a launch file with this mode starts.
 
     Args:
         mode: `LOCKSTEP`, `REAL_TIME` or `DRIVE`.

@@ -150,7 +150,7 @@ class RunningProcess:
             os.kill(self.pid, number)
 
     def request_stop(self) -> None:
-        """Request the end of the process; a second request ends its wait for acknowledgments."""
+        """Request the end of the process; a second request ends the wait for subscribers."""
         self._note_halts()  # read now, because SIGCONT would clear this state
         self.signal(signal.SIGTERM)
         self.signal(signal.SIGCONT)  # a halted process could not end
@@ -203,7 +203,7 @@ class ProcessGroup:
             self.stop()
 
     def start(self, node: NodeProcess) -> RunningProcess:
-        """Start a further process.
+        """Start the process of a further node.
 
         Raises:
             ProcessError: the executable of the node is not found.

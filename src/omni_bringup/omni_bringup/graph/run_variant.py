@@ -36,7 +36,7 @@ class RunError(WorkError):
 
 @dataclasses.dataclass(frozen=True)
 class VariantResult:
-    """Results of a finished run.
+    """Results of the finished run of one variant.
 
     Attributes:
         variant: name of the variant.
@@ -145,7 +145,7 @@ def run_variant(
 def measured(
     report: Mapping[str, Any], variant: str, folder: Path, configuration: ExperimentConfiguration
 ) -> VariantResult:
-    """Return the results of a finished run.
+    """Return the results of the finished run of one variant.
 
     Args:
         report: last report of the simulator.

@@ -179,7 +179,7 @@ def _is_measured(one: Answer) -> bool:
 
 
 def _twist_problem(message: Any) -> str:
-    """Return a description of the violation in a twist; an empty text if there is none."""
+    """Return a description of the violation in a twist; empty without a violation."""
     twist, covariance = planar_twist_of(message)
     if message.header.frame_id.rpartition("/")[2] != "base_link":
         return f"frame_id {message.header.frame_id!r} must be base_link"

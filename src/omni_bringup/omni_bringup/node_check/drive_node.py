@@ -33,7 +33,7 @@ def receive_drive(
 
     Raises:
         WorkError: wheel speeds or pedal are not published.
-        ConfigurationError: wheels or motions differ from the expected ones, or wheel speeds are
+        ConfigurationError: the run has other wheels or motions than expected, or wheel speeds are
             missing for too long.
     """
     seen: dict[str, list[tuple[float, Any]]] = {topic.name: [] for topic in TOPICS}

@@ -21,7 +21,11 @@ _FIRST_WHEEL = (1.0, 0.0, math.nan)
 
 
 class Enables:
-    """Enables sent to a simulator: all brakes on, one released, one NaN, all brakes on."""
+    """Sends brake enables to a simulator and checks the resulting brake torques.
+
+    In four phases, all brakes are on, the first brake is released, the enable of the first brake is
+    NaN, and all brakes are on again.
+    """
 
     def __init__(self, node: Node, wheels: Sequence[str]) -> None:
         self._wheels = wheels

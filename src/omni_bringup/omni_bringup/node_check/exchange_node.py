@@ -98,7 +98,7 @@ class Exchange:
         self.answers.append(Answer(self._phase, stamp, age, now - self._last, message))
 
     def note(self, stamp: int) -> None:
-        """Store the present time as that at which the input with this stamp [ns] was sent."""
+        """Store the present time as the time at which the input with this stamp [ns] was sent."""
         self._last = self._arrivals[stamp] = time.monotonic()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
@@ -173,7 +173,7 @@ class Partner:
         return [entry.qos_profile.reliability == reliable for entry in found]
 
     def close(self) -> None:
-        """Leave the domain."""
+        """End the node and leave its ROS domain."""
         self.node.destroy_node()
         self._context.try_shutdown()
 

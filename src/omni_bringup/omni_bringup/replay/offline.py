@@ -68,7 +68,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
 
 
 class _Cores:
-    """Cores of the nodes, with the function that processes each topic's messages."""
+    """Cores of the nodes, and for each topic the function that processes its messages."""
 
     def __init__(self, plan: plans.ReplayPlan) -> None:
         configuration = plan.configuration

@@ -17,7 +17,7 @@ NODES = (ODOMETRY, BRAKE_ASSIST)
 
 @dataclasses.dataclass(frozen=True)
 class ReplayPlan:
-    """Topics of a replay.
+    """Nodes that a replay runs, and the topics that it reads and publishes.
 
     Attributes:
         configuration: configuration of the nodes.

@@ -25,7 +25,7 @@ from omni_ros.report import report
 
 
 class PlayerConfiguration(Configuration):
-    """Parameters of the player."""
+    """Parameters of the player node."""
 
     bag: str = parameter()
     """Path of the recording to publish: a folder or an .mcap file"""

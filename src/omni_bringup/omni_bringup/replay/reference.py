@@ -27,8 +27,8 @@ def read_reference(
     Args:
         bag: the recording.
         configuration: configuration of the vehicle.
-        kind: one of `REFERENCES`; `AUTO` is the true motion if it was recorded, otherwise that of
-            the wheel speeds.
+        kind: one of `REFERENCES`; `AUTO` selects the true motion if it was recorded, and otherwise
+            the motion according to the wheel speeds.
 
     Returns:
         Times [s], shape (K,); twists (v_x, v_y, yaw rate) in the body frame [m/s, m/s, rad/s],

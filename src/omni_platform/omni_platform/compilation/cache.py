@@ -159,7 +159,7 @@ def _describe_names(
 
 @functools.cache
 def _describe_fields(value: Any) -> str:
-    """Return the names of a named tuple's fields in their order, with those of nested tuples."""
+    """Return the field names of a named tuple and of the tuples in it, in their order."""
     if not hasattr(value, "_fields"):
         return ""
     nested = map(_describe_fields, _annotations(value))

@@ -59,7 +59,7 @@ def linked(dispatcher: Any) -> Any:
 
 
 def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
-    """Make the address of a linked kernel available to its callers; ignore any other kernel.
+    """If other kernels call a kernel by its address, make the address available to them.
 
     Args:
         kernel: a kernel that was compiled, or loaded from the cache.
@@ -100,7 +100,7 @@ def _call_of(result: CompileResult, symbol: str) -> Any:
 
 
 class CompiledKernel(CompileResultCacheImpl):
-    """A compiled kernel on disk, with the linked kernels that it calls."""
+    """A compiled kernel on disk, with the kernels that it calls by their addresses."""
 
     def reduce(self, result: CompileResult) -> tuple[list[_Kernel], Any]:
         """Return the data of a compiled kernel that are stored on disk."""

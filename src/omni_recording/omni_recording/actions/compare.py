@@ -65,7 +65,7 @@ def compare_topics(
 
 
 def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
-    """Merge both recordings by stamp in bounded memory."""
+    """Return the comparison of a topic; the recordings are merged by stamp in bounded memory."""
     decoder = decode.MessageDecoder()
     result = TopicComparison(topic)
     streams = _stamped(decoder, first, topic), _stamped(decoder, second, topic)

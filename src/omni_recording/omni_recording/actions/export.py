@@ -26,7 +26,7 @@ class ExportError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class BagExport:
-    """Files of an export.
+    """Files that an export has written.
 
     Attributes:
         files: path of each file, keyed by topic.

@@ -1,4 +1,4 @@
-"""Batches of camera lines along a trajectory, rendered in the background.
+"""Batches of camera lines along a trajectory, which are rendered in a background thread.
 
 Line j is exposed at the time j / rate. Times are compared with control stamps [ns] as integers, so
 no line is lost or duplicated at the boundary between two control periods. The poses are
@@ -105,7 +105,7 @@ class LineClock:
     """
 
     def __init__(self, line_rate: float) -> None:
-        """Create the clock of a camera.
+        """Create the clock for the line rate of a camera.
 
         Args:
             line_rate: line rate [1/s]; the exact value of the float is used.
@@ -118,7 +118,7 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the first line with ``after < time <= until``, and one past the last line.
+        """Return the index of the first line with ``after < time <= until``, and the end index.
 
         Args:
             after_ns: open end of the interval [ns]; -1 includes line 0.
@@ -127,7 +127,7 @@ class LineClock:
         return self._count_until(after_ns), self._count_until(until_ns)
 
     def stamp_ns(self, line: int) -> int:
-        """Return the time of a line, rounded to whole nanoseconds [ns]."""
+        """Return the time of a line with this index, rounded to whole nanoseconds [ns]."""
         return round(line * self.period_ns)
 
     def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
@@ -157,9 +157,9 @@ class LineExposures:
         """Start the clocks of the cameras at time 0.
 
         Args:
-            cameras: the cameras.
+            cameras: simulated cameras.
             step_ns: time between two rows of a trajectory [ns].
-            blurred: whether to compute velocities for motion blur.
+            blurred: whether to compute the velocities that motion blur requires.
         """
         self.cameras = cameras
         self._step_ns = step_ns
@@ -169,7 +169,7 @@ class LineExposures:
         self._batches = _Batches({}, cameras)
 
     def complete(self) -> None:
-        """Render all remaining lines, whose number determines the noise of the next lines."""
+        """Render all remaining lines; the noise of later lines depends on their number."""
         for name in self._batches:
             self._batches[name]
 
@@ -197,9 +197,9 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras; each is rendered in the background, or on access if that is earlier.
+    """Batches of the cameras, each rendered in the background, or on access if this is earlier.
 
-    The odometry can therefore process one camera's batch while the next camera's is rendered.
+    The odometry can therefore process the batch of one camera while the next batch is rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

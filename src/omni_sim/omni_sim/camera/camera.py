@@ -41,8 +41,8 @@ class LineCamera:
     """A line camera above a ground.
 
     Attributes:
-        sensor: mounting and field of view.
-        rise: current height above the mounting height [m].
+        sensor: mounting and field of view of the camera.
+        rise: present height of the camera above its mounting height [m].
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class LineCamera:
         configuration: CameraConfiguration,
         key: np.uint64,
     ) -> None:
-        """Place the camera above a ground.
+        """Create a camera above a ground.
 
         Args:
             sensor: mounting position and field of view.
@@ -75,7 +75,7 @@ class LineCamera:
         return self._texture.texels
 
     def footprints(self, poses: FloatArray) -> FloatArray:
-        """Return center x, y [m] and axis direction [rad] of the footprints, shape (m, 3).
+        """Return center x, y [m] and axis direction [rad] of each line's footprint, shape (m, 3).
 
         Args:
             poses: x, y, yaw of `base_link` in the world, one per line, shape (m, 3).
@@ -133,7 +133,7 @@ class LineCamera:
     def lines(
         self, poses: FloatArray, first_line: int, velocities: FloatArray | None = None
     ) -> Lines:
-        """Return exposed lines of shape (m, pixels), uint8 or uint16.
+        """Return exposed lines with noise as uint8 or uint16, shape (m, pixels).
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad], one per line, shape (m, 3).
@@ -148,7 +148,7 @@ class LineCamera:
         return self.develop(self.ground(poses, velocities), first_line)
 
     def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
-        """Return exposed lines, given the result of `ground`; `first_line` is as in `lines`."""
+        """Return exposed lines for the result of `ground`; `first_line` is that of `lines`."""
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:
@@ -165,7 +165,7 @@ class LineCameraArray:
     name of the camera and the line number.
 
     Attributes:
-        cameras: the cameras by name.
+        cameras: cameras, keyed by name.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class LineCameraArray:
         """Prepare the ground texture and place the cameras.
 
         Args:
-            sensors: mounting position and field of view of each camera, by name.
+            sensors: mounting position and field of view of each camera, keyed by name.
             texture: texture of the ground.
             configuration: exposure of all cameras.
             seed: seed of the noise.
@@ -201,8 +201,8 @@ class LineCameraArray:
 
         Args:
             poses: x, y, yaw of `base_link` in the world [m, m, rad] at the middle of each line's
-                exposure, oldest first, by camera, shape (m, 3); m may differ between cameras and
-                may be 0.
+                exposure, oldest first, shape (m, 3), keyed by camera. The number m may differ
+                between cameras and may be 0.
 
         Raises:
             ValueError: a pose is not finite.

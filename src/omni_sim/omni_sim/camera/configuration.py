@@ -80,7 +80,7 @@ class CameraConfiguration(Configuration):
         return 1.0 + self.height_error / self.working_distance
 
     def widening(self, rise: float) -> float:
-        """Return the factor by which raising the camera by `rise` [m] widens its field of view [1].
+        """Return the factor [1] by which the view widens if the camera rises by `rise` [m].
 
         The factor is limited to `most_widening` and its inverse.
         """
@@ -95,7 +95,7 @@ class CameraConfiguration(Configuration):
         return 1.0 if self.lens == TELECENTRIC else _MOST_WIDENING
 
     def check_consistency(self) -> None:
-        """Check that the bit depth has an image encoding and the camera is above the ground.
+        """Check that the bit depth has an image encoding and that the camera is above the ground.
 
         Raises:
             ConfigurationError: the bit depth or the height error is invalid.

@@ -23,7 +23,7 @@ _TABLE_BITS = 12
 
 
 def noise_key(seed: np.random.SeedSequence, name: str) -> np.uint64:
-    """Return the key of a sensor's noise, which does not depend on the other sensors.
+    """Return the key of a sensor's noise; it does not depend on the other sensors.
 
     Args:
         seed: seed of the run, common to all sensors.
@@ -74,7 +74,7 @@ def _expose(
     first_line: np.uint64,
     lines: Lines,
 ) -> None:
-    """Write `lines`; `response` contains gain, offset and white level, shape (3,)."""
+    """Write the exposed lines to `lines`; `response` is gain, offset, white level, shape (3,)."""
     gain, offset, white = response[0], response[1], response[2]
     pixels = grays.shape[1]
     mask = np.uint64((1 << _TABLE_BITS) - 1)

@@ -18,7 +18,7 @@ _TAPS = 8  # number of amplifiers that read out a line
 
 
 def seen(sensor: LineSensor, configuration: CameraConfiguration) -> LineSensor:
-    """Return a copy of a sensor with the field of view that results from its actual height.
+    """Return a copy of a sensor with the field of view that results from the actual height.
 
     Raises:
         ConfigurationError: the resulting field of view is larger than permitted.
@@ -47,7 +47,7 @@ def check_exposure(sensors: Mapping[str, LineSensor], configuration: CameraConfi
 def transmission(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
 ) -> NDArray[np.float32] | None:
-    """Return the share of light that reaches each pixel, shape (pixels,); None without any loss.
+    """Return the share of the light that reaches each pixel, shape (pixels,); None without a loss.
 
     The loss due to shading is proportional to the squared distance from the middle. Specks of dirt
     are out of focus. Their shadows have the profile ``(1 - r^2)^2``, where ``r`` is the distance
@@ -76,7 +76,7 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """Signals of the pixels that do not come from the ground, in gray levels of an 8-bit scale.
+    """Parts of the pixel values that do not come from the ground (gray levels of 8 bit).
 
     Attributes:
         offset: dark signal, and light from mud on the optics, shape (pixels,).
@@ -91,7 +91,7 @@ class PixelFaults:
 def pixel_faults(
     sensor: LineSensor, configuration: CameraConfiguration, key: np.uint64
 ) -> PixelFaults | None:
-    """Return the faults of a camera's pixels, None if they have none.
+    """Return the faults of a camera's pixels; None if no pixel is faulty.
 
     Args:
         sensor: the camera.
@@ -157,7 +157,7 @@ def _pattern(key: np.uint64, number: int) -> np.random.Generator:
 def blur_samples(
     sensor: LineSensor, exposure_time: float, headings: FloatArray, velocities: FloatArray
 ) -> NDArray[np.int64]:
-    """Return the number of instants at which each line's exposure is rendered, shape (m,).
+    """Return the number of instants at which the exposure of each line is rendered, shape (m,).
 
     Between two instants, the sensor moves by at most a quarter of a pixel along its axis and a
     sixteenth of its width across it. The number is rounded up to a power of two and limited to 128.
@@ -181,7 +181,7 @@ def blur_samples(
 
 
 def instants(samples: int, exposure_time: float) -> FloatArray:
-    """Return times within an exposure relative to its stamp [s], shape (samples,).
+    """Return the times within an exposure, relative to the line's stamp [s], shape (samples,).
 
     The times are the centers of equal parts of the exposure.
     """

@@ -23,7 +23,7 @@ from omni_platform.quantities import FloatArray
 def swaying(
     trajectory: FloatArray, before: FloatArray, after: FloatArray, height: float, period: float
 ) -> FloatArray:
-    """Return the trajectory of the fields of view, given that of the vehicle.
+    """Return the trajectory of the fields of view, computed from the trajectory of the vehicle.
 
     Args:
         trajectory: x, y [m], yaw [rad] and their time derivatives in the world frame at uniform

@@ -1,1 +1,1 @@
-"""Drivers of the vehicle: a script, or commands from another node."""
+"""Drivers of the simulated vehicle: a script, or commands from another node."""

@@ -1,7 +1,7 @@
 """Driver that receives pedal position and velocity from outside in every control period.
 
 Without commands, the vehicle brakes fully (dead man's switch). The velocity command starts from the
-vehicle's present velocity, and its rate of change is limited, so it does not follow steps of a
+vehicle's present velocity. Its rate of change is limited, so that it does not follow steps of a
 joystick.
 """
 
@@ -28,7 +28,7 @@ class ManualDriverConfiguration(Configuration):
 
 
 class DemandInbox:
-    """Stores the latest demand; without a demand, or after a timeout, it returns full braking.
+    """Stores the latest demand of a driver; without a recent demand, the vehicle brakes fully.
 
     Args:
         timeout: age after which a demand is ignored [s].
@@ -59,7 +59,11 @@ class DemandInbox:
         self._twist_time = now
 
     def demand(self, now: float) -> tuple[float, FloatArray]:
-        """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s]."""
+        """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s].
+
+        `now` is the present time on the monotonic clock [s].
+
+        """
         fresh = now - self._twist_time <= self._timeout
         if not self._pedal_required:
             return (0.0, self._twist) if fresh else (FULL_BRAKING, np.zeros(3))
@@ -69,7 +73,7 @@ class DemandInbox:
 
 
 class ManualDriver:
-    """Driver that starts at rest at the pose of the maneuver and follows the commands of `steer`.
+    """Driver that starts at rest at the maneuver's start pose and follows the commands of `steer`.
 
     Args:
         configuration: limits of the driver.
@@ -97,7 +101,7 @@ class ManualDriver:
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:
-        """Set pedal and target for the next control period.
+        """Set pedal position and velocity target for the next control period.
 
         Args:
             pedal: position of the brake pedal, 0 to 1.

@@ -92,7 +92,7 @@ class ManeuverConfiguration(Configuration):
 
 
 class Driver(Protocol):
-    """A source of pedal and velocity commands."""
+    """Interface of a driver: pedal positions and velocity commands over time."""
 
     @property
     def start_pose(self) -> FloatArray:
@@ -110,7 +110,7 @@ class Driver(Protocol):
 
 
 class ScriptedDriver:
-    """Pedal and velocity command as functions of time, without state.
+    """Driver whose pedal position and velocity command are functions of time.
 
     Attributes:
         configuration: the maneuver.
@@ -143,7 +143,7 @@ class ScriptedDriver:
 
     @property
     def first_change_ns(self) -> int:
-        """Time until which pedal and command do not change after the start [ns]."""
+        """Time before which pedal and command keep the values of the start [ns]."""
         return 0 if self._times.size else self._brake_ns
 
     @property
@@ -168,7 +168,7 @@ class ScriptedDriver:
         return self.configuration.pedal * share
 
     def command_twist(self, stamp_ns: int, yaw: float) -> FloatArray:
-        """Return the commanded twist of base_link.
+        """Return the commanded twist of base_link at a time.
 
         Without a table of demands, the command is constant until the pedal reaches its position, so
         that the drive does not brake before its clutch opens. From then on, the command is zero.

@@ -30,7 +30,7 @@ _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bum
 
 
 class Terrain(NamedTuple):
-    """Height of the ground for kernels.
+    """Height of the ground, in the form that the kernels use.
 
     Attributes:
         parts: parts from `ElevationConfiguration.table`, shape (K, 5); flat if K = 0.
@@ -75,9 +75,9 @@ class ElevationConfiguration(Configuration):
     uphill_deg: float = parameter(0.0, unit="deg", minimum=-360.0, maximum=360.0)
     """Direction in which the slope rises, counter-clockwise from the x axis"""
     waves: Mapping[str, WaveConfiguration] = section(dict)
-    """Waves by name"""
+    """Waves, keyed by name"""
     bumps: Mapping[str, BumpConfiguration] = section(dict)
-    """Bumps and hollows by name"""
+    """Bumps and hollows, keyed by name"""
     sampling_distance: float = parameter(0.05, unit="m", minimum=1.0e-3, maximum=1.0)
     """Distance from the wheel of the four points that span the wheel's road plane, Eq. (5)"""
 
@@ -103,7 +103,7 @@ class ElevationConfiguration(Configuration):
 
     @property
     def terrain(self) -> Terrain:
-        """The ground in the layout of the kernels."""
+        """Height of the ground in the form that the kernels use."""
         return Terrain(self.table(), self.sampling_distance)
 
     def table(self) -> FloatArray:

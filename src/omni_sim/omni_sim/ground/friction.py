@@ -11,7 +11,7 @@ from omni_platform.quantities import FloatArray
 
 
 class FrictionPatch(Configuration):
-    """Rectangle or ellipse of ground with its own friction, in the world frame `odom`."""
+    """Rectangle or ellipse of ground with a friction of its own, in the world frame `odom`."""
 
     shape: str = parameter("rectangle", choices=("rectangle", "ellipse"))
     """Shape of the patch; length and width are the axes of an ellipse"""
@@ -42,11 +42,11 @@ class FrictionMap:
     def __init__(
         self, base: float = 1.0, patches: Mapping[str, FrictionPatch] | None = None
     ) -> None:
-        """Create the map.
+        """Create the friction map of a ground.
 
         Args:
             base: friction factor outside all patches [1], at least 0.
-            patches: patches by name.
+            patches: patches, keyed by name.
         """
         if not (math.isfinite(base) and base >= 0.0):
             raise ValueError(f"friction factor {base} must be at least 0")

@@ -1,1 +1,1 @@
-"""Textures of the ground, procedural or from a picture."""
+"""Textures of the ground: procedural materials, or a user's pictures."""

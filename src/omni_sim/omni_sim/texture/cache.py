@@ -65,14 +65,14 @@ class TextureCache:
         return texture
 
     def path(self, configuration: ground.TextureConfiguration) -> Path:
-        """Return the path of a texture's file."""
+        """Return the path of the file in which a texture is cached."""
         identity = json.dumps([ground.GENERATION, to_mapping(configuration)], sort_keys=True)
         digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
         return self.directory / f"{configuration.kind}-{configuration.extent[0]}-{digest}.npz"
 
 
 def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
-    """Return the texture in a file, or None if it is missing or damaged."""
+    """Return the texture in a file; None if the file is missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             gray: NDArray[np.uint8] = stored["gray"]

@@ -1,8 +1,8 @@
 """Layers of the procedural grounds: patterns whose details have a known size.
 
-The grounds resemble those of Figures 59, 65 to 67 and 71, which the dissertation recorded with a
-flatbed scanner. Some additional grounds are more difficult. Sizes are in meters, so the number of
-texels changes only the resolution. All random values are drawn from the generator.
+The grounds resemble those in Figures 59, 65 to 67 and 71 of the dissertation, which were recorded
+with a flatbed scanner. Some additional grounds are more difficult. Sizes are in meters, so the
+number of texels changes only the resolution. All random values are drawn from the generator.
 
 =============  =====================================================================================
 cork           pressed granules of 2 mm
@@ -63,7 +63,7 @@ class _Shape(NamedTuple):
 
 
 class Brush(NamedTuple):
-    """Paints random patterns over a period.
+    """Paints random patterns over one period of a texture.
 
     Attributes:
         size: period [m].
@@ -78,7 +78,7 @@ class Brush(NamedTuple):
         return max(1, round(self.size / spacing))
 
     def leaves(self, density: float, shape: _Shape, softness: float) -> patterns.Leaves:
-        """Return random ellipses; `density` is in [1/m^2], the soft edges' width in [m]."""
+        """Return random ellipses with a density [1/m^2] and edges of the width `softness` [m]."""
         place = self.generator.uniform(0.0, 1.0, (round(density * self.size**2), 2))
         radius = self.generator.uniform(*shape.radius, len(place))
         return self._painted(np.column_stack((place, radius / self.size)), shape, softness)
@@ -95,8 +95,8 @@ class Brush(NamedTuple):
 
         Args:
             radii: smallest and largest long semi-axis [m].
-            coverage: ratio of the total area of the ellipses to that of the ground [1].
-            gray: mean and standard deviation of their gray levels.
+            coverage: ratio of the total area of the ellipses to the area of the ground [1].
+            gray: mean and standard deviation of the ellipses' gray levels.
             flattest: smallest ratio of the semi-axes [1].
             limits: limits of the gray levels.
         """
@@ -148,11 +148,11 @@ class Brush(NamedTuple):
         )
 
     def octaves(self, octaves: tuple[tuple[float, float], ...]) -> list[patterns.Noise]:
-        """Return layers of smooth noise, given spacings [m] and deviations [gray levels]."""
+        """Return a layer of noise for each pair of spacing [m] and deviation [gray levels]."""
         return [self.noise(spacing, spacing, gray) for spacing, gray in octaves]
 
     def noise(self, spacing_y: float, spacing_x: float, deviation: float) -> patterns.Noise:
-        """Return a random lattice whose interpolation has the given standard deviation.
+        """Return a lattice of random values that is interpolated with the given standard deviation.
 
         Args:
             spacing_y: approximate distance between nodes along y [m].
@@ -327,4 +327,4 @@ MATERIALS: Mapping[str, Callable[[Brush], Layers]] = {
         _concrete, _wet_concrete, _gravel, _sand, _grass, _bark, _brick, _cobble, _planks,
     )
 }  # fmt: skip
-"""Layers of each ground, lowest first, painted by a brush."""
+"""Function that paints the layers of a ground with a brush, lowest layer first; keyed by ground."""

@@ -1,8 +1,9 @@
-"""Compiled patterns of which ground textures are composed; the picture is one period of each.
+"""Compiled patterns of which ground textures are composed; a picture is one period of a texture.
 
 Lengths are in periods or in cells of a pattern's own grid, never in texels. A pattern can draw each
-band of rows separately, and the texels do not depend on the division into bands. A picture of any
-resolution therefore needs memory only for its gray levels, and bands can be drawn in parallel.
+band of texel rows separately, and the result does not depend on the division into bands. A picture
+of any resolution therefore needs memory only for its gray levels, and bands can be drawn in
+parallel.
 """
 
 import dataclasses
@@ -17,7 +18,7 @@ from omni_platform.quantities import Float32Array
 
 
 class Pattern(Protocol):
-    """One layer of a picture."""
+    """Interface of a pattern, which is one layer of a picture."""
 
     def draw(self, band: Float32Array, first_row: int) -> None:
         """Draw the pattern over the layers below.
@@ -30,7 +31,7 @@ class Pattern(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Plain:
-    """One gray level everywhere.
+    """Pattern with the same gray level everywhere.
 
     Attributes:
         gray: gray level.
@@ -39,7 +40,7 @@ class Plain:
     gray: float
 
     def draw(self, band: Float32Array, first_row: int) -> None:  # noqa: ARG002
-        """Fill the band."""
+        """Fill the band with the gray level."""
         band[:] = self.gray
 
 
@@ -67,7 +68,7 @@ class Cells:
     darken: bool = False
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw the cells."""
+        """Draw the cells and their borders."""
         warped = bool(self.warp.any())
         shift = np.zeros((2, *band.shape) if warped else (2, 1, 1), np.float32)
         if warped:
@@ -82,7 +83,10 @@ class Cells:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Noise:
-    """Lattice of values, interpolated by the cubic 3 t^2 - 2 t^3 and added to the layers below.
+    """Smooth noise: values on a lattice, interpolated by the cubic 3 t^2 - 2 t^3.
+
+    The noise is added to the layers below.
+
 
     Attributes:
         lattice: values at the nodes [gray levels], shape (nodes along y, nodes along x).
@@ -91,7 +95,7 @@ class Noise:
     lattice: Float32Array
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Add the noise."""
+        """Add the noise to the layers below."""
         texels = band.shape[1]
         row, row_blend = _places(texels, len(self.lattice))
         column, column_blend = _places(texels, self.lattice.shape[1])
@@ -114,7 +118,7 @@ class Leaves:
     softness: float
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Paint the ellipses."""
+        """Paint the ellipses over the layers below."""
         _dead_leaves(band, first_row, self.leaves, self.softness)
 
 
@@ -131,7 +135,7 @@ class Rings:
     bend: tuple[Noise, ...]
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw the profile."""
+        """Draw the bent lines over the layers below."""
         shift = np.zeros(band.shape, np.float32)
         for noise in self.bend:
             noise.draw(shift, first_row)
@@ -158,7 +162,7 @@ class Bond:
     staggered: bool
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw the rectangles."""
+        """Draw the rectangles and joints over the layers below."""
         rows, columns = self.gray.shape
         texels = band.shape[1]
         y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) / texels * rows
@@ -184,7 +188,7 @@ class Added:
     pattern: Pattern
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Add the pattern."""
+        """Add the pattern to the layers below."""
         added = np.zeros_like(band)
         self.pattern.draw(added, first_row)
         band += added
@@ -214,7 +218,7 @@ class Studs:
     glare: float
 
     def draw(self, band: Float32Array, first_row: int) -> None:
-        """Draw the studs."""
+        """Draw the studs over the layers below."""
         cells, texels = len(self.gray), band.shape[1]
         y = (np.arange(first_row, first_row + len(band), dtype=np.float32) + 0.5) * (cells / texels)
         x = (np.arange(texels, dtype=np.float32) + 0.5) * (cells / texels)

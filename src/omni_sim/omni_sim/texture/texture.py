@@ -18,7 +18,8 @@ KINDS = tuple(MATERIALS)
 PICTURE = "picture"
 
 GENERATION = 1
-"""Version of the materials, part of a cached texture's name; every change must increase it."""
+"""Version of the materials, part of a cached texture's name; a change of a material increases
+it."""
 
 INCH = 0.0254
 """Length of an inch [m]."""
@@ -30,7 +31,7 @@ MOST_TEXELS = 20480
 """Limit on the number of texels per period, which need 0.4 GB; 20 cm at 2400 dpi have 18912."""
 
 FEWEST_TEXELS = 256
-"""Smallest number of texels per period."""
+"""Minimum number of texels per period."""
 
 _BAND = 128  # number of rows drawn at a time
 _THREADS = 2
@@ -54,7 +55,7 @@ class TextureConfiguration(Configuration):
     parameter texels, and the period is rounded up to a multiple of 32 texels; 0 to use texels"""
 
     def check_consistency(self) -> None:
-        """Check that a picture has a resolution and is used, and that the texels are not too many.
+        """Check that the options of a picture are complete and that the texels are not too many.
 
         Raises:
             ConfigurationError: a value is invalid; the message names the parameter.
@@ -115,7 +116,7 @@ class GroundTexture:
 
 
 def generate_texture(configuration: TextureConfiguration) -> GroundTexture:
-    """Generate the material that a configuration describes.
+    """Return the texture of the material that a configuration describes.
 
     Raises:
         ValueError: the configuration names a picture.

@@ -1,4 +1,4 @@
-"""Combined slip of the TMeasy tire: longitudinal and lateral slip added as vectors.
+"""Combined slip of the TMeasy tire: vector sum of longitudinal and lateral slip.
 
 Source: the generalized slip in W. Hirschberg, G. Rill and H. Weinfurter, "Tire model TMeasy",
 Vehicle System Dynamics 45(S), 2007, to which section 2.3.1 of the dissertation refers. The slips of
@@ -8,9 +8,9 @@ Eqs. (1), (2) are normalized by one factor for each direction and added as vecto
 
 where ``s`` is the combined slip and ``phi`` its direction. One curve in the direction ``q`` gives
 the force ``(F cos phi, F sin phi)``. The five numbers of this curve change smoothly with ``q`` from
-those of the longitudinal curve to those of the lateral curve, so no further parameters are needed.
-Along either axis, the result is exactly the curve of that axis. A friction factor scales both
-curves and therefore the result.
+the numbers of the longitudinal curve to the numbers of the lateral curve, so no further parameters
+are needed. Along either axis, the result is exactly the curve of that axis. A friction factor
+scales both curves and therefore the result.
 """
 
 import math

@@ -4,7 +4,7 @@ The equation is ``R(s) = D V s + kappa F(s) = |A|`` for the slip ``s`` of the co
 the force ``F`` of the curve; `solve_contact` names the other symbols. It has one solution if ``R``
 increases everywhere. If the curve falls faster than the first term grows, ``R`` has a maximum
 beyond the peak and a minimum at a larger slip. If ``|A|`` is between these two values, two stable
-solutions exist, and the contact patch keeps its state, adhering or sliding.
+solutions exist, and the contact patch keeps its state (adhering or sliding).
 """
 
 from typing import Any
@@ -77,7 +77,7 @@ def _turning_point(viscous: float, gain: float, curve: Any, falling: float, risi
 def solve_contact(
     demand: float, damping: float, gain: float, speed: float, curve: Any, sliding: bool
 ) -> tuple[float, float, bool]:
-    """Solve the contact equation; arguments and result as `model.contact_friction`.
+    """Solve the contact equation; the result is that of `model.contact_friction`.
 
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
@@ -87,7 +87,7 @@ def solve_contact(
         curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], at which the
             force falls fastest beyond its peak, and ``steepest_fall`` [N], the value of ``-dF/ds``
             at this slip.
-        sliding: whether the patch slid in the previous step.
+        sliding: whether the contact patch slid in the previous step.
     """
     if curve.peak_force <= 0.0:
         return 0.0, demand / damping, False

@@ -1,4 +1,4 @@
-"""The interface of tire models, which compute the force from slip, load and friction in kernels.
+"""Interface of tire models, which compute the force from slip, load and friction in kernels.
 
 A model is one file in `tire.models` that defines ``MODEL``, a `TireModel`. It has one NamedTuple
 for its constants and one for its curve at a given load. Kernels call `curve_at`, `force_at` and
@@ -26,11 +26,11 @@ from omni_platform.quantities import FloatArray
 
 
 class Curve(Protocol):
-    """Properties that every model's curve provides: slope and forces in [N], slip in [1]."""
+    """Properties of the force-slip curve of any tire model: slope and forces [N], slip [1]."""
 
     @property
     def slope(self) -> float:
-        """``dF/ds`` at zero slip [N]."""
+        """Slope ``dF/ds`` of the force at zero slip [N]."""
 
     @property
     def peak_slip(self) -> float:
@@ -63,7 +63,7 @@ class Landmarks(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class FitRecipe:
-    """Description of how a model is fitted to measured forces, by P unknowns within bounds.
+    """Description of how a model is fitted to measured forces with P bounded unknowns.
 
     Attributes:
         keys: dotted keys of the P values in the model's configuration.
@@ -71,11 +71,12 @@ class FitRecipe:
         upper: upper bounds of the unknowns, shape (P,).
         loads: number of distinct loads that the fit requires.
         start: function that returns the initial unknowns, shape (P,), from `Landmarks`.
-        parameters: function that returns the constants of the kernels; arguments as for `scale`.
-        mapping: function that returns the model's configuration as nested mappings; arguments as
-            for `scale`.
-        values: function that converts unknowns, shape (P, ...), to the values of `keys`; an unknown
-            may be the ratio of two values, which keeps the two in order.
+        parameters: function that returns the constants of the kernels; it has the arguments of
+            `scale`.
+        mapping: function that returns the model's configuration as nested mappings; it has the
+            arguments of `scale`.
+        values: function that converts unknowns, shape (P, ...), to the values of `keys`. An unknown
+            may be the ratio of two values, so that one value stays below the other.
         scale: function that returns the typical magnitudes of the values, shape (P,), with which
             standard errors are compared; its arguments are the values and the largest load [N] in
             the data.
@@ -94,13 +95,13 @@ class FitRecipe:
 
 @dataclasses.dataclass(frozen=True)
 class TireModel:
-    """A tire model.
+    """A tire model: its configuration, and its functions for kernels and fits.
 
     Attributes:
         description: one line for help texts.
-        configuration: class of its parameters, each with a default.
-        parameters_type: NamedTuple of its constants in kernels.
-        curve_type: NamedTuple of its curve at one load; a `Curve`.
+        configuration: class of the parameters; each parameter has a default.
+        parameters_type: class of the constants in kernels, a NamedTuple.
+        curve_type: class of the curve at one load, a NamedTuple with the fields of `Curve`.
         parameters: function that returns the constants for a configuration.
         largest_load: function that returns the largest valid load [N] for a configuration.
         curve_at: kernel ``(constants, load [N], mu/mu_0) -> curve``.
@@ -134,7 +135,7 @@ _MODEL_OF: dict[type, TireModel] = {}
 
 
 def register(model: TireModel) -> TireModel:
-    """Register a model with the functions of this module, such as `curve_at`, and return it."""
+    """Make a model usable in the functions of this module, such as `curve_at`, and return it."""
     _MODEL_OF[model.parameters_type] = _MODEL_OF[model.curve_type] = model
     return model
 
@@ -151,14 +152,14 @@ def curve_at(parameters: Any, load: float, friction: float) -> Any:
 
     Args:
         parameters: constants of a model.
-        load: wheel load [N], clamped by the caller to the model's range, which starts at 0.
+        load: wheel load [N], which the caller has limited to the model's range from 0 on.
         friction: ``mu/mu_0`` [1].
     """
     return _model_of(type(parameters)).curve_at(parameters, load, friction)
 
 
 def force_at(curve: Any, slip: float) -> tuple[float, float]:
-    """Return force [N] and its slope dF/ds [N] at ``slip >= 0``; callable in kernels."""
+    """Return the force [N] and its slope dF/ds [N] at ``slip >= 0``; also callable in kernels."""
     return _model_of(type(curve)).force_at(curve, slip)
 
 
@@ -184,7 +185,7 @@ def contact_friction(
 
 
 def flat_together(*values: ArrayLike) -> tuple[tuple[int, ...], list[FloatArray]]:
-    """Broadcast the arguments; return their common shape and the flattened arrays."""
+    """Return the common shape of broadcast arguments, and the flattened arrays."""
     common = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
     return common[0].shape, [np.ascontiguousarray(array).ravel() for array in common]
 

@@ -1,4 +1,4 @@
-"""Tire of a roller along and across its axis, for every tire model.
+"""Tire forces of a roller along and across the roller's axis, for every tire model.
 
 TMeasy has a curve for each of the two directions, which `combined_slip` combines. Every other model
 has one curve that is used in all directions: the force is opposite to the slip.

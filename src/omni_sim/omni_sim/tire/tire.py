@@ -1,6 +1,6 @@
-"""Tire of a vehicle: a force-slip model chosen by name, with a spring and a damper.
+"""Tire of a vehicle: a selectable force-slip model with a spring and a damper.
 
-The spring and the damper are those of Eq. (4) of the dissertation. `TireConfiguration` contains the
+Eq. (4) of the dissertation defines the spring and the damper. `TireConfiguration` contains the
 parameters common to all models, the name of the chosen model, and for each model a section with the
 model's name and parameters. Only the section of the chosen model is used. `Tire` evaluates the
 steady characteristic for plots, fits and tests.
@@ -32,7 +32,10 @@ _ModelFields: Any = type(
 
 
 class TireConfiguration(_ModelFields):
-    """Tire of a vehicle, by default TMeasy with Table 1; sections of other models are ignored."""
+    """Parameters of a vehicle's tire, by default TMeasy with the values of Table 1.
+
+    Sections of models that are not chosen are ignored.
+    """
 
     model: str = parameter("tmeasy", choices=tuple(MODELS))
     """Tire model; its parameters are in the section of the same name"""
@@ -47,12 +50,12 @@ class TireConfiguration(_ModelFields):
 
     @property
     def tire_model(self) -> TireModel:
-        """The chosen model."""
+        """Tire model that the parameter `model` selects."""
         return MODELS[self.model]
 
     @property
     def model_parameters(self) -> Configuration:
-        """The parameters of the chosen model."""
+        """Parameters of the selected model."""
         parameters: Configuration = getattr(self, self.model)
         return parameters
 
@@ -93,7 +96,7 @@ def steady_forces(
 
 
 class Tire:
-    """Steady characteristic of a tire, for any model.
+    """Steady force of a tire as a function of slip, load and friction, for any tire model.
 
     Attributes:
         configuration: parameters of the tire.

@@ -22,7 +22,7 @@ from omni_sim.wheel.roller_geometry import RollerConfiguration, RollerGeometry, 
 
 
 class DriveConfiguration(Configuration):
-    """Drive of each wheel: an ideal speed source behind a clutch (Appendix A)."""
+    """Motor drive of each wheel: an ideal speed source behind a clutch (Appendix A)."""
 
     clutch_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
     """Pedal position at which the clutch opens"""
@@ -33,14 +33,14 @@ class DriveConfiguration(Configuration):
 
 
 class WheelCondition(Configuration):
-    """Difference of one wheel from the others, for example a worn tire or a faulty brake."""
+    """Difference of one wheel from all other wheels, such as a worn tire or a faulty brake."""
 
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Factor on the friction between this wheel and the ground"""
     brake: float = parameter(1.0, minimum=0.0, maximum=2.0)
     """Factor on the torque of this wheel's brake"""
     mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
-    """Mounting height of this wheel relative to the others; requires a suspension"""
+    """Mounting height of this wheel relative to the other wheels; requires a suspension"""
     open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of the pedal's pressure that the valve of this brake passes at least; 1 for a valve
     that cannot release the brake"""
@@ -57,7 +57,7 @@ class VehicleConfiguration(Configuration):
     """A vehicle on omni-wheels: masses, wheels, tires, brakes and drive."""
 
     wheels: Mapping[str, geometry.WheelMount] = parameter()
-    """Wheels by name; all arrays of wheel quantities have this order"""
+    """Wheels, keyed by name; all arrays of wheel quantities have this order"""
     chassis_length: float = parameter(1.6, unit="m", minimum=1e-3, maximum=100.0)
     """Length of the chassis; used only for figures and the placement of sensors"""
     chassis_width: float = parameter(1.2, unit="m", minimum=1e-3, maximum=100.0)
@@ -81,7 +81,7 @@ class VehicleConfiguration(Configuration):
     drive: DriveConfiguration = section(DriveConfiguration)
     """Drive of every wheel"""
     conditions: Mapping[str, WheelCondition] = section(dict)
-    """Differences of individual wheels from the others, by wheel name"""
+    """Differences of individual wheels from all other wheels, keyed by wheel name"""
     suspension: SuspensionConfiguration = section(SuspensionConfiguration)
     """Suspension of the chassis"""
     passive_losses: PassiveLossConfiguration = section(PassiveLossConfiguration)

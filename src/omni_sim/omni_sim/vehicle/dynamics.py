@@ -7,8 +7,8 @@ the positions ``r_i``. Quantities are evaluated at the middle of the step, but v
 implicit: the force of each wheel is computed for the velocity that its hub will have at the end of
 the step. This velocity is predicted from all forces of the previous step and corrected by ``W (F -
 F_before)``, where ``F`` and ``F_before`` are the forces of the wheel in this step and in the
-previous one, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels. A
-single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
+previous step, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels.
+A single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
 coupling between wheels lags by one step. This second-order error is visible in tests of the energy
 balance only with very stiff tires. On uneven ground the motion is in the path plane of
 `uneven_ground`, and gravity is an additional force.
@@ -55,7 +55,7 @@ def move(
         heading: ``R(psi)``, cosine and sine of the yaw at the middle of the step.
         pull: force ``f`` of the wheels in the body frame [N], and the sum ``M`` of all moments
             about the center of gravity [N m].
-        other: other forces on the center of gravity in the world frame, ``f_other`` [N].
+        other: further forces on the center of gravity in the world frame, ``f_other`` [N].
     """
     dt = plant.dt
     push = dt / plant.mass
@@ -206,7 +206,7 @@ def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> No
 
 @lean_inline
 def energies(state: layout.State) -> Energies:
-    """Return the kinetic, elastic and potential energies of a vehicle [J]."""
+    """Return the kinetic, elastic and potential energies of the vehicle in a state [J]."""
     plant, body = state.plant, state.body[0]
     spin, elastic = _wheel_energies(state, state.rollers)
     height = 0.0
@@ -232,11 +232,11 @@ def _wheel_energies(state: layout.State, rollers: layout.Rollers | None) -> Pair
 
 @lean
 def standing(state: layout.State, ahead: float) -> tuple[float, float, float, float, float, float]:
-    """Return the attitude of the vehicle at the position that it reaches after the time `ahead`.
+    """Return the vehicle's attitude on the ground at the position that it reaches after a time.
 
     Args:
         state: state of the vehicle, whose velocity is assumed to stay constant.
-        ahead: time [s].
+        ahead: time until the vehicle reaches the position [s].
 
     Returns:
         Result of `stand`.

@@ -19,7 +19,7 @@ _MAXIMUM_ITERATIONS = 100
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
-    """Carry the weight at the polygon's nearest point if the zero-moment point is outside of it."""
+    """Place the weight on the nearest edge if the zero-moment point is outside the polygon."""
     outside = False
     nearest = np.inf
     first, second, share = 0, 0, 0.0
@@ -115,7 +115,7 @@ def _newton_step(
 def stand_on_some(
     position: FloatArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> int:
-    """Write the wheel loads; return the number of loaded wheels, or 0 without convergence.
+    """Write the loads if some wheels lift off; return the number of loaded wheels (0 if it fails).
 
     In balance, the energy of the springs minus the work of the weight is smallest. This difference
     is a convex function of the coefficients of the load plane, so Newton's method with a line
@@ -153,7 +153,7 @@ def stand_on_some(
 def stand_on_triangle(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> None:
-    """Distribute the weight over three polygon wheels around the zero-moment point."""
+    """Distribute the weight over three wheels of the polygon around the zero-moment point."""
     loads[:] = 0.0
     o = hull[0]
     best = -np.inf

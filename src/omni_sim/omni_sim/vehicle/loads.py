@@ -2,15 +2,14 @@
 
 Body and load are separate rigid masses. The wheels are modeled as equal vertical springs under a
 rigid chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the
-load plane. The loads balance the weight and the moments, including those of inertia at the height
-of the center of gravity: the resultant of the loads acts at the zero-moment point
+load plane. The loads balance the weight and the moments, including the moments of inertial forces
+at the height of the center of gravity: the resultant of the loads acts at the zero-moment point
 ``r_g - h v_dot / g``, where ``r_g`` is the position, ``h`` the height and ``v_dot`` the
-acceleration of the center of gravity.
-Loads cannot be negative: wheels with a negative load in the plane lift off, and the others carry
-the weight. If the zero-moment point leaves the support polygon, no such balance exists, and a real
-vehicle would tip over. The nearest edge of the polygon then carries the vehicle, and `tipping` is
-reported, because the planar model is no longer valid. The product of inertia of masses at different
-heights under yaw acceleration is neglected.
+acceleration of the center of gravity. Loads cannot be negative: wheels with a negative load in the
+plane lift off, and the remaining wheels carry the weight. If the zero-moment point leaves the
+support polygon, no such balance exists, and a real vehicle would tip over. The nearest edge of the
+polygon then carries the vehicle, and `tipping` is reported, because the planar model is no longer
+valid. The product of inertia of masses at different heights under yaw acceleration is neglected.
 
 Above the largest permissible load of the tire, the parabola of Eq. (3) has no physical meaning
 (dissertation, section 2.3.1), so the dynamics use the force at this limit; `Overload` reports it.
@@ -52,7 +51,7 @@ class MassConfiguration(Configuration):
 
 @dataclasses.dataclass(frozen=True)
 class MassProperties:
-    """Total mass properties for the planar dynamics.
+    """Mass, center of gravity and inertia of the vehicle with its load, for the planar dynamics.
 
     Attributes:
         mass: m [kg].
@@ -68,7 +67,10 @@ class MassProperties:
 
     @classmethod
     def of(cls, *masses: MassConfiguration) -> MassProperties:
-        """Combine masses by the parallel-axis theorem; the total mass must not be zero."""
+        """Return the properties of several masses together (parallel-axis theorem).
+
+        The total mass must not be zero.
+        """
         mass = np.array([part.mass for part in masses])
         position = np.array([[part.x, part.y] for part in masses])
         total = float(mass.sum())
@@ -128,7 +130,7 @@ def wheel_loads(
     z_y: float,
     loads: FloatArray,
 ) -> bool:
-    """Distribute the weight over the wheels.
+    """Write the wheel loads for a zero-moment point; see the module for the cases.
 
     Args:
         position: wheel contacts relative to the center of gravity [m], shape (N, 2).
@@ -159,7 +161,7 @@ def wheel_loads(
 
 
 class Overload:
-    """Monitors the wheel loads of a run.
+    """Monitors wheel loads beyond the range of the tire model during a run.
 
     Attributes:
         time: total time of overload since the start, summed over the wheels [s].
@@ -182,7 +184,7 @@ class Overload:
         self._largest = np.zeros(len(self._names))
 
     def update(self, load: FloatArray, overloaded_steps: int) -> bool:
-        """Update the monitor after a control period.
+        """Record the wheel loads at the end of a control period.
 
         Args:
             load: wheel loads at the end of the period [N], shape (N,).
@@ -203,7 +205,7 @@ class Overload:
         return {name: load for name, load in loads if load > self._limit}
 
     def sentence(self) -> str:
-        """Return a description of the overload."""
+        """Return a sentence that describes the overload."""
         wheels = ", ".join(f"{name} up to {load:.0f} N" for name, load in self.largest_load.items())
         return (
             f"overload: wheels carried more than the {self._limit:.0f} N that the tire model "

@@ -47,13 +47,13 @@ _LEAST_LOAD = 10.0  # smallest load for which friction is computed [N]
 
 
 def build_vehicle(configuration: VehicleConfiguration, *others: Any, **options: Any) -> Vehicle:
-    """Create a vehicle of the class that the wheel model requires; arguments as in `Vehicle`."""
+    """Return a vehicle of the class that the wheel model requires; arguments as in `Vehicle`."""
     kind = MujocoVehicle if configuration.wheel_model == "mujoco" else Vehicle
     return kind(configuration, *others, **options)
 
 
 def load_mujoco() -> Any:
-    """Import MuJoCo without its viewer.
+    """Return the module of MuJoCo, imported without the viewer.
 
     Raises:
         ConfigurationError: MuJoCo is not installed; the message explains how to install it.
@@ -84,7 +84,7 @@ class MujocoVehicle(Vehicle):
 
         Args:
             configuration: configuration of the vehicle.
-            *others: the other arguments of `Vehicle`.
+            *others: further positional arguments of `Vehicle`.
             suspension: stiffness of each wheel's spring [N/m].
             height_offset: error of each wheel's mounting height [m], a number or shape (N,).
             **options: keyword arguments of `Vehicle`.
@@ -122,7 +122,7 @@ class MujocoVehicle(Vehicle):
         return state
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle with wheels and rollers that roll according to its twist.
+        """Place the vehicle with wheels and rollers that roll at the speeds of the given twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -376,7 +376,7 @@ def _drives(n: int, limit: float) -> str:
 
 
 def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """Rotate a vector about a unit axis (Rodrigues' formula)."""
+    """Return a vector, rotated about a unit axis (Rodrigues' formula)."""
     cos, sin = math.cos(angle), math.sin(angle)
     along = float(axis @ vector) * (1.0 - cos) * axis
     return np.asarray(cos * vector + sin * np.cross(axis, vector) + along, dtype=np.float64)

@@ -17,10 +17,10 @@ _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions de
 def place(
     state: State, masses: MassProperties, pose: FloatArray, twist: FloatArray, angle: FloatArray
 ) -> None:
-    """Place a vehicle with wheels and rollers that roll according to its twist.
+    """Place a vehicle with wheels and rollers that roll at the speeds of the given twist.
 
     Args:
-        state: changed in place.
+        state: state of the vehicle, changed in place.
         masses: masses of the vehicle.
         pose: x, y [m], yaw [rad] of base_link in the world frame, shape (3,).
         twist: twist of base_link in the body frame [m/s, m/s, rad/s], shape (3,).
@@ -61,7 +61,7 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the contact velocities along ``n_w`` for a twist of the center of gravity [m/s]."""
+    """Return the contact velocities along ``n_w`` at a twist of the center of gravity [m/s]."""
     contacts = state.contacts
     columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
     return np.asarray(columns @ twist, dtype=np.float64)

@@ -82,7 +82,7 @@ def build_losses(
     masses: MassProperties,
     plant: state.Plant,
 ) -> tuple[state.Plant, state.Losses]:
-    """Return the passive losses, and a plant with mobilities that include their forces.
+    """Return a plant whose mobilities include the forces of passive losses, and these losses.
 
     Args:
         configuration: configuration of the vehicle.
@@ -115,7 +115,7 @@ def build_losses(
 
 
 def build_rollers(configuration: VehicleConfiguration) -> state.Rollers | None:
-    """Return the individual rollers of a vehicle; None if its wheels have none.
+    """Return the individual rollers of a vehicle; None for single-roller wheels.
 
     Args:
         configuration: configuration of the vehicle.
@@ -169,7 +169,7 @@ def static_loads(plant: state.Plant) -> FloatArray:
 
 
 def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
-    """Combine columns, each of shape (N,) or (N, k), into a structured array of shape (N,)."""
+    """Return a structured array, shape (N,), made of columns of shape (N,) or (N, k)."""
     rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     return rows.view(kind)[:, 0]
 

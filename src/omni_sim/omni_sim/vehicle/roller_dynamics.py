@@ -1,10 +1,10 @@
 """Wheels with individual rollers in the dynamics kernel: rollers on the ground and their forces.
 
-Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points,
-Eqs. (10), (11), so their levers about the center of gravity vary with the wheel angles. The loads
-are computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
-ground, the equations of wheel and lower roller are solved together, and the force of the other
-roller is that of the last step.
+Wheels and contacts are modeled in `wheel.roller`. Forces act at the displaced contact points, Eqs.
+(10), (11), so their levers about the center of gravity vary with the wheel angles. The loads are
+computed as if the contacts were under the wheel centers. While two rollers of a wheel touch the
+ground, the equations of the wheel and the lower roller are solved together, with the force that the
+other roller had in the last step.
 """
 
 import math
@@ -172,11 +172,12 @@ def _lift(rollers: Structured, first: int, second: int) -> None:
 def step_roller_wheel(
     plant: Plant, rollers: Rollers, wheel: Record, step: Step, i: int, brake: float, drive: Drive
 ) -> None:
-    """Advance the speed, but not the angle, of a wheel on one or two rollers by one step.
+    """Advance a wheel on one or two rollers by one step; the wheel angle is not changed.
 
     Args:
         plant: constants.
-        rollers: rollers of all wheels; state and force of those of wheel `i` are changed in place.
+        rollers: rollers of all wheels; state and force of the rollers of wheel `i` are changed in
+            place.
         wheel: `state.WHEEL`, with the load of this step; changed in place.
         step: quantities common to all wheels.
         i: index of the wheel.

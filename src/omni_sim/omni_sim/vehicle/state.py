@@ -73,7 +73,7 @@ COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)
 
 
 class Plant(NamedTuple):
-    """Constants of a run.
+    """Constants of a vehicle's kernel.
 
     Attributes:
         dt: physics step [s].
@@ -86,7 +86,7 @@ class Plant(NamedTuple):
         radius: radius of the unloaded wheels [m], shape (N,).
         mobility: W of each wheel, see `dynamics` [1/kg], shape (N,).
         rolling: wheel speeds per unit of body twist, Eq. (32), shape (N, 3).
-        position: position of the wheels from the center of gravity [m], shape (N, 2).
+        position: position of the wheels relative to the center of gravity [m], shape (N, 2).
         plane: load plane from `loads.load_plane`, shape (N, 3).
         hull: indices of the wheels from `loads.support_polygon`.
         wheel_inertia: moment of inertia I of a wheel about its axis [kg m^2].
@@ -194,9 +194,9 @@ class Suspension(NamedTuple):
         damping: vertical damping d of each wheel [N s/m].
         pitch_inertia: moment of inertia I_p about the lateral axis [kg m^2].
         roll_inertia: moment of inertia I_r about the longitudinal axis [kg m^2].
-        mounted: mounting height of each wheel relative to the others [m], shape (N,).
+        mounted: mounting height of each wheel relative to the other wheels [m], shape (N,).
         half_gap: distance along the rim from the end of a roller to the middle of the gap to the
-            next [m].
+            next roller [m].
         ground: height of the ground under each wheel above the vehicle's plane [m], shape (N,).
         sunk: depth by which each wheel sinks into a gap between rollers [m], shape (N,).
         chassis: `CHASSIS`, shape (1,).
@@ -245,7 +245,7 @@ class State(NamedTuple):
 
 
 class Control(NamedTuple):
-    """Inputs of the vehicle during a call.
+    """Inputs of the vehicle, which are constant during a call of the kernel.
 
     Attributes:
         brake: torque of a brake at the pressure of the pedal [N m].
@@ -268,7 +268,7 @@ class Control(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Quantities of a physics step that all wheels share.
+    """Quantities of a physics step that are equal for all wheels.
 
     Attributes:
         place: position of the center of gravity in the world at the middle of the step [m].
@@ -289,7 +289,7 @@ class Step(NamedTuple):
 
 
 class Energies(NamedTuple):
-    """Energies of a vehicle [J].
+    """Kinetic, elastic and potential energies of a vehicle [J].
 
     Attributes:
         translation: kinetic energy of the center of gravity.

@@ -59,7 +59,7 @@ def fastest_motion(plant: Plant, suspension: Suspension) -> float:
 
 
 def settle(plant: Plant, suspension: Suspension, angle: FloatArray, weight: float) -> FloatArray:
-    """Place a chassis at rest on its springs and return the wheel loads [N], shape (N,).
+    """Place a chassis at rest on its springs; return the wheel loads [N], shape (N,).
 
     If fewer than three wheels carry load, the vehicle is not balanced and starts to move.
 
@@ -121,7 +121,7 @@ def sprung_loads(
     pull: tuple[float, float],
     loads: FloatArray,
 ) -> bool:
-    """Advance the chassis on its springs by one step.
+    """Advance the chassis on its springs by one step, and write the wheel loads.
 
     Args:
         plant: constants.

@@ -2,8 +2,8 @@
 
 The vehicle does not leave the ground. Under each wheel is a road plane (`plane_of_points`) with the
 height ``z_i`` and the gradient ``s_i``. The wheels share the weight like equal springs (`loads`),
-with the shares ``w_i`` at rest. Heave, roll and pitch are therefore those of a plane fitted to the
-heights ``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The
+with the shares ``w_i`` at rest. Heave, roll and pitch therefore follow a plane that is fitted to
+the heights ``z_i``. The ground under the center of gravity has the height ``Z = sum w_i z_i``. The
 center of gravity moves in the plane with the gradient ``sum w_i s_i``, which is called the *path
 plane* and has the unit normal ``n``.
 
@@ -66,7 +66,7 @@ def stand(
     heading: tuple[float, float],
     heights: FloatArray,
 ) -> tuple[float, float, float, float, float, float]:
-    """Return the attitude of the vehicle on the ground.
+    """Return height and gradients of the vehicle's plane and path plane on the ground.
 
     Args:
         terrain: height of the ground.
@@ -143,7 +143,7 @@ def orientation(yaw: float, forward: float, left: float) -> FloatArray:
 def plane_of_points(
     front: float, back: float, left: float, right: float, distance: float
 ) -> tuple[float, float, float, float]:
-    """Return the plane through four points at ``distance`` around a projection, Eq. (5).
+    """Return the road plane of four points around the projection of a wheel center, Eq. (5).
 
     With ``r_21`` from back to front and ``r_43`` from right to left, both of horizontal length
     ``2 distance``, ``e_n = r_21 x r_43 / |r_21 x r_43|``.

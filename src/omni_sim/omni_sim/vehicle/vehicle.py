@@ -30,7 +30,8 @@ class Vehicle:
     The option ``wheel_model`` selects the model of the wheels. With individual rollers, the force
     of a wheel is the sum of the forces of its rollers along the nominal active direction, and the
     force limit of the wheel is the sum of the rollers' limits. Slip, deflection and sliding state
-    of the wheel are those of its lower roller. The slip velocity is that of an ideal contact.
+    of the wheel are taken from its lower roller. The slip velocity is computed for an ideal
+    contact.
 
     The drive is calibrated: it uses the inverse kinematics with the rolling radii under the static
     loads.
@@ -55,7 +56,7 @@ class Vehicle:
         elevation: ElevationConfiguration | None = None,
         wheel_angle: ArrayLike = 0.0,
     ) -> None:
-        """Build the vehicle and place it, rolling without slip.
+        """Build the vehicle and place it, with wheels that roll without slip.
 
         Args:
             configuration: configuration of the vehicle.
@@ -139,7 +140,7 @@ class Vehicle:
         return self._chassis
 
     def apply_brake_faults(self, time: float) -> None:
-        """Activate the brake faults whose onset is before a time [s]."""
+        """Activate the brake faults that have begun by `time` [s]."""
         faults, begun = self.configuration, self.brake_fault_onsets <= time
         self.state.plant.brake_share[:] = np.where(begun, faults.by_wheel("brake"), 1.0)
         self.state.pressure.open[:] = np.where(begun, faults.by_wheel("open_valve"), 0.0)
@@ -147,7 +148,7 @@ class Vehicle:
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle with undeflected tires and wheels that roll according to its twist.
+        """Place the vehicle with undeflected tires and wheels that roll at the speeds of the twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -284,7 +285,7 @@ class Vehicle:
 
     @property
     def ride(self) -> quantities.FloatArray:
-        """Heave, pitch and roll of the sprung chassis relative to its position at rest.
+        """Heave and gradients of the sprung chassis relative to the position at rest.
 
         Returns:
             Heave of the center of gravity [m], gradients forward and to the left [1], and the time
@@ -361,12 +362,12 @@ class Vehicle:
 
     @property
     def overloaded_steps(self) -> int:
-        """Number of overloaded wheels, summed over all steps since the vehicle was placed."""
+        """Sum of the numbers of overloaded wheels over all steps since the vehicle was placed."""
         return int(self.state.counters["overloaded_steps"][0])
 
     @property
     def tipping_steps(self) -> int:
-        """Number of steps since the vehicle was placed in which it tips."""
+        """Number of steps, since the vehicle was placed, in which the vehicle would tip over."""
         return int(self.state.counters["tipping_steps"][0])
 
 

@@ -1,1 +1,1 @@
-"""One wheel: hub, drive, brake, and its rollers, modeled individually or as one."""
+"""One wheel: hub, drive, brake, and rollers, modeled individually or as a single roller."""

@@ -8,11 +8,10 @@ with a first-order lag:
 
     T dp/dt + p = c(t - t_d)
 
-Within a physics step ``dt`` the demand ``c`` is constant, so the solution at its end is exact:
-``p' = c + (p - c) exp(-dt/T)``.
-Each step uses the mean of ``p`` over the step, so the impulse of the brake is exact too. The dead
-time is rounded to whole physics steps. If a brake releases with a longer dead time ``t_r``, the
-largest demand between ``t - t_r`` and ``t - t_d`` is used.
+Within a physics step ``dt`` the demand ``c`` is constant, so the solution at its end is exact: ``p'
+= c + (p - c) exp(-dt/T)``. Each step uses the mean of ``p`` over the step, so the impulse of the
+brake is also exact. The dead time is rounded to whole physics steps. If a brake releases with a
+longer dead time ``t_r``, the largest demand between ``t - t_r`` and ``t - t_d`` is used.
 """
 
 import math
@@ -62,7 +61,7 @@ def build_brake_pressure(
     pressure_step: float = 0.0,
     release_time: float = 0.0,
 ) -> BrakePressure:
-    """Return the state of brakes without pressure.
+    """Return the constants and the initial state of brakes without pressure.
 
     Args:
         time_constant: ``T`` [s]; 0 for no lag.
@@ -101,10 +100,10 @@ def passed(pressure: BrakePressure, share: float) -> float:
 
 @lean_inline
 def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> None:
-    """Set the commanded valve positions.
+    """Set the demanded torques from the pedal and the commanded valve positions.
 
     Args:
-        pressure: changed in place.
+        pressure: pressure in the brakes, changed in place.
         demand: torque of a brake at the full pressure of the pedal [N m].
         enable: commanded share that each valve passes [1], shape (N,).
     """
@@ -115,7 +114,7 @@ def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> No
 
 @lean_inline
 def press(pressure: BrakePressure) -> None:
-    """Advance by a physics step; `acting` is set to the mean available torque of each brake."""
+    """Advance the pressure by a physics step, and write the mean available torques to `acting`."""
     delay = pressure.delayed.shape[0]
     row = pressure.oldest[0]
     for i in range(pressure.demanded.size):

@@ -55,7 +55,7 @@ class Spin(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """The drive of a wheel.
+    """Motor drive of a wheel, which follows a speed through a clutch.
 
     Attributes:
         stiffness: ``k`` of the clutch [N m s/rad], 0 when disengaged.
@@ -69,7 +69,7 @@ class Drive(NamedTuple):
 
 
 class WheelStep(NamedTuple):
-    """State of a wheel after a step.
+    """State of a wheel and its tire after a step.
 
     Attributes:
         force: force on the vehicle along the active direction [N].
@@ -92,7 +92,7 @@ class WheelStep(NamedTuple):
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a freely spinning wheel, given the angular impulse of all other torques [N m s]."""
+    """Advance a wheel without brake under the angular impulse of further torques [N m s]."""
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(

@@ -1,8 +1,8 @@
 """Losses along the passive direction: rolling resistance, bearing friction, roller inertia.
 
-Section 2.4.2 of the dissertation lists these losses and neglects them; here they are off by
-default. The roller in contact rolls along the passive direction ``u_w`` with the rim's velocity in
-this direction,
+Section 2.4.2 of the dissertation lists these losses and neglects them. In this project they are
+zero by default. The roller in contact rolls along the passive direction ``u_w`` with the rim's
+velocity in this direction,
 
     w = u_w . v_i - omega r_D (u_w . u_i),
 

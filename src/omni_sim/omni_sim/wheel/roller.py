@@ -1,7 +1,7 @@
 """Omni-wheel with individual rollers, in which each roller is a small tire.
 
-The numbers of tables and equations are those of the dissertation, which describes this wheel in
-section 2.4.1.
+Tables and equations have the numbers of the dissertation, which describes this wheel in section
+2.4.1.
 
 Contact: the envelope of the wheel is a circle, so the wheel's axis keeps its height, and the lowest
 roller carries the wheel (`roller_geometry`). The contacts of neighboring rollers overlap: in a

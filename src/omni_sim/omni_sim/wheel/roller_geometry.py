@@ -56,8 +56,9 @@ def roller_contact(gamma: float, roller: Any) -> tuple[float, ...]:
     Returns:
         Active direction ``n_w`` in the body frame [1], two components with the sign of
         `omni_platform.geometry`; contact point relative to the point under the wheel center [m],
-        two components; ``n_w . u`` [1]; length of the horizontal part of the unit vector of the
-        roller's axis [1]; depth of this axis below the wheel's axis, above the contact [m].
+        two components; ``n_w . u`` with the rolling direction ``u`` of the wheel [1]; length of the
+        horizontal part of the unit vector of the roller's axis [1]; height of the wheel's axis
+        above the roller's axis at the contact [m].
     """
     u_x, u_y = roller.u_x, roller.u_y
     cosine = math.cos(gamma)
@@ -113,11 +114,11 @@ class RollerGeometry:
 
     @property
     def wheel_axis(self) -> FloatArray:
-        """``a``, Eq. (8), shape (3,)."""
+        """Unit vector ``a`` of the wheel's axis, Eq. (8), shape (3,)."""
         return np.array([math.cos(self.alpha), math.sin(self.alpha), 0.0])
 
     def roller_angle(self, wheel_angle: ArrayLike) -> FloatArray:
-        """Return ``gamma`` of the roller on the ground, in [-pi/n, pi/n) [rad].
+        """Return the angle ``gamma`` of the roller on the ground, in [-pi/n, pi/n) [rad].
 
         Args:
             wheel_angle: angle of the wheel, zero with roller 0 at the ground [rad], any shape.
@@ -127,7 +128,7 @@ class RollerGeometry:
         return np.asarray(angle - pitch * np.floor(angle / pitch + 0.5), dtype=np.float64)
 
     def roller_axis(self, gamma: ArrayLike) -> FloatArray:
-        """Return ``b``, Eq. (9), shape (..., 3).
+        """Return the unit vector ``b`` of the roller's axis, Eq. (9), shape (..., 3).
 
         Args:
             gamma: wheel angle from the lowest position of the roller [rad], shape (...).
@@ -150,7 +151,7 @@ class RollerGeometry:
         return np.asarray(b / np.linalg.norm(b, axis=-1, keepdims=True))
 
     def contact_point(self, gamma: ArrayLike) -> FloatArray:
-        """Return ``c`` [m], Eq. (10), shape (..., 2).
+        """Return the contact point ``c`` on the ground [m], Eq. (10), shape (..., 2).
 
         Args:
             gamma: wheel angle from the lowest position of the roller [rad], shape (...).
@@ -164,7 +165,7 @@ class RollerGeometry:
 
     @property
     def constants(self) -> tuple[float, ...]:
-        """The constants of `roller_contact`, in the order of `AXIS`."""
+        """Constants that `roller_contact` uses, in the order of `AXIS`."""
         # u = a x k
         u_x, u_y = math.sin(self.alpha), -math.cos(self.alpha)
         return u_x, u_y, math.sin(self.delta), -math.cos(self.delta), self.distance
@@ -177,13 +178,13 @@ class RollerGeometry:
 
 
 class RollerConfiguration(Configuration):
-    """The rollers of every wheel of a vehicle.
+    """Parameters of the rollers of every wheel of a vehicle.
 
     A roller is undeflected when it reaches the ground. It develops its full force only if its
     relaxation length, the slope dF/ds at zero slip divided by the stiffness, is short compared with
-    the distance over which it rolls under the wheel. The default stiffness is that of solid rubber:
-    with the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length of a
-    roller's contact patch. The relaxation length of the single-roller wheel's tire is 250 mm.
+    the distance over which it rolls under the wheel. The default stiffness is typical of solid
+    rubber: with the slope at zero slip of Table 1, the relaxation length is 25 mm, about the length
+    of a roller's contact patch. The relaxation length of the single-roller wheel's tire is 250 mm.
     """
 
     count: int = parameter(12, minimum=4, maximum=64)
@@ -211,7 +212,7 @@ def roller_geometries(
     """Return the geometry of the rollers of each wheel, in the order of the wheels.
 
     Args:
-        wheels: mounts by wheel name.
+        wheels: position and orientation of each wheel, keyed by wheel name.
         rollers: rollers of every wheel.
         squeeze: deflection of a tire under the largest load [m].
 

@@ -15,11 +15,12 @@ With ``D = d + c dt`` and the force ``A = c e - D v_s`` that a sticking patch wo
 
 The rim velocity changes with the force within the step, ``v_s = v_free + m F``, where ``m`` [m/s
 per N] is the mobility of wheel and vehicle. The equation becomes ``|A| = D w + kappa F(w / V)``
-with ``kappa = 1 + D m``. With it, a wheel's step is stable and passive for any stiffness and
-inertia. Because friction falls beyond its peak, two solutions may exist near standstill. The patch
-then keeps its state, adhering or sliding (`sliding`). Each tire model solves the equation for its
-own curve (`tire.model.contact_friction`). Unlike in the dissertation, ``v_num`` may be very small.
-A locked wheel then sticks or slides as with Coulomb friction, but does not creep.
+with ``kappa = 1 + D m``. With this equation, the step of a wheel is stable and passive for any
+stiffness and inertia. Because friction falls beyond its peak, two solutions may exist near
+standstill. The patch then keeps its state, adhering or sliding (`sliding`). Each tire model solves
+the equation for its own curve (`tire.model.contact_friction`). Unlike in the dissertation,
+``v_num`` may be very small. A locked wheel then sticks or slides as with Coulomb friction, but does
+not creep.
 """
 
 from typing import NamedTuple
@@ -43,7 +44,7 @@ class TireConstants(NamedTuple):
 
 
 class Patch(NamedTuple):
-    """A contact patch at the start of a step.
+    """State of a tire's contact patch at the start of a step.
 
     Attributes:
         deflection: ``e`` along the active direction [m].

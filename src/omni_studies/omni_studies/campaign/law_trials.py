@@ -1,8 +1,8 @@
 """Random stops that compare control laws on proportional and on on-off brakes.
 
-As in the robustness campaign, a seed draws vehicle, load, ground, motion and sensor noise, but no
-sensor faults. It also draws deviations that a law may not know: a brake lag that is nominal or not
-modeled, and errors of the nominal torque, mass and wheel inertia.
+As in the robustness campaign, a seed determines vehicle, load, ground, motion and sensor noise, but
+there are no sensor faults. The seed also determines deviations that a law may not know: a brake lag
+that is nominal or not modeled, and errors of the nominal torque, mass and wheel inertia.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ filter, a limit or a cost."""
 
 
 class LawTrial(NamedTuple):
-    """Result of one stop.
+    """Result of one stop with one law and one kind of brakes.
 
     Attributes:
         seed: number of the trial; for each seed of the draws, there is one trial of each of
@@ -75,13 +75,13 @@ class LawTrials:
         return "-".join((self._braking.fingerprint, str(self._first), *map(str, self.cases)))
 
     def __call__(self, number: int) -> LawTrial:
-        """Run a trial."""
+        """Run the trial with this number, and return the result."""
         seed, case = divmod(number, len(self.cases))
         run = run_fast_loop(self.configuration(self._first + seed, *self.cases[case]))
         return LawTrial(number, run.stopping_distance, run.orientation_change, int(run.stopped))
 
     def configuration(self, seed: int, kind: str, law: str) -> ExperimentConfiguration:
-        """Return the experiment that a seed draws, with given brakes and law.
+        """Return the experiment drawn with a seed, with given brakes and law.
 
         Args:
             seed: seed of the random draws.
@@ -118,7 +118,8 @@ class LawTrials:
 def ablations() -> dict[str, str]:
     """Return variants of the law `allocation` that differ in one parameter, keyed by label.
 
-    The parameter is halved, doubled or disabled. The values are names for `LawTrials`.
+    The parameter is halved, doubled or disabled. The values are names of laws as in
+    `LawTrials.configuration`.
     """
     laws = {"allocation": "allocation"}
     for field, neutral in NEUTRAL.items():

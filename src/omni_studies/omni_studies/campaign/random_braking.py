@@ -1,9 +1,10 @@
 """Random braking maneuvers, each drawn with a seed, and the limits that they must meet.
 
-The seed draws the vehicle (`VEHICLES`), its load with position and height, the friction of the
-ground with up to three patches along the path, the motion and the pedal. It also draws noise,
-offset and sampling of the velocity sensor, which is faulty in some runs. Every value is rounded to
-a few digits, so that the experiment file of a run reproduces the run exactly.
+The random values of a run are the vehicle (`VEHICLES`), its load with position and height, the
+friction of the ground with up to three patches along the path, the motion and the pedal. Noise,
+offset and sampling of the velocity sensor, which is faulty in some runs, are also random. The seed
+of the run determines all of these values. Every value is rounded to a few digits, so that the
+experiment file of a run reproduces the run exactly.
 
 If a run violates a limit, its disturbances are removed one after the other, and the run is repeated
 after each removal. The disturbance whose removal ends the violation is reported as the cause.
@@ -199,13 +200,13 @@ def _sensor(random: np.random.Generator, brake_time: float) -> Tree:
 
 
 class Allowed(NamedTuple):
-    """Limits of an assisted stop.
+    """Limits on the results of an assisted stop.
 
     Attributes:
-        orientation: limit on the excess of the orientation change over that of the unassisted stop
-            [deg].
-        distance: limit on the ratio of the stopping distance to that of the unassisted stop [1]. A
-            value of 2 permits the release of half of the wheels.
+        orientation: limit on the orientation change minus the orientation change of the unassisted
+            stop [deg].
+        distance: limit on the stopping distance, divided by the distance of the unassisted stop
+            [1]. A value of 2 permits the release of half of the wheels.
         energy: limit on the rise of the energy during braking, relative to the energy at the start
             of braking [1].
         shortest: lower limit on the stopping distances that are used in comparisons [m].
@@ -230,7 +231,7 @@ LIMITS = ("energy", "orientation", "distance", "rest")
 
 
 class Outcome(NamedTuple):
-    """Result of a run.
+    """Results of the unassisted and the assisted stop of a run.
 
     Attributes:
         seed: seed of the run.
@@ -312,7 +313,10 @@ def compare(braking: RandomBraking, drawn: Tree) -> Outcome:
 
 
 def without(drawn: Tree, cause: str) -> Tree:
-    """Return a copy of a drawn run without the disturbance that belongs to `cause` (`CAUSES`)."""
+    """Return a copy of a drawn run from which one disturbance is removed.
+
+    `cause` is an entry of `CAUSES` and selects the disturbance.
+    """
     if cause == "failure":
         kept = {k: v for k, v in drawn["velocity_sensor"].items() if not k.startswith("failure")}
         return drawn | {"velocity_sensor": kept}
@@ -325,11 +329,11 @@ def without(drawn: Tree, cause: str) -> Tree:
 
 
 def energy_rise(run: compiled.FastRun, configuration: experiment.ExperimentConfiguration) -> float:
-    """Return the largest rise of the energy from any stamp to a later one [1].
+    """Return the largest rise of the energy from any stamp to a later stamp [1].
 
-    The energy is the kinetic and elastic energy on flat ground, relative to its value when the
-    brake pedal opens the clutch of the drive. From then on it must not rise, because brakes can
-    only remove energy.
+    The energy is the kinetic and elastic energy on flat ground, divided by its value at the time at
+    which the brake pedal opens the clutches of the motor drives. From then on, it must not rise,
+    because brakes can only remove energy.
     """
     free = run.pedal >= configuration.vehicle.drive.clutch_threshold
     energy = run.energy[free]

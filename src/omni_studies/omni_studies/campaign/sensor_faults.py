@@ -1,6 +1,6 @@
 """Stops with a fault of one sensor, two sensors or a brake, each determined by a seed.
 
-The seed draws the law, whether the vehicle has an IMU, the vehicle and its braking maneuver
+The seed determines the law, whether the vehicle has an IMU, the vehicle and its braking maneuver
 (`CASES`), and the fault. A `single` fault affects one channel. A `pair` affects two channels with
 the same kind and onset, like a failure of a shared supply, clock or calibration. A `brake` fault
 affects the brake of one wheel, before or during the stop. For every eighth seed, a search for a
@@ -118,8 +118,8 @@ class Stop(NamedTuple):
         period: period of a ramp, sine or delay [s].
         counted: whether the reference stop comes to rest, 0 or 1.
         rest: whether the vehicle comes to rest, 0 or 1.
-        distance: ratio of the stopping distance to that of the reference stop [1].
-        rotation: rotation minus that of the reference stop [deg].
+        distance: stopping distance, divided by the distance of the reference stop [1].
+        rotation: rotation minus the rotation of the reference stop [deg].
         all_on_rotation: rotation if all brakes act from the onset of a brake fault on, as after a
             detection without delay, minus the rotation of the reference stop [deg]; 0 for other
             faults.
@@ -193,9 +193,9 @@ class FaultyStops:
         return digest(list(self._bases.values()), drawn, self._searched, self._steps)
 
     def __call__(self, seed: int) -> Stop:
-        """Run the stop with the conditions and the fault that a seed draws, and return the result.
+        """Run the stop with conditions and fault drawn with a seed, and return the result.
 
-        If a worse fault is searched for, the result is that of the worst stop.
+        If a search for a worse fault follows, the worst stop is returned.
         """
         random = np.random.default_rng([seed, 29])
         imu = bool(random.random() < 0.6)
@@ -212,7 +212,7 @@ class FaultyStops:
         return worst
 
     def run(self, setting: Setting, fault: Fault, seed: int = 0) -> Stop:
-        """Run a stop with a fault."""
+        """Run a stop with a fault, and return the result compared with the reference stop."""
         base = self._bases[setting, True]
         time = max(round(base.maneuver.brake_time + fault.onset, 3), 0.0)
         if fault.channel == "brake":
@@ -291,7 +291,7 @@ class FaultyStops:
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
     ) -> Fault:
-        """Return the fault with one random entry, or all of them, drawn again."""
+        """Return a copy of the fault in which one random entry, or every entry, is drawn again."""
         other = self._draw(random, setting, extent)
         entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
         if entry == "all" or (extent == "brake" and entry != "onset"):
@@ -317,8 +317,9 @@ def _configurations(fault: Fault, time: float) -> dict[str, FaultConfiguration]:
     """Return the faults of all channels.
 
     In a pair, both amplitudes are at the same relative position in their logarithmic ranges. The
-    faulty axis is that of the twist and, for x and y, also that of the accelerometer; a fault of
-    the yaw rate affects both axes of the accelerometer. Gyro and encoders are affected as a whole.
+    axis of a fault is an axis of the twist. For x and y, it is also the axis of the accelerometer;
+    a fault of the yaw rate affects both axes of the accelerometer. Gyro and encoders are affected
+    as a whole.
     """
     channels = fault.channel.split("+")
     low, high = _range(channels[0], fault.kind, fault.axis)
@@ -363,8 +364,8 @@ class Limits(NamedTuple):
     """Limits on the results of stops whose faults have a given extent; None if there is no limit.
 
     Attributes:
-        distance: limit on the ratio of the distance to that of the reference [1].
-        rotation: limit on the excess of the rotation over that of the reference [deg].
+        distance: limit on the distance, divided by the distance of the reference stop [1].
+        rotation: limit on the rotation minus the rotation of the reference stop [deg].
         assisting: lower limit on the share of stops with continued assistance [%].
     """
 

@@ -30,7 +30,7 @@ from omni_studies.identification import table_2
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """A parameter that is identified.
+    """A parameter of the vehicle that is identified, and its range.
 
     Attributes:
         name: name of the parameter.

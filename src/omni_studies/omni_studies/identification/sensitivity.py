@@ -1,7 +1,7 @@
 """Sensitivity of the numbers of Table 2 to the identified parameters and to assumptions.
 
-Each parameter is varied by a few steps in both directions while the others are fixed, and a
-straight line is fitted to each number of Table 2. Its slope is the sensitivity. The scatter about
+Each parameter is varied by a few steps in both directions while all other parameters are fixed, and
+a straight line is fitted to each number of Table 2. Its slope is the sensitivity. The scatter about
 the line is caused by the switching of the brakes and by wheels at the edge of the patch. Tire,
 wheels and shape of the patch are assumed; `ASSUMPTIONS` changes these one at a time.
 """
@@ -89,7 +89,7 @@ def sensitivities(
 def _numbers(
     bases: Mapping[str, ExperimentConfiguration], parameters: identification.Parameters
 ) -> list[float]:
-    """Return the ten numbers of Table 2 for a candidate, NaN if it tips over or does not stop."""
+    """Return the ten numbers of Table 2 for a candidate; NaN if it tips over or does not stop."""
     try:
         measured = identification.measure(
             {case: identification.configure(base, parameters) for case, base in bases.items()}
@@ -103,13 +103,13 @@ EXPERIMENT = "turn_while_translate"
 
 
 class Assumption(NamedTuple):
-    """A change of one assumption.
+    """A change of one assumption about tire, wheels or patch.
 
     Attributes:
         name: name of the change.
         overrides: overrides of the experiment that make the change.
         sought: pairs of identified parameters; the first parameter of a pair is set to the value of
-            the second one.
+            the second parameter.
         patch_width: factor on the width of the slippery patch [1].
     """
 

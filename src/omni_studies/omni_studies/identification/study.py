@@ -81,7 +81,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the numbers for all vehicles and assumptions; return the first vehicle's ranges."""
+    """Write the numbers for all vehicles and assumptions; return ranges of the first vehicle."""
     vehicles = {"identified": parameters, **sensitivity.OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

@@ -1,8 +1,8 @@
 """Errors of each batch of line cameras that are faulty and move over a ground.
 
-The motion of fault-free cameras over a ground, called a drive here, is rendered once. The rendered
-lines are converted to those of faulty cameras for each fault. The odometry estimator is reset for
-each drive and fault, so that its estimates of camera properties depend only on this drive.
+The motion of fault-free cameras over a ground, called a drive here, is rendered once. For each
+fault, the rendered lines are converted to lines of faulty cameras. The odometry estimator is reset
+for each drive and fault, so that its estimates of camera properties depend only on this drive.
 """
 
 import dataclasses
@@ -208,7 +208,7 @@ def drive_over(
 
 
 class _Exposed(NamedTuple):
-    """A drive of fault-free cameras.
+    """Lines of fault-free cameras in one simulated drive.
 
     Attributes:
         time: times of the lines from the start of the drive [s], shape (t,).
@@ -264,7 +264,10 @@ def _measure(
     motion: Motion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
-    """Return normalized error, error and rejection reason of each batch, from a reset odometry."""
+    """Return normalized error, error and reason of rejection of each batch.
+
+    The odometry is reset before the first batch.
+    """
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in SENSORS.items()
     }

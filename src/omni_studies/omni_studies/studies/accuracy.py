@@ -8,7 +8,7 @@ In ``covariance``, three line cameras are mounted tangentially on a circle. If t
 twist is correct, the squared error of the twist, divided by its expectation, has the mean 1. Speeds
 are given as shares of the sideways speed at 60 % overlap (Table 4), so that different cameras can
 be compared. In a cross-validation over grounds, a factor on the variances is fitted on all grounds
-except one, and evaluated on this one. The odometry itself has no such factor.
+except one, and evaluated on the remaining ground. The odometry itself has no such factor.
 """
 
 import dataclasses
@@ -80,7 +80,7 @@ class Case:
 
     @property
     def rmse(self) -> float:
-        """Root mean square error [px]."""
+        """Root mean square error of the displacements [px]."""
         return math.sqrt(float(np.mean(self.error**2)))
 
     @property
@@ -154,7 +154,7 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
 
 def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return fractional parts and the fitted bias at each [px]."""
+    """Return fractional parts of displacements, and the fitted bias at each of them [px]."""
     # By symmetry, the bias is an odd function of the fraction and vanishes at 0 and 1/2 px.
     place = np.linspace(0.0, 1.0, 201)
     curve = np.zeros_like(place)
@@ -299,7 +299,7 @@ class DriveCase:
 
 
 class _Drives(Configuration):
-    """Number of trials, and noise."""
+    """Options of the study ``covariance``: number of trials, noise and seed."""
 
     starts: int = parameter(12, minimum=2, maximum=10_000)
     """number of random positions and directions for each camera, ground and motion; from each, 8
@@ -323,9 +323,9 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, floa
     """Return the cross-validation on each ground, with a factor fitted on all other grounds.
 
     Returns:
-        By ground, the factor on the variances [1], the mean ratio of single cameras' squared errors
-        to their scaled variances [1], and the share of the errors within 1.96 standard
-        deviations [%].
+        Three values, keyed by ground: the factor on the variances [1], the mean of the squared
+            errors of single cameras divided by their scaled variances [1], and the share of the
+            errors within 1.96 standard deviations [%].
     """
     trials: dict[str, list[FloatArray]] = {}
     for case in cases:

@@ -144,7 +144,7 @@ def table_2_vehicle(library: ExperimentLibrary, vehicle: str = table_2.VEHICLE) 
 
     Args:
         library: library that contains the experiment files.
-        vehicle: name of a vehicle to use instead of the identified one.
+        vehicle: name of a vehicle that replaces the identified vehicle.
     """
     ground = library.load("turn_while_translate", "unassisted").ground
     return [f"vehicle={vehicle}", f"ground.friction={ground.friction}", "feedback=velocity_sensor"]

@@ -113,8 +113,9 @@ class _Case:
     Attributes:
         figure: number of the figure in the dissertation.
         title: title of the figure.
-        metrics: function that returns the metrics of a case by its name and its matches by motion.
-        conditions: conditions on every ground, by name.
+        metrics: function that returns the metrics of a case from its name and the matches of each
+            motion.
+        conditions: conditions on every ground, keyed by name.
         columns: number of maps per row; None for the number of grounds.
     """
 

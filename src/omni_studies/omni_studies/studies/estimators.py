@@ -4,8 +4,8 @@ A camera with 1024 px and 2500 lines/s records batches of 10 ms. Both methods of
 (parameter ``odometry.method``) process the same lines, with and without camera faults. With OpenCV
 (``requirements/opencv.lock``), two alternatives measure the same motion: phase correlation of
 consecutive lines, and phase correlation followed by Lucas-Kanade on an optical-flow patch of 64 x
-64 px with the same number of pixels per second. All errors are those of the velocity along the
-axis. The Cramer-Rao bound is that of a batch in motion along the axis.
+64 px with the same number of pixels per second. All errors are errors of the velocity along the
+camera's axis. The Cramer-Rao bound is valid for a batch in motion along the axis.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def _frame(
 
 
 def _draw(rows: list[tuple[str, str, int, float, float, float]]) -> Figure:
-    """Draw the fault-free errors versus speed, by ground and angle."""
+    """Draw the errors without camera faults versus speed, one panel for each ground and angle."""
     title = "RMS error of the velocity along the axis without a fault; Cramer-Rao bound dashed"
     size, y = (15.0, 6.4), tuple(f"RMS error at {angle} deg [mm/s]" for angle in _ANGLES)
     figure, panels = style.panels(

@@ -101,7 +101,7 @@ class Cases:
 
     @classmethod
     def of(cls, library: ExperimentLibrary, options: Options) -> Cases:
-        """Load the base stop of each vehicle, the named experiments, and the cameras."""
+        """Return the cases for the options, and load vehicles, experiments and cameras."""
         names = [short_name(one) for one in options.vehicle]
         if len(set(names)) != len(names):
             raise ConfigurationError("--vehicle", f"names a vehicle twice: {', '.join(names)}")
@@ -133,7 +133,7 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Combinations of law and source with which each stop is run."""
+        """All combinations of law and source; each stop is run with every combination."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 
@@ -251,7 +251,7 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
-    """Return statistics of distance and rotation, and of the same stops without the assistant."""
+    """Return statistics of distance and rotation with and without the assistant."""
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
         (row, own[row.stop])
@@ -280,11 +280,12 @@ def _harms(
     """Return whether assistance increases rotation, or lengthens stops without reducing rotation.
 
     Args:
-        found: `_results` of a source.
-        longer: limit on the median of the ratio of the distance to that without the assistant [1].
+        found: statistics from `_results` of a source.
+        longer: limit on the median of the distance, divided by the distance without the assistant
+            [1].
         worst: limit on the 95th percentile of this ratio [1].
-        turn: limit on the increase of the 95th percentile of the rotation, compared with that
-            without the assistant [deg].
+        turn: limit on the increase of the 95th percentile of the rotation due to the assistant
+            [deg].
     """
     ratio, high = found["distance_ratio_median"], found["distance_ratio_p95"]
     turned, free = found["rotation_p95"], found["rotation_unassisted_p95"]

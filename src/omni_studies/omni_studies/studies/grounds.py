@@ -133,7 +133,7 @@ class Options(LineOptions):
 
 
 class _CorrelationOptions(LineOptions):
-    """Grounds, similarity metric, pairs of lines, noise and seed of ``correlation_functions``."""
+    """Options of ``correlation_functions``: grounds, metric, line pairs, noise and seed."""
 
     ground: tuple[str, ...] = line_options.kinds_option("stone", "asphalt", "cork")
     pairs: int = line_options.pairs_option(20)
@@ -141,7 +141,7 @@ class _CorrelationOptions(LineOptions):
 
 
 def _correlation_functions(options: LineOptions, study: StudyRun) -> StudyResult:
-    """Evaluate the distances; write figure, data and metrics."""
+    """Evaluate the distance measures; write figure, data and metrics."""
     curves: dict[str, list[Curve]] = {}
     for kind in options.kinds:
         eye = camera(_VIEW, ground(kind, options.texels), options.noise, options.seed)
@@ -303,7 +303,7 @@ _GROUNDS = (
 
 
 class _Pictures(TextureOptions):
-    """Grounds, their resolution and the seed of the positions."""
+    """Options of the study ``grounds``: grounds, their resolution and the seed of the positions."""
 
     ground: tuple[str, ...] = line_options.grounds_option(*_GROUNDS)
 

@@ -154,7 +154,7 @@ class _Case(NamedTuple):
 
 
 class LawStop(NamedTuple):
-    """Result of a case.
+    """Result of the stop, or the bound, of one case.
 
     Attributes:
         seed: number of the case.
@@ -172,7 +172,7 @@ class LawStop(NamedTuple):
 
 
 def _cases(library: ExperimentLibrary, options: Options) -> Iterator[_Case]:
-    """Yield all cases."""
+    """Yield all cases of the study."""
     straight = "straight_line"
     if not options.without_optical:  # first, because these runs take the longest time
         optical = (*_ALLOCATION, _PROPORTIONAL, "feedback=optical")
@@ -224,7 +224,7 @@ class LawStops:
     """Callable that simulates the case with a given index; worker processes receive an instance."""
 
     def __init__(self, library: ExperimentLibrary, cases: Iterable[_Case]) -> None:
-        """Store the cases.
+        """Create the callable for a list of cases.
 
         Args:
             library: library that contains the experiment files.

@@ -125,7 +125,7 @@ def _speeds(
         name: name of the camera.
         sensor: the camera.
         speeds: simulated sideways speeds [m/s], shape (V,).
-        right: share of correct medians at each speed, 0 to 1, by ground, shape (V,) each.
+        right: share of correct medians at each speed, 0 to 1, keyed by ground, shape (V,) each.
         needed: share from which on a speed counts as measurable [1].
     """
     preset, computed = _PRESETS[name], sensor.sideways_speed
@@ -204,7 +204,7 @@ def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
-    """Return the highest speed up to which all shares are sufficient [m/s]; 0 if none is."""
+    """Return the highest speed up to which all shares are sufficient [m/s]; otherwise 0."""
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0

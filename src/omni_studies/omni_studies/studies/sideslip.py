@@ -102,10 +102,10 @@ class RollingWheel:
     """A wheel on one ground, with a line camera parallel to the axis of rotation."""
 
     def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
-        """Place the camera over the ground.
+        """Create the camera of the wheel over the ground.
 
         Args:
-            sensor: the camera; its position and heading are those of the wheel.
+            sensor: camera, placed at the contact of the wheel and parallel to the wheel's axis.
             texture: the ground.
             noise: standard deviation of the camera noise [gray levels].
             seed: seed of the noise.

@@ -75,7 +75,7 @@ class LockedWheels:
 
     @property
     def total(self) -> FloatArray:
-        """Sum of the forces [N], shape (2,)."""
+        """Sum of the wheel forces in the body frame [N], shape (2,)."""
         return np.asarray(self.vectors.sum(axis=0), dtype=np.float64)
 
     @property
@@ -140,7 +140,7 @@ def _draw_forces(cases: Mapping[str, LockedWheels], arrow: float = 0.55) -> Figu
 
     Args:
         arrow: length of the longest arrow, as a multiple of the chassis length.
-        cases: cases by name, of `_TITLES`; the vehicle moves upwards in the figure.
+        cases: cases, keyed by the names in `_TITLES`; the vehicle moves upwards in the figure.
     """
     title = "Locked wheels push along their rollers (the vehicle slides upwards)"
     x = "right of the middle [m]"
@@ -193,7 +193,8 @@ def _draw_manifold(manifolds: Mapping[str, SlidingManifold], speed: float) -> Fi
     """Draw the lines of zero error for each wheel, and the number of wheels that may brake.
 
     Args:
-        manifolds: manifolds of one vehicle by weighting; the line of motion is straight ahead.
+        manifolds: manifolds of one vehicle, keyed by weighting; the line of motion is straight
+            ahead.
         speed: speed of the vehicle along this line [m/s].
     """
     title = f"Which wheels may brake at {speed:g} m/s along the line"

@@ -40,7 +40,7 @@ class Setting:
 
     @property
     def label(self) -> str:
-        """Label of the weighting."""
+        """Label of the setting's weighting for tables and figures."""
         return f"k{self.k}" if self.weighting == "enhanced" else self.weighting
 
     @property
@@ -58,7 +58,7 @@ OFF = Setting("off")
 
 @dataclasses.dataclass(frozen=True)
 class BrakeLag:
-    """Lag of the brake pressure.
+    """Dead time and lag of the brake pressure.
 
     Attributes:
         dead_time: dead time of the brakes [s].

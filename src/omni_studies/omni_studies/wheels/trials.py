@@ -19,7 +19,7 @@ SINGLE, CONTACT, ROLLERS = "single", "roller_contact", "rollers"
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """A trial of a vehicle.
+    """Motion of a vehicle with given inputs, which is simulated with several wheel models.
 
     Attributes:
         title: title for figures.
@@ -80,7 +80,7 @@ class Outcome:
 def with_wheels(
     configuration: VehicleConfiguration, model: str, rollers: int
 ) -> VehicleConfiguration:
-    """Return a vehicle with another wheel model.
+    """Return a copy of a vehicle's configuration with another wheel model.
 
     Args:
         configuration: the vehicle.

@@ -50,8 +50,8 @@ def read_brake_data(
 
     Raises:
         BagError: the recording cannot be read or lacks a topic.
-        BrakeDataError: the wheels of the recording differ from those of the vehicle, the twist was
-            never measured, or a demand is not finite.
+        BrakeDataError: recording and vehicle have different wheels, the twist was never measured,
+            or a demand is not finite.
     """
     required = (topics.WHEEL_STATES, topics.PEDAL, TWIST_TOPICS[twist_topic])
     streams = read_streams(open_vehicle(folder), (*required, topics.ENABLE), required)

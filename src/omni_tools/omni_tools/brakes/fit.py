@@ -309,7 +309,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
 def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
     """Return standard errors of P unknowns, shape (P,).
 
-    Correlated residuals contain less information than the same number of independent ones. The
+    Correlated residuals contain less information than the same number of independent residuals. The
     influence of each row on an unknown is therefore summed with its autocovariance up to the first
     zero (White 1980, Bartlett 1946).
 
@@ -333,7 +333,7 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torque of each wheel's brake and its standard error [N m], each of shape (N,)."""
+    """Return the torque of each wheel's brake and the standard error [N m], shape (N,) each."""
     columns = np.concatenate(
         [
             _summed(e, e.per_torque * mean_shares(e, dead_time, time_constant)[:, np.newaxis])

@@ -1,1 +1,1 @@
-"""Many runs of one kind on all processor cores, one run per seed."""
+"""Campaigns: many runs of one kind on all processor cores, one run for each seed."""

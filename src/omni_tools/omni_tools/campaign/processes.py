@@ -1,8 +1,8 @@
 """Worker processes of a campaign on one machine.
 
 The workers are forks of the process that made the first run, so they share its imports and data. A
-worker ends when its parent ends. If a worker dies, all workers are replaced by new ones, which
-continue the unfinished work.
+worker ends when its parent ends. If a worker dies, new workers replace all workers and continue the
+unfinished work.
 """
 
 import ctypes

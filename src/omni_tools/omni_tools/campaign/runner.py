@@ -56,7 +56,7 @@ Work = Callable[[int], Row]
 
 
 class CampaignError(configuration.WorkError):
-    """The campaign cannot continue."""
+    """A campaign cannot continue; the message states the reason."""
 
 
 class CampaignOptions(Configuration):

@@ -27,8 +27,8 @@ class Tolerances(NamedTuple):
     Attributes:
         latest: limit on the delay of a brake's response beyond the dead time in the vehicle's file
             [s].
-        response: minimum ratio of the mean slip force of a braked wheel to that of the wheel with
-            the largest force [1].
+        response: minimum mean slip force of a braked wheel, divided by the largest one of all
+            wheels [1].
         braked: minimum integral of the demand while a wheel moves, for a test of its brake [s].
         share: minimum mean demand, which also suffices for a test of a brake [1].
         gain: minimum increase of the sum of correlations at which two brakes count as exchanged
@@ -112,8 +112,8 @@ class Response(NamedTuple):
     def _slip_of_command(self) -> FloatArray:
         """Return the torque of the ground on wheels that follow their speed commands [N m].
 
-        The speed command of a braked wheel decreases along the ramp. That of a released wheel is
-        its measured speed.
+        The speed command of a braked wheel decreases along the ramp. The speed command of a
+        released wheel equals the measured speed.
         """
         rolling, command = np.abs(self.rolling), np.abs(self.rolling)
         fall = self.demand * self.brake.ramp / self.radius * self.period

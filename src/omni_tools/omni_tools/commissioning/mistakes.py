@@ -214,7 +214,7 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
 
 
 def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) -> Iterator[Mistake]:
-    """Yield the sign or scale error of a quantity; `scale` is measured divided by true [1]."""
+    """Yield the sign or scale error of a quantity; `scale` is the ratio of measured to true [1]."""
     if scale < 0.0:
         yield Mistake(f"{quantity} has the wrong sign", of_sign)
     elif abs(scale - 1.0) > _ALLOWED.scale:

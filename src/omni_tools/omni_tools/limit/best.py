@@ -202,7 +202,7 @@ class OptimalStop:
         opti.set_initial(self._duration, duration)
 
     def _at_center(self, body: FloatArray) -> FloatArray:
-        """Convert pose and twist of base_link to those of the center of gravity, shape (6, K)."""
+        """Return pose and twist of the center of gravity for those of base_link, shape (6, K)."""
         x, y, yaw, v_x, v_y, rate = body
         c_x, c_y = self._masses.center
         a_x, a_y = turned(np.array((c_x, c_y)), yaw).T

@@ -5,8 +5,8 @@ Friction depends on the positions of the wheels. The shortest distance therefore
 largest deceleration at every position, ``d(v^2)/ds = -2 a(s, t)``, with the speed ``v``, the
 deceleration ``a``, the position ``s`` and the time ``t``. A slower vehicle arrives at a position
 later, when at least the same torque is available. Wheel spin cannot shorten the stop: a braked
-wheel turns no faster than a rolling one, so the impulse of its tire force is at most that of its
-brake.
+wheel turns no faster than a rolling wheel, so the impulse of its tire force is at most the impulse
+of its brake.
 
 For a stop that keeps heading and line, the ground under each wheel is known. Within `EDGE_MARGIN`
 of the edge of a patch, the higher friction is used. For stops with any heading and path, a wheel
@@ -161,7 +161,7 @@ def any_heading_bound(
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return the reason why no bound can be computed; empty if one can."""
+    """Return the reason why no bound can be computed; otherwise an empty text."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
@@ -190,7 +190,7 @@ def any_heading_sketch(
 
 
 class _Cases:
-    """Decelerations in a stop by position and torque; each distinct case is solved once."""
+    """Largest decelerations at each position and torque of a stop; each case is solved once."""
 
     def __init__(
         self,

@@ -88,7 +88,7 @@ class LimitVehicle:
         active: active directions [1], shape (N, 2).
         lever: lever of the active directions about the center of gravity [m], shape (N,).
         torque_force: limit on the force of each wheel per commanded brake torque [1/m], shape (N,).
-        grip: ratio of the friction of each wheel to that of the ground [1], shape (N,).
+        grip: factor on the friction between each wheel and the ground [1], shape (N,).
         strongest_peak: largest peak force of the tire at any load on ground with the friction
             factor 1 [N].
     """
@@ -150,7 +150,8 @@ class LimitVehicle:
     def _zero_moment_point(self, lag: float = 0.0) -> FloatArray:
         """Return the shift of the zero-moment point per force of a wheel [m/N], shape (2, 2 N).
 
-        The first N columns belong to the active directions, the others to the passive ones.
+        The first N columns belong to the active directions, the last N columns to the passive
+        directions.
         """
         directions = np.vstack((self.active, self._passive)).T
         return -(1.0 - lag) * self.masses.height / self._weight * directions

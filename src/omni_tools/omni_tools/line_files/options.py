@@ -37,7 +37,7 @@ class FileOptions(Configuration):
 
     @property
     def raw(self) -> RawFormat:
-        """Layout of raw bytes."""
+        """Layout of files with raw bytes, from the options."""
         from omni_tools.line_files.reading import RawFormat
 
         return RawFormat(self.pixels, int(self.bits))
@@ -55,7 +55,8 @@ def camera_files(
         key: key of the option, for error messages.
 
     Raises:
-        ConfigurationError: an argument does not name a known camera, or two name the same one.
+        ConfigurationError: an argument does not name a known camera, or two arguments name the same
+            camera.
     """
     files: dict[str, Path] = {}
     for source in sources:

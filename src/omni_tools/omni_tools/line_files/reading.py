@@ -120,7 +120,7 @@ def _frames(path: Path, raw: RawFormat) -> Iterator[NDArray[Any]]:
 
 
 def _by_number(path: Path) -> list[Any]:
-    """Sort names by the numbers in them: frame2 before frame10."""
+    """Return a key that sorts names by the numbers in them: frame2 before frame10."""
     words = re.split(r"(\d+)", path.name)
     return [int(word) if word.isdigit() else word for word in words]
 

@@ -91,7 +91,7 @@ class Matches(NamedTuple):
 
     @property
     def right(self) -> BoolArray:
-        """Whether the error of each pair is at most one pixel, which counts as noise."""
+        """Whether the displacement of each pair is correct within one pixel."""
         return np.abs(self.pixel_error) <= 1.0
 
     @property
@@ -142,7 +142,7 @@ def _whole_error(shift: FloatArray | IntArray, truth: FloatArray) -> FloatArray:
     """Return measured minus rounded true displacements [px].
 
     A true displacement near the middle between two integers has two valid roundings. Of the
-    integers within 0.55 px, the one nearer to the measurement is used.
+    integers within 0.55 px, the integer nearer to the measurement is used.
     """
     return np.where(np.abs(shift - truth) <= 0.55, 0.0, shift - np.round(truth))
 

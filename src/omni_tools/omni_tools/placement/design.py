@@ -1,7 +1,7 @@
-"""Comparison of the best placement of cameras under a vehicle with given and common ones.
+"""Comparison of the best placement of cameras under a vehicle with other placements.
 
-`design_task` makes the task from command-line options. `drive_mix` measures the error of a
-placement on rendered lines.
+`design_task` converts command-line options to the requirements of a placement. `drive_mix` measures
+the error of a placement on rendered lines.
 """
 
 import dataclasses
@@ -139,7 +139,7 @@ class DesignTask:
 
 
 class Design(NamedTuple):
-    """Result of a search for a placement.
+    """Result of a search for the best placement of cameras.
 
     Attributes:
         trial: measured errors of one camera, and the error model fitted to them.

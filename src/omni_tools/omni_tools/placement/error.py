@@ -222,7 +222,7 @@ def after_failure(criterion: MeanError, poses: FloatArray) -> FloatArray:
 
 
 def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
-    """Return two measures of how far a placement is from singular ones.
+    """Return two measures of how far a placement is from being singular.
 
     For a singular placement, at least one of both is 0.
 
@@ -286,7 +286,7 @@ class EvaluatedPlacement(NamedTuple):
 def evaluate(
     name: str, sensors: Mapping[str, LineSensor], criterion: MeanError, area: MountingArea
 ) -> EvaluatedPlacement:
-    """Evaluate a placement on a chassis.
+    """Return the errors of a placement on a chassis.
 
     Args:
         name: name of the placement.

@@ -1,8 +1,8 @@
 """Area in which line cameras can be mounted under a chassis, and common placements on a circle.
 
 A camera occupies the rectangle of its field of view and a housing around it. Each camera keeps a
-clearance from the edge of the chassis, the wheels and the other cameras. The width of a wheel is
-the one used in the drawings, because the configuration does not contain it.
+clearance from the edge of the chassis, the wheels and the other cameras. The configuration does not
+contain the width of the wheels; the width in the drawings is used.
 """
 
 import dataclasses

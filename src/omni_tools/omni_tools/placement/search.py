@@ -81,7 +81,7 @@ class _Unit(NamedTuple):
 
 
 class FoundPlacement(NamedTuple):
-    """Result of a search.
+    """Best placement that a search has found.
 
     Attributes:
         poses: x, y [m] and heading [rad] of the cameras, after rounding, shape (N, 3).
@@ -156,7 +156,7 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the symmetries to try, each with its groups of a camera and its images."""
+    """Return the symmetries to try, and for each symmetry the groups of symmetric cameras."""
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),
@@ -304,7 +304,7 @@ class _Search:
         return float(values[best]), places[best]
 
     def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
-        """Return the coarse grid positions that fit, and the cameras' information there."""
+        """Return the coarse grid positions that fit, and the information of the cameras there."""
         reach = self._area.reach
         turns = np.arange(self._headings) * math.pi / self._headings
         axes = [_grid(limit, self._spacing) for limit in reach] + [turns]

@@ -4,9 +4,9 @@ Time series are base64 texts of little-endian 32-bit floats, one text per column
 missing value. Such texts are smaller than decimal numbers, and a browser reads them fast.
 
 Slips and loads of the wheels are not recorded. Both are computed from the recorded true motion and
-the vehicle's configuration. The slip is that of the rim relative to the ground. The simulator's
-slip is that of the contact patch, which differs for a few milliseconds after a change of the brake
-because the tire is elastic. The loads are those on flat ground.
+the vehicle's configuration. The slip in the report is the slip of the rim relative to the ground.
+The simulator computes the slip of the contact patch, which differs for a few milliseconds after a
+change of the brake because the tire is elastic. The loads are computed for flat ground.
 
 The content security policy of the file forbids all requests and all scripts except its own, which
 is identified by its hash. The content of recordings is a block of JSON, from which no text can
@@ -43,7 +43,7 @@ _DEGREES = 180.0 / math.pi
 
 
 def report_document(title: str, runs: Sequence[recording.ReportedRun]) -> dict[str, Any]:
-    """Return a report as plain values.
+    """Return the content of a report as plain values.
 
     Args:
         title: title of the report.
@@ -252,7 +252,7 @@ _SCRIPTS = ("data.js", "top_view.js", "plots.js", "tables.js", "player.js")
 def report_page(
     title: str, runs: Sequence[ReportedRun], seen: Mapping[str, bytes] | None = None
 ) -> str:
-    """Return the HTML text of a report.
+    """Return the HTML text of a report on several runs.
 
     Args:
         title: title of the report.

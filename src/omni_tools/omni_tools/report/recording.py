@@ -34,7 +34,7 @@ class Series(NamedTuple):
     Attributes:
         stamp_ns: stamps [ns], increasing, shape (M,).
         values: values in the unit of their source, shape (M, K).
-        names: names of the columns; empty if they are those of the run's wheels.
+        names: names of the columns; empty if the columns belong to the run's wheels.
     """
 
     stamp_ns: IntArray
@@ -156,7 +156,7 @@ def compared_runs(path: Path, name: str) -> dict[str, dict[str, Metric]]:
         name: name of the recording.
 
     Raises:
-        BagError: the recording cannot be read, or is not that of a run.
+        BagError: the recording cannot be read, or does not contain a run.
     """
     history = recorded_run.read_run(path)
     stops = _named_stops(history, name)
@@ -220,7 +220,7 @@ def read_reported_run(path: Path, name: str) -> ReportedRun:
         name: name, unique within the report.
 
     Raises:
-        BagError: the recording cannot be read, or is not that of a run.
+        BagError: the recording cannot be read, or does not contain a run.
     """
     history = recorded_run.read_run(path)
     forces = read_wheel_forces(path, len(history.wheel_names))
@@ -326,7 +326,7 @@ def _read_tree(path: Path) -> dict[str, Any]:
 def _flattened(
     tree: Mapping[Any, Any], above: str = "", depth: int = 1
 ) -> Iterator[tuple[str, str]]:
-    """Yield dotted keys and texts one by one, since aliases can make a small file very large."""
+    """Yield pairs of dotted key and text one by one, as aliases can make a small file large."""
     for name, value in tree.items():
         key = f"{above}.{name}" if above else str(name)
         if isinstance(value, dict) and value and depth < _DEEPEST:

@@ -217,8 +217,8 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
     Args:
         run: run that ends at rest.
         points: the footprint in `base_link` [m], shape (C, 2).
-        start: time from which the area is counted [s]; the frame is that of `base_link` at this
-            time.
+        start: time from which the area is counted [s]; the area is described in the frame of
+            `base_link` at this time.
     """
     pose = run.pose[np.searchsorted(run.stamp_ns, round(start * SECOND_NS)) :]
     angle = pose[:, 2] - pose[0, 2]
@@ -240,7 +240,7 @@ def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
 def inside(
     campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]
 ) -> NDArray[np.bool_]:
-    """Return whether each stop stays within the area of its cell, shape (stops,)."""
+    """Return whether each stop stays within the area of its cell (`Cell`), shape (stops,)."""
     cells = [campaign.cell_of(sweep.seed) for sweep in sweeps]
     return np.asarray(np.all(supports_of(sweeps) <= limits[cells], axis=1))
 

@@ -16,11 +16,11 @@ from omni_tools.stopping_area.area import SECTORS, Cell, corners, footprint
 def areas_figure(
     cells: Sequence[Cell], limits: FloatArray, vehicle: VehicleConfiguration, title: str
 ) -> Figure:
-    """Draw the areas of straight motion, or of all motion if yaw rates are not distinguished.
+    """Draw the stopping areas of straight motion, or of all motions without yaw-rate bands.
 
     Args:
         cells: cells of the motions.
-        limits: H_k of each cell [m], shape (cells, DIRECTIONS).
+        limits: support function H_k of the area of each cell [m], shape (cells, DIRECTIONS).
         vehicle: vehicle, drawn at its pose at the alarm.
         title: title of the figure.
     """

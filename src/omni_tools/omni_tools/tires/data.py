@@ -1,7 +1,7 @@
 """Reading of measured tire forces from a CSV file with the columns slip, load and force.
 
 The first line names the columns, in any order; other columns are ignored. The names ``load_N`` and
-``force_N`` are accepted too, but no other units. Lines that begin with ``#`` are comments. If a
+``force_N`` are also accepted, but no other units. Lines that begin with ``#`` are comments. If a
 file cannot be used, the error message states the reason and the line.
 """
 
@@ -37,7 +37,7 @@ class TireData(NamedTuple):
 
 
 def read_tire_data(path: Path) -> TireData:
-    """Read measurements from a CSV file.
+    """Return measured tire forces from a CSV file.
 
     Raises:
         TireDataError: the file cannot be read, a column is missing, or a value is not a usable

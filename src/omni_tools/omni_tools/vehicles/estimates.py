@@ -14,7 +14,7 @@ _MECANUM, _OMNI = "mecanum", "omni"
 
 
 class Measured(Configuration):
-    """Measured size and mass of a vehicle."""
+    """Measured size, mass and equipment of a vehicle."""
 
     length: float = parameter(unit="m", above=0.0, maximum=50.0)
     """length of the chassis"""
@@ -89,7 +89,7 @@ def write_vehicle(name: str, measured: Measured, folder: Path) -> list[Path]:
         folder: folder of the files, created if it is missing.
 
     Returns:
-        The written files.
+        Paths of the written files.
     """
     folder.mkdir(parents=True, exist_ok=True)
     parts = {"vehicle": _vehicle, "sensors": _sensors, "experiment": _experiment}

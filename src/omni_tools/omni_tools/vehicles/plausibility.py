@@ -54,7 +54,7 @@ def wheel_facts(vehicle: VehicleConfiguration, friction: float = 1.0) -> dict[st
     """Return load, friction capacity and brake force of each wheel of a vehicle at rest.
 
     Args:
-        vehicle: vehicle with any number of wheels; the loads are those of a rigid chassis.
+        vehicle: vehicle with any number of wheels; the loads are computed for a rigid chassis.
         friction: friction factor of the ground [1].
     """
     masses = MassProperties.of(vehicle.body, vehicle.load)

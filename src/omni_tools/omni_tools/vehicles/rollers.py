@@ -2,7 +2,7 @@
 
 With a wrong sign of one roller angle, the platform can still move in all three degrees of freedom,
 but with wrong kinematics. The error violates symmetry: if two wheels are mirror images of each
-other, their rollers must be mirror images too.
+other, their rollers must also be mirror images.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, _workspace: workspace.Workspace) -> command_report.Report:
-    """Read the recording completely."""
+    """Read the recording completely, and report its counts and problems."""
     from omni_recording.actions.check import check_bag
 
     result = check_bag(options.bag)

@@ -26,7 +26,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
-    """Write the tables."""
+    """Write the tables of the chosen topics."""
     from omni_recording.actions.export import export_bag
 
     folder = options.out or beside(options.bag, "exported")

@@ -21,7 +21,7 @@ class Options(CommandOptions):
 
 
 def run(options: Options, _workspace: Workspace) -> Report:
-    """Read the index of the recording."""
+    """Read the index of the recording, and report topics, types, counts and times."""
     from omni_recording.folder import bag_summary, open_bag
 
     found = open_bag(options.bag)

@@ -39,7 +39,7 @@ class Options(FileOptions, CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Create the recording."""
+    """Create a recording from the lines in the files."""
     from omni_bringup.graph.run_folder import unused, write_configuration
     from omni_bringup.replay.lines import write_lines
     from omni_platform.configuration import to_mapping

@@ -44,7 +44,7 @@ class Options(FileOptions, CommandOptions):
 
 
 def run(options: Options, workspace: Workspace) -> Report:
-    """Compute the tables."""
+    """Compute and write the correction tables of all given cameras."""
     from omni_bringup.replay.lines import read_batches
     from omni_bringup.replay.plan import recorded_configuration
     from omni_recording.folder import open_vehicle
@@ -109,7 +109,7 @@ def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None)
 def _pattern_of(
     odometry: OdometryConfiguration, name: str, batches: Sequence[LineBatch], tables: Path
 ) -> FixedPattern | None:
-    """Return the fixed pattern of a camera, which the odometry estimates from a drive."""
+    """Return the fixed pattern of a camera, which the odometry estimates from a recorded motion."""
     from linescan_odometry.sensor import SensorOdometry
 
     camera = SensorOdometry(odometry.sensors[name], odometry, tables)
@@ -119,7 +119,7 @@ def _pattern_of(
 
 
 def _quantities(references: References) -> dict[str, tuple[float, str]]:
-    """Return statistics of a camera's tables as pairs (value, unit) by name."""
+    """Return statistics of a camera's tables as pairs (value, unit), keyed by name."""
     dark, pattern = references.dark, references.pattern
     gain = 1.0 / references.gain
     still = 0.0 if pattern is None else pattern.deviation(len(dark))

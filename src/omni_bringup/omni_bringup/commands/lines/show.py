@@ -75,7 +75,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _quantities(kymograph: Kymograph) -> dict[str, tuple[float, str]]:
-    """Return statistics of a camera's lines as pairs (value, unit) by name."""
+    """Return statistics of a camera's lines as pairs (value, unit), keyed by name."""
     matched = np.isfinite(kymograph.displacement)
     velocity = [reading.velocity for reading in kymograph.readings if reading.measured]
     values = {}

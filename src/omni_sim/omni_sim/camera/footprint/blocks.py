@@ -1,4 +1,4 @@
-"""Addition of runs of 8-bit texels to 16-bit columns, 32 columns at a time.
+"""Addition of runs of consecutive 8-bit texels to 16-bit columns, 32 columns at a time.
 
 The runs of line cameras are short. For the ends of a run, which do not fill a vector, a compiler
 uses a scalar loop that takes longer than the middle of the run. Blocks of columns are therefore
@@ -40,7 +40,7 @@ Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 
 @intrinsic
 def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> Intrinsic:
-    """Add a whole block of columns of four rows."""
+    """Add all columns of a block for four rows."""
     return _adding(sums, texture, [offsets])
 
 

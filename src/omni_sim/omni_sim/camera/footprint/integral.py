@@ -13,7 +13,7 @@ from x only by a constant shift. A line is computed in three steps:
 2. Along the two long sides, the rows that a column covers only in part are added with weights.
 3. The four accumulators are merged into cells of a quarter texel. The prefix sum of the cells is
    read at the edges of the pixels, which is exact for any pixel pitch. If texels are means of finer
-   ones, the cells are weighted first, to follow the gray level within a texel.
+   texels, the cells are weighted first, to follow the gray level within a texel.
 
 All computations except the last step use integers, so results do not depend on vectorization.
 Texels are squares of constant gray level. Shifts below a quarter texel and the slant of a pixel's
@@ -96,7 +96,7 @@ def _integrate(
     half_width: float,
     lines: Float32Array,
 ) -> None:
-    """Write `lines`, given half the length and half the width of the footprint [texels]."""
+    """Write the pixels of all lines; `half_length` and `half_width` are in [texels]."""
     scratch = _scratch(half_length, half_width, lines.shape[1])
     texels = ground.texels
     for line in range(len(centers)):
@@ -122,7 +122,7 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Allocate buffers, given half the length and half the width of the footprint [texels]."""
+    """Return buffers for footprints with half this length and half this width [texels]."""
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
@@ -155,7 +155,7 @@ def _integrate_line(
     scratch: _Scratch,
     line: Float32Array,
 ) -> None:
-    """Integrate one line.
+    """Compute the pixels of one line.
 
     Args:
         ground: texels.

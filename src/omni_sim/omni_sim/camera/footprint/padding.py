@@ -70,16 +70,16 @@ _MARGIN = 2 * 8 + 3 * blocks.BLOCK
 
 
 class Coarsening(NamedTuple):
-    """Rules for the use of texels coarser than those of the ground.
+    """Rules for the use of texels that are coarser than the texels of the ground.
 
     If a footprint is many texels wide, slightly more than one texel per pixel suffices.
 
     Attributes:
-        sufficient: smallest number of texels per pixel along the axis, and across the footprint.
-        wide: alternative for a wide footprint: smallest number of texels per pixel along the axis,
-            and across the footprint.
+        sufficient: minimum number of texels per pixel along the axis, and minimum number of texels
+            across the footprint.
+        wide: the same two minimum numbers for a wide footprint, as an alternative to `sufficient`.
         most: limit on the number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
-        worth: smallest ratio of coarse to fine texel size for which coarse texels are used [1].
+        worth: minimum ratio of coarse to fine texel size at which coarse texels are used [1].
         whole: limit on the factor by which the number of coarse texels is increased so that each of
             them consists of whole texels of the ground [1].
     """
@@ -105,8 +105,8 @@ class PaddedTexture(NamedTuple):
         texels: texels per period.
         stride: number of texels in a padded row.
         texel: edge length of a texel [m].
-        reach: length of the longest footprint [m].
-        averaged: whether the texels are means of finer ones.
+        reach: length of the longest footprint that can be integrated [m].
+        averaged: whether the texels are means of finer texels.
     """
 
     rows: NDArray[np.int8]
@@ -120,15 +120,15 @@ class PaddedTexture(NamedTuple):
 
     @classmethod
     def build(cls, texture: GroundTexture, reach: float, texels: int = 0) -> PaddedTexture:
-        """Prepare a texture.
+        """Return a texture that is prepared for `integrate_lines`.
 
         The ground is not copied, because it may occupy a third of a gigabyte.
 
         Args:
             texture: the ground.
             reach: longest footprint that will be integrated [m].
-            texels: number of texels per period, at most that of the ground; 0 to use the number of
-                the ground.
+            texels: number of texels per period, at most the number of the ground; 0 to use the
+                number of the ground.
         """
         texels = texels or len(texture.gray)
         texel = texture.size / texels
@@ -159,7 +159,7 @@ class PaddedTexture(NamedTuple):
 
 
 def _room(texels: int, stride: int) -> NDArray[np.int8]:
-    """Return an array for padded rows, each aligned to a cache line."""
+    """Return an empty array for padded rows; each row is aligned to a cache line."""
     room = np.empty(texels * stride + _CACHE_LINE, np.int8)
     first = -room.ctypes.data % _CACHE_LINE
     return room[first : first + texels * stride].reshape(texels, stride)
@@ -168,12 +168,16 @@ def _room(texels: int, stride: int) -> NDArray[np.int8]:
 def padded_levels(
     sensors: Mapping[str, LineSensor], texture: GroundTexture, headroom: float = 1.0
 ) -> dict[str, PaddedTexture]:
-    """Return a padded ground for each camera, with the coarsest texels that are accurate enough.
+    """Return a padded ground for each camera, keyed by name.
+
+    The texels are as coarse as the camera's accuracy permits.
+
 
     Args:
-        sensors: the cameras by name.
+        sensors: cameras, keyed by name.
         texture: the ground.
-        headroom: limit on the factor by which heave of the chassis lengthens the views [1].
+        headroom: limit on the factor by which heave of the chassis lengthens the fields of view
+            [1].
 
     Raises:
         ConfigurationError: a footprint exceeds the period of the texture or is narrower than 10

@@ -42,7 +42,7 @@ _0, _1, _2, _3 = (np.uint64(i) for i in range(4))
 
 
 class Placement(NamedTuple):
-    """Positions of the rows of texels under a line.
+    """Placement of the rows of texels under a camera line.
 
     Attributes:
         first: index of the first row, in the texture or in its mirror image.
@@ -61,7 +61,7 @@ class Placement(NamedTuple):
 
 
 class Cover(NamedTuple):
-    """Rows that each column covers.
+    """Range of texel rows that each column of a footprint covers.
 
     Column c covers the rows from ``low + climb c`` to ``low + climb c + height``. All values are
     rows as fixed-point numbers.
@@ -78,7 +78,7 @@ class Rows(NamedTuple):
     Attributes:
         offsets: index in the texture of column 0 of each row.
         starts: first column in which each row is covered completely.
-        ends: one past the last such column.
+        ends: column after the last column in which each row is covered completely.
         classes: class of the fractional shift of each row.
         listed: rows that are covered completely in at least one column, for each class.
         used: number of listed rows in each class.
@@ -94,7 +94,7 @@ class Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
-    """Set the texture index of column 0 and the class of the fractional shift for each row."""
+    """Write for each row the texture index of column 0 and the class of the fractional shift."""
     row_0, downwards, origin, ahead, ahead_per_row = placement
     offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
     row = row_0 % texels
@@ -189,7 +189,7 @@ def list_rows(count: int, rows: Rows) -> None:
 def add_rows(
     texture: Int8Array, rows: Rows, cls: int, sums: Int16Array, totals: Int32Array
 ) -> None:
-    """Set `totals` to the sum of the rows of a class, scaled by 2^WEIGHT_BITS."""
+    """Write the sum of the rows of a class, scaled by 2^WEIGHT_BITS, to `totals`."""
     listed, used = rows.listed[cls], rows.used[cls]
     sums[:] = 0
     for place in range(0, min(used, _SPILL), GROUP):
@@ -240,9 +240,9 @@ def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
 def add_edges(texture: Int8Array, cover: Cover, offsets: IntArray, totals: Int32Array) -> None:
     """Add the two rows that each column covers only in part, with weights, to the column's total.
 
-    The totals are those of the class of rows without a fractional shift, although these rows may
-    have one. The weights of all rows of a column add up to the footprint's height regardless of
-    rounding, so that a uniform ground gives uniform lines.
+    The totals belong to the class of rows without a fractional shift, although the two rows may
+    have a fractional shift. The weights of all rows of a column add up to the footprint's height
+    regardless of rounding, so that a uniform ground gives uniform lines.
 
     Args:
         texture: texels.

@@ -13,4 +13,4 @@ MODELS: Mapping[str, TireModel] = {
     name: register(importlib.import_module(f"{__name__}.{name}").MODEL)
     for name in sorted(module.name for module in pkgutil.iter_modules(__path__))
 }
-"""Every model by its name."""
+"""All tire models, keyed by name."""

@@ -18,7 +18,7 @@ from omni_sim.tire.model import FitRecipe, Landmarks, TireModel, plain_mapping
 
 
 class LinearConfiguration(Configuration):
-    """A linear tire; the defaults are the tire of Table 1 at its first nominal load."""
+    """Parameters of a linear tire, by default the tire of Table 1 at the first nominal load."""
 
     largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
@@ -29,14 +29,14 @@ class LinearConfiguration(Configuration):
 
 
 class LinearParameters(NamedTuple):
-    """Constants of the kernels: ratios of slope at zero slip and of largest force to load [1]."""
+    """Constants of the kernels: slope at zero slip and largest force, divided by the load [1]."""
 
     stiffness: float
     friction: float
 
 
 class LinearCurve(NamedTuple):
-    """A curve at one load; see `model.Curve`."""
+    """Force-slip curve of the linear tire at one load; see `model.Curve`."""
 
     slope: float
     peak_slip: float

@@ -32,7 +32,7 @@ _CURVATURE_RANGE = (-20.0, 0.95)
 
 
 class MagicFormulaConfiguration(Configuration):
-    """A Magic Formula tire; the defaults resemble the longitudinal tire of Table 1."""
+    """Parameters of a Magic Formula tire, by default similar to the tire of Table 1."""
 
     largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
     """Largest permissible wheel load"""
@@ -89,7 +89,7 @@ class MagicFormulaParameters(NamedTuple):
 
 
 class MagicFormulaCurve(NamedTuple):
-    """A curve at one load; see `model.Curve` and `contact.solve_contact`.
+    """Magic Formula curve at one load; see `model.Curve` and `contact.solve_contact`.
 
     ``scale`` is B [1], ``shape`` C and ``curvature`` E.
     """
@@ -107,7 +107,7 @@ class MagicFormulaCurve(NamedTuple):
 
 @lean
 def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
-    """Return ``F / D`` and its derivative with respect to ``x = B s`` [1]."""
+    """Return the unit curve ``F / D`` and its derivative with respect to ``x = B s`` [1]."""
     bend = math.atan(x)
     inner = x - curvature * (x - bend)
     angle = shape * math.atan(inner)
@@ -163,7 +163,7 @@ def constants(
     shape: float,
     curvature: float,
 ) -> MagicFormulaParameters:
-    """Return the constants of the kernels.
+    """Return the constants of the kernels for the parameters of the formula.
 
     Args:
         friction: a_2 [1].

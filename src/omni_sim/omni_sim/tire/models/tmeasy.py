@@ -82,7 +82,7 @@ def _table_1(direction: str) -> TMeasyCurve:
 
 
 class TMeasyConfiguration(Configuration):
-    """TMeasy tire; the defaults are those of Table 1.
+    """Parameters of a TMeasy tire; the defaults are those of Table 1.
 
     The single-roller omni-wheel uses direction ``x`` along its active direction; direction ``y``
     belongs to the rollers of the wheel with individual rollers.
@@ -128,7 +128,7 @@ class TMeasyConfiguration(Configuration):
 
 
 def direction_coefficients(tire: TMeasyConfiguration, direction: str = "x") -> FloatArray:
-    """Return `curve_coefficients` of a direction of a tire, ``x`` or ``y``."""
+    """Return the `curve_coefficients` of a tire in the direction ``x`` or ``y``."""
     curve = {"x": tire.x, "y": tire.y}[direction]
     return curve_coefficients(curve, tire.nominal_load_1, tire.nominal_load_2)
 
@@ -187,14 +187,14 @@ class CurvePoint(NamedTuple):
 def curve_through(
     slope: float, peak_slip: float, peak_force: float, slide_slip: float, slide_force: float
 ) -> CurvePoint:
-    """Return the curve with five given numbers: slope and forces in [N], slips in [1]."""
+    """Return the curve that five numbers define: slope and forces [N], slips [1]."""
     fall = 1.5 * (peak_force - slide_force) / (slide_slip - peak_slip)
     middle = 0.5 * (peak_slip + slide_slip)
     return CurvePoint(slope, peak_slip, peak_force, slide_slip, slide_force, middle, fall)
 
 
 class TMeasyParameters(NamedTuple):
-    """Constants of the kernels.
+    """Constants of a TMeasy tire in one direction for the kernels.
 
     Attributes:
         coefficients: load interpolation of the curve, from `curve_coefficients`, shape (10,).
@@ -249,7 +249,7 @@ def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
 def curve_of(
     tire: TMeasyConfiguration, load: float, friction: float = 1.0, direction: str = "x"
 ) -> CurvePoint:
-    """Return the curve of a direction of a tire at a load, Eq. (3).
+    """Return the curve of a tire in one direction at a load, Eq. (3).
 
     Args:
         tire: tire with the curves of both directions, as in Table 1.
@@ -279,7 +279,7 @@ def _start(seen: Landmarks) -> FloatArray:
 def _values(unknowns: FloatArray) -> FloatArray:
     """Return parameters from the unknowns of a fit, in the order of `_FITTED`.
 
-    The unknowns contain slip and force of sliding as ratios to those of the peak.
+    The unknowns contain slip and force of sliding, divided by slip and force of the peak.
     """
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
