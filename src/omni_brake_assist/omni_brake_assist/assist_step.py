@@ -171,7 +171,7 @@ def _estimate_motion(
     pedal: float,
     dt: float,
 ) -> int:
-    """Estimate the present motion; update the effect monitor over the last step of `dt` [s]."""
+    """Estimate the present motion; update the effect monitor with the last step of `dt` [s]."""
     step, feedback = memory.step[0], inputs.feedback
     speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
     released = False
@@ -202,7 +202,7 @@ def _watch(
     dt: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the brake monitor over the last step of `dt` [s]."""
+    """Update the brake monitor with the last step, whose length is `dt` [s]."""
     step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
         memory.commanded, memory.speeds, memory.bank.record[0].scale

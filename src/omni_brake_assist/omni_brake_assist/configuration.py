@@ -58,8 +58,8 @@ class BrakeAssistConfiguration(Configuration):
     """Whether the assistant may release brakes; the errors are computed in either case"""
     law: str = parameter("sliding_mode")
     """Control law: sliding_mode is the law of the dissertation (2013); allocation distributes the
-    braking between the wheels by their friction capacities; my_module:MyLaw names your own class,
-    see docs/extending.md"""
+    braking between the wheels according to their friction capacities; my_module:MyLaw names your
+    own class, see docs/extending.md"""
     weighting: str = parameter("enhanced", choices=WEIGHTINGS)
     """Weighting psi of the parallel component: zero keeps the orientation best, cosine stops in
     the shortest distance, and enhanced is a compromise that depends on k"""

@@ -29,7 +29,7 @@ class ComparisonTable:
     quantity; the reason is below the table.
 
     Attributes:
-        metrics_by_variant: results of `run_metrics` by variant, in the order of the columns.
+        metrics_by_variant: results of `run_metrics`, keyed by variant, in the order of the columns.
         title: title above the table; None for no title.
     """
 

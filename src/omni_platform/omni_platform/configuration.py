@@ -260,7 +260,7 @@ def from_mapping(cls: type[C], mapping: Mapping[str, Any], key: str = "") -> C:
 
     Args:
         cls: the configuration to build.
-        mapping: values by name; a parameter that is missing keeps its default.
+        mapping: values, keyed by name; a missing parameter keeps its default.
         key: dotted path of `mapping` itself, for messages.
 
     Raises:

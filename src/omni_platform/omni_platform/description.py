@@ -28,8 +28,8 @@ def urdf(
 
     Args:
         name: name of the robot.
-        wheels: wheels by name.
-        sensors: line cameras, flow sensors and IMU by name.
+        wheels: wheels, keyed by name.
+        sensors: line cameras, flow sensors and IMU, keyed by name.
         size: length and width of the platform [m]; by default the extent of the wheel positions.
     """
     robot = ElementTree.Element("robot", name=name)

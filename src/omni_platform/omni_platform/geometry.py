@@ -68,7 +68,8 @@ class PlatformGeometry:
         """Return the geometry of the wheels of a platform.
 
         Args:
-            wheels: mounting of each wheel by name; the order of the wheels is that of the rows.
+            wheels: mounting of each wheel, keyed by name; all arrays have a row for each wheel in
+                this order.
 
         Raises:
             ConfigurationError: no wheel is given.

@@ -75,7 +75,7 @@ class PlatformKinematics:
 
         Args:
             twist: ``(v_cx, v_cy, Omega)`` in the body frame [m/s, m/s, rad/s], shape (..., 3).
-            radius: effective rolling radii [m], shape (N,); by default those of the geometry.
+            radius: effective rolling radii [m], shape (N,); by default the radii of the geometry.
 
         Returns:
             Wheel speeds [rad/s], shape (..., N).

@@ -100,7 +100,7 @@ def sensor_matrix(sensors: Mapping[str, Mount]) -> FloatArray:
     Each row is the `velocity_row` of a sensor's position along one of its `directions`.
 
     Args:
-        sensors: sensors by name.
+        sensors: sensors, keyed by name.
 
     Returns:
         Matrix of shape (R, 3), with one row for a line camera and two for a flow sensor, in the

@@ -53,7 +53,7 @@ class RunControl:
         return time.monotonic() - began
 
     def take_pose(self) -> FloatArray | None:
-        """Return the requested pose x, y [m], yaw [rad] once; None without a request."""
+        """Return a newly requested pose x, y [m], yaw [rad]; None without a new request."""
         pose, self._pose = self._pose, None
         return pose
 

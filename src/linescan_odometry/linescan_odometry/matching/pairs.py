@@ -17,8 +17,9 @@ class PairDisplacements:
 
     Attributes:
         displacement: motion of the sensor along its +axis [px], shape (m,).
-        errors: error of each displacement that each part of the overlap contributes [px], shape (m,
-            parts). The contributions are independent, and the sum of their squares is the variance.
+        errors: errors that the parts of the overlap contribute to each displacement [px], shape (m,
+            parts). These errors are independent, and the sum of their squares is the variance of
+            the displacement.
         similarity: correlation at the peak [1], shape (m,).
         usable: whether the peak of each pair is high enough, shape (m,).
     """

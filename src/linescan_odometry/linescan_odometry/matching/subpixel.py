@@ -126,7 +126,7 @@ def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -> None:
-    """Write smoothing and derivative for the new line, then for the old one, shape (4, taps)."""
+    """Write smoothing and derivative filters for the new and then the old line, shape (4, taps)."""
     for side in range(2):
         offset = fraction * (side - 0.5)
         for k in range(_TAPS):

@@ -186,7 +186,7 @@ class ObliqueTextures:
         """Create the detection for all cameras; no camera is over an oblique texture yet.
 
         Args:
-            sensors: the cameras by name.
+            sensors: cameras, keyed by name.
         """
         self._sensors = sensors
         # Rows that convert the twist to the velocity across each camera's axis, positive to the

@@ -54,7 +54,7 @@ class Rim(NamedTuple):
     """State of the rim of a braked wheel.
 
     Attributes:
-        speed: speed of the rim in the sense in which it rolls [m/s], at least 0.
+        speed: speed of the rim in the direction in which it rolls [m/s], at least 0.
         brake: brake force [N].
         force: low-passed friction force [N].
     """

@@ -99,7 +99,7 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _signals(options: Options, workspace: Workspace, wheels: tuple[str, ...]) -> "Signals":
-    """Receive the signals of a live drive, or read those of a recording."""
+    """Return the signals of a running vehicle or of a recording."""
     from omni_tools.commissioning.signals import MOTIONS, read_signals
 
     if options.recording != _LIVE:

@@ -141,10 +141,10 @@ def read_hardware(name: str, library: ExperimentLibrary) -> Hardware:
     """Return the configuration of the nodes of a vehicle, read from a file.
 
     Args:
-        name: name of a file in ``hardware/`` or ``experiments/`` of the configuration, folder of a
-            vehicle, or path of an experiment, of the ``configuration.yaml`` of a run, or of a file
-            with ``wheels``, ``sensors`` or ``flow_sensors`` and optionally ``odometry`` and
-            ``brake_assist``.
+        name: one of: name of a file in ``hardware/`` or ``experiments/`` of the configuration;
+            folder of a vehicle; path of an experiment; path of the ``configuration.yaml`` of a run;
+            path of a file with ``wheels``, ``sensors`` or ``flow_sensors`` and optionally
+            ``odometry`` and ``brake_assist``.
         library: library that contains the experiment and vehicle files.
 
     Raises:

@@ -240,7 +240,10 @@ def feed(
 def _exchange(
     partner: Partner, output: Topic, sent: Iterable[str], alive: Callable[[], bool]
 ) -> Exchange:
-    """Return an exchange that stores the answers; for `sent` and `alive`, see `await_node`."""
+    """Return an exchange that stores the answers of the checked node.
+
+    `sent` and `alive` are the arguments of `await_node`.
+    """
     node = partner.node
     exchange = Exchange(output, partner.await_node(output.path, alive, sent))
     exchange.incompatible = [found for path in sent for found in _incompatible(node, path)]

@@ -1,1 +1,1 @@
-"""How numba compiles, stores and links kernels."""
+"""Compilation, storage and linkage of numba kernels."""

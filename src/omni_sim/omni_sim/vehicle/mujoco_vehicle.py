@@ -122,7 +122,7 @@ class MujocoVehicle(Vehicle):
         return state
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle with wheels and rollers that roll at the speeds of the given twist.
+        """Place the vehicle with wheels and rollers that roll without slip at the given twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.
@@ -202,7 +202,7 @@ class MujocoVehicle(Vehicle):
         return limits
 
     def _base(self) -> tuple[FloatArray, FloatArray]:
-        """Return x, y [m], yaw [rad] of base_link and their rates in the world, each (3,)."""
+        """Return x, y [m], yaw [rad] of base_link in the world and their rates, shape (3,) each."""
         w, x, y, z = self._data.qpos[3:7]
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         yaw += 2.0 * math.pi * round((self.state.body[0]["yaw"] - yaw) / (2.0 * math.pi))

@@ -17,7 +17,7 @@ _PLACEMENTS = 8  # iterations for the plane under the wheels, whose positions de
 def place(
     state: State, masses: MassProperties, pose: FloatArray, twist: FloatArray, angle: FloatArray
 ) -> None:
-    """Place a vehicle with wheels and rollers that roll at the speeds of the given twist.
+    """Place a vehicle with wheels and rollers that roll without slip at the given twist.
 
     Args:
         state: state of the vehicle, changed in place.

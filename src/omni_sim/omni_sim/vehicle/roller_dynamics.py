@@ -131,7 +131,7 @@ def _step_contact(
 
 @lean_inline
 def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float:
-    """Return the roller's spin after its dry friction, which can hold it against its last force.
+    """Return the spin of a roller after a step of its dry friction, which may hold the roller.
 
     Args:
         rollers: constants of the friction.

@@ -148,7 +148,7 @@ class Vehicle:
         self.state.pressure.stuck[:] = np.where(begun, stuck, 0.0)
 
     def place(self, pose: ArrayLike, twist: ArrayLike) -> None:
-        """Place the vehicle with undeflected tires and wheels that roll at the speeds of the twist.
+        """Place the vehicle with undeflected tires and wheels that roll without slip at a twist.
 
         Args:
             pose: x, y [m], yaw [rad] of base_link in the world frame.

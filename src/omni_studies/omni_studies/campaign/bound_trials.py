@@ -164,7 +164,7 @@ def _kept(run: FastRun, experiment: ExperimentConfiguration, maneuver: limit.Man
 
 
 def over_bound(stops: Sequence[BoundTrial], bound: str) -> FloatArray:
-    """Return the ratio of each run to a bound, NaN where it does not apply, shape (R, laws)."""
+    """Return the distance of each run divided by a bound; NaN without a bound, shape (R, laws)."""
     part = "path" if bound == "any_heading" else "kept"
     taken = np.array([[getattr(one, f"{part}_{law}") for law in LAWS] for one in stops])
     return np.asarray(taken / np.array([[getattr(one, bound)] for one in stops]))

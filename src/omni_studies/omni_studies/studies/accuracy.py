@@ -345,7 +345,7 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, floa
 def _drive(
     name: str, kind: str, options: _Drives, radius: float = 0.6, batches: int = 8
 ) -> list[DriveCase]:
-    """Simulate all motions of three equal cameras on a circle of `radius` [m] over one ground."""
+    """Simulate all motions of three equal cameras, mounted on a circle of `radius` [m]."""
     camera = _CAMERAS[name]
     sensors = tangential(radius, camera)
     configuration = OdometryConfiguration(sensors=sensors)

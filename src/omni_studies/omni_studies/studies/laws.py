@@ -382,7 +382,7 @@ _COLORS = (style.BLACK, style.BLUE, style.GREEN, style.VERMILLION)  # of the law
 
 
 def _draw_bounds(stops: Sequence[BoundTrial]) -> Figure:
-    """Draw the distributions of path and stopping distance relative to their bounds, by law."""
+    """Draw the distributions of path and stopping distance relative to the bounds for each law."""
     bounds = {
         "any_heading": "path of the center of gravity / its bound [1]",
         "straight": "distance of stops that keep heading and line / its bound [1]",

@@ -149,7 +149,7 @@ def signals_of(
 
 
 def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
-    """Raise the `ConfigurationError` of wrong wheels, of a gap, or of a short recording."""
+    """Raise `ConfigurationError` for wrong wheels, a long gap, or a recording that is too short."""
     names = list(states.messages[0].name)
     if set(names) != set(wheels):
         raise configuration.ConfigurationError(
@@ -168,7 +168,7 @@ def _check_completeness(states: Stream, wheels: Sequence[str]) -> None:
 
 
 def _by_wheel(stream: Stream, field: str, wheels: Sequence[str]) -> quantities.FloatArray:
-    """Return a field of all messages by wheel; NaN for a wheel that a message does not name."""
+    """Return a field of all messages, one column per wheel; NaN if a message omits a wheel."""
     found = [
         dict(zip(message.name, getattr(message, field), strict=False))
         for message in stream.messages

@@ -236,7 +236,7 @@ class OptimalStop:
         return np.concatenate((body, np.abs(spin)))
 
     def _motion(self) -> Any:
-        """Return the function from state, torques and loads to state rates and load residuals."""
+        """Return the function from (state, torques, loads) to (state rates, load residuals)."""
         ca, masses = self._casadi, self._masses
         active, arm = self._geometry.active, self._geometry.position - self._masses.center
         swing, wheels = cross(arm, active), len(active)

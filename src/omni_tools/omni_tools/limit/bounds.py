@@ -270,7 +270,7 @@ class _Cases:
 
 
 class _Straight(_Cases):
-    """A stop that keeps its heading and its line."""
+    """Stops that keep heading and line of motion."""
 
     @property
     def _direction(self) -> FloatArray:
@@ -312,7 +312,7 @@ class _Straight(_Cases):
 
 
 class _AnyHeading(_Cases):
-    """A stop with any heading and path."""
+    """Stops with any heading and any path."""
 
     tolerance = 1e-3
 
@@ -335,7 +335,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """A stop with the heading, among `_SKETCHED` headings, that gives the largest deceleration."""
+    """Stops with that one of `_SKETCHED` headings that gives the largest deceleration."""
 
     _heading: FloatArray | None = None
 

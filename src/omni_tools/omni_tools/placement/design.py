@@ -156,7 +156,7 @@ class Design(NamedTuple):
 
     @property
     def best(self) -> criteria.EvaluatedPlacement:
-        """Placement with the smallest mean twist error that the search found."""
+        """Best placement that the search found: the one with the smallest mean twist error."""
         return self.placements[0]
 
     def placement(self, name: str) -> criteria.EvaluatedPlacement:

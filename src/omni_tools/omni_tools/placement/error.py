@@ -158,7 +158,7 @@ class ConditionNumber:
     """
 
     def information(self, poses: FloatArray) -> FloatArray:
-        """Return the elements of ``a^T a`` for poses of shape (..., 3), shape (..., 1, 6)."""
+        """Return the elements of ``a^T a``, shape (..., 1, 6), for `poses` of shape (..., 3)."""
         x, y, heading = (poses[..., i] for i in range(3))
         a_x, a_y = np.cos(heading), np.sin(heading)
         lever = x * a_y - y * a_x

@@ -231,7 +231,7 @@ class _Search:
         return value, current
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Round the placement and try its neighbors; return the criterion and the placement."""
+        """Round the placement and try neighbors; return the criterion and the best placement."""
         current = np.round(places / LATTICE) * LATTICE
         value = self._walk(units, current, math.inf, LATTICE, 3)
         return value, np.round(current / LATTICE) * LATTICE

@@ -169,7 +169,7 @@ def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
 
 
 def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
-    """Return every key with its value in each run; None if a run does not have the key."""
+    """Return every configuration key with the value in each run; None for a run without the key."""
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]
 

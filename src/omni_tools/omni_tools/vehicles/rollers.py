@@ -54,8 +54,8 @@ def roller_remarks(wheels: Mapping[str, WheelMount], poor: float = 0.5) -> tuple
 
     Args:
         wheels: wheels of a platform.
-        poor: limit on the ratio of the smallest singular value to that with all roller angles
-            reversed [1]; below this limit, an arrangement is implausible.
+        poor: minimum smallest singular value of a plausible arrangement, divided by the smallest
+            singular value with all roller angles reversed [1].
     """
     rollers = Rollers.of(wheels)
     suspects = _broken_symmetry(wheels)
