@@ -37,32 +37,33 @@ class OdometryConfiguration(Configuration):
     shift_divisor: float = parameter(2.0, minimum=1.1, maximum=64.0)
     """k: the search is limited to shifts of up to n / k, for lines of n pixels"""
     search_window: int = parameter(0, unit="px", minimum=0, maximum=16384)
-    """Half width of the search range around the last displacement. If the best match in this range
-    is at its border or is poor, all shifts are searched; 0 to always search all shifts"""
+    """Half width of the search range around the last displacement. If the best match is at the
+    border of this range, or if its correlation is too low, all shifts are searched; 0 to search all
+    shifts in every case"""
     prior_weight: float = parameter(0.0, minimum=0.0, maximum=100.0)
-    """Relative increase of the distance measure at a shift that differs from the last
-    displacement by the shift limit (section 4.6); 0 for no increase"""
+    """Relative increase of the distance measure at a shift whose difference from the last
+    displacement equals the shift limit (section 4.6); 0 for no increase"""
     flat_field_tables: str = parameter("")
     """Folder with the tables that `omni lines reference` computed from dark and white references
     or from a recorded motion, one file <sensor>.npz for each camera that has a table; empty for no
     tables"""
     minimum_correlation: float = parameter(0.4, minimum=0.0, maximum=1.0)
-    """Pearson's correlation at the peak below which a line pair is not used"""
+    """Pearson's correlation at the best shift, below which a line pair is not used"""
     median_lines: int = parameter(10, minimum=1, maximum=10000)
     """n: number of consecutive displacements whose median is used to reject outliers (section
     4.6)"""
     median_tolerance: float = parameter(1.5, unit="px", above=0.0, maximum=100.0)
-    """Distance from the median beyond which a displacement is an outlier"""
+    """Difference from the median above which a displacement is an outlier"""
     minimum_inlier_share: float = parameter(0.5, above=0.0, maximum=1.0)
     """Share of usable line pairs below which a batch yields no measurement"""
     maximum_acceleration: float = parameter(50.0, unit="m/s^2", minimum=0.0, maximum=1e6)
     """Limit on the plausible acceleration along a sensor's axis; 0 for no limit"""
     maximum_speed: float = parameter(20.0, unit="m/s", above=0.0, maximum=1000.0)
-    """Maximum speed of the vehicle, which determines how fast the position covariance grows while
-    no twist is measured"""
+    """Maximum speed of the vehicle; it determines how fast the covariance of the position grows
+    while the odometry measures no twist"""
     maximum_yaw_rate: float = parameter(10.0, unit="rad/s", above=0.0, maximum=1000.0)
-    """Maximum yaw rate of the vehicle, which determines how fast the variance of the yaw angle
-    grows while no twist is measured"""
+    """Maximum yaw rate of the vehicle; it determines how fast the variance of the yaw angle grows
+    while the odometry measures no twist"""
     cover_detection: bool = parameter(True)
     """Whether a camera is rejected if its view does not change while the platform moves across its
     axis, because it is covered or sees an oblique texture; set this to false for grounds with
@@ -91,7 +92,7 @@ class OdometryConfiguration(Configuration):
         return int(sensor.pixels / self.shift_divisor)
 
     def check_consistency(self) -> None:
-        """Check that placements and line lengths suffice for a twist.
+        """Check that the placement of the sensors and the line lengths suffice for a twist.
 
         Raises:
             ConfigurationError: a placement or length is invalid; the message names the sensors.

@@ -45,7 +45,8 @@ class SensorReading:
         inlier_share: share of the line pairs that were used, 0 to 1.
         measured: whether velocity and variance are valid.
         reason: reason why both are invalid; empty if they are valid.
-        static_time: time for which the view has not changed [s]; 0 if it changed in this batch.
+        static_time: time for which the view of the camera has not changed [s]; 0 if the view
+            changed in this batch.
         remark: description of a defect with which the lines are still usable; empty without a
             defect.
         reference_age: age of the earlier line that was compared with the newest line [s]; 0 without

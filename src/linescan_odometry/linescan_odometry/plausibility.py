@@ -62,7 +62,7 @@ class Plausibility:
         return plausible
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
-        """Store the mean over the last `lines` displacements [px] as the last measurement."""
+        """Store the mean displacement [px] over `lines` line pairs as the last measurement."""
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
 

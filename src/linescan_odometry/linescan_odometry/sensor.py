@@ -1,8 +1,8 @@
 """Velocity of one line camera by one of two methods, `joint` or `pairs`.
 
-`SensorOdometry.update` joins a batch to the previous one, passes the lines to the configured
-method, and returns velocity and variance. A stage without a measurement raises `Unmeasured` with
-the reason.
+`SensorOdometry.update` connects a batch to the previous batch, passes the lines to the configured
+method, and returns velocity and variance. A step that yields no measurement raises `Unmeasured`
+with the reason.
 """
 
 import math
@@ -61,7 +61,7 @@ class SensorOdometry:
         configuration: OdometryConfiguration,
         tables: Path | None = None,
     ) -> None:
-        """Create the stages for the sensor's number of pixels.
+        """Create the processing steps for the number of pixels of the sensor.
 
         Args:
             sensor: configuration of the camera.

@@ -30,7 +30,7 @@ class Estimator(Protocol):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Moment:
-    """Outputs of all parts of the loop at one control stamp.
+    """Outputs of plant, estimator and controller at one control stamp.
 
     Attributes:
         observation: output of the plant.

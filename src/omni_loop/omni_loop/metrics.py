@@ -1,9 +1,9 @@
 """Metrics of a braking run, such as distance, rotation, brake switching and odometry error.
 
-Braking lasts from the first stamp with the pedal down to the end of the history, by which the
-vehicle must have come to rest (`rest_stamp`). If the vehicle has not come to rest, or if the
-pedal is never pressed or is pressed at rest, some quantities are undefined. Their value is then
-NaN, never an intermediate value, and their note gives the reason.
+Braking lasts from the first stamp with the pedal down to the end of the history. By then, the
+vehicle must have come to rest (`rest_stamp`). If the vehicle has not come to rest, or if the pedal
+is never pressed or is pressed at rest, some quantities are undefined. Their value is then NaN,
+never an intermediate value, and their note gives the reason.
 
 All positions are those of `base_link`. The quantities, in the order of the result, are
 

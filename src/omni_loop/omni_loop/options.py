@@ -10,7 +10,8 @@ class LoopOptions(configuration.Configuration):
     law: str | None = command_options.option(None, metavar="NAME")
     """control law, built in or my_module:MyLaw; equivalent to --set brake_assist.law="""
     odometry: str | None = command_options.option(None, metavar="MODULE:CLASS")
-    """your own odometry class, for which lines are rendered; equivalent to --set feedback="""
+    """your own odometry class, which receives rendered camera lines; equivalent to --set
+    feedback="""
 
     simulator: str | None = command_options.option(None, choices=("single", "rollers", "mujoco"))
     """wheel model of the vehicle; equivalent to --set vehicle.wheel_model="""

@@ -96,7 +96,7 @@ def parse_override(text: str) -> dict[str, Any]:
 
 
 def nest(path: str, value: Any) -> dict[str, Any]:
-    """Return a dotted key such as ``a.b`` and its value as nested mappings."""
+    """Convert a dotted key such as ``a.b`` and its value to nested mappings."""
     for part in reversed(path.split(".")):
         value = {part: value}
     return dict(value)

@@ -63,10 +63,10 @@ def to_nanoseconds(stamp: Time) -> int:
 
 
 def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
-    """Return the stamp [ns] at the start of a serialized message.
+    """Return the stamp [ns] with which a serialized message begins.
 
     Args:
-        data: CDR with its encapsulation header, of a type that begins with a
+        data: message in CDR with its encapsulation header; the message type must begin with a
             `builtin_interfaces/Time`.
         of_list: whether the message begins with a list of messages of such a type; the stamp of the
             first message in the list is then returned.

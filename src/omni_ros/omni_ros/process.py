@@ -52,7 +52,7 @@ class StopFlag:
 
     @property
     def is_insistent(self) -> bool:
-        """Whether SIGTERM was received twice, so that the node must not wait any longer.
+        """Whether SIGTERM was received twice, which requires the node to stop without waiting.
 
         SIGINT does not count, since both a terminal and a launcher may pass on the same Ctrl-C.
         """

@@ -1,4 +1,4 @@
-"""Status of a node, published on `/diagnostics` at every change and at a fixed rate."""
+"""Status of a node, which is published on `/diagnostics` at every change and periodically."""
 
 import dataclasses
 import time

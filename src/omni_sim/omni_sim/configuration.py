@@ -44,10 +44,10 @@ class SimulationConfiguration(Configuration):
     settling_time: float = parameter(0.5, unit="s", minimum=0.0, maximum=60.0)
     """Time at rest after which the run ends"""
     rest_speed: float = parameter(0.05, unit="m/s", above=0.0, maximum=1.0)
-    """Speed below which the vehicle counts as at rest"""
+    """Speed below which the vehicle is regarded as at rest"""
     render_lines: bool = parameter(True)
-    """Whether the line cameras are rendered and the flow sensors read; if false, no optical
-    odometry is available"""
+    """Whether lines of the cameras are rendered and flow sensors are read; if false, the odometry
+    receives no measurements"""
 
     @property
     def control_period_ns(self) -> int:
@@ -105,10 +105,11 @@ class SimulatorConfiguration(Configuration):
     """Time steps and end of the simulation"""
 
     def check_consistency(self) -> None:
-        """Check that each camera delivers at least two lines in every control period.
+        """Check line rates, exposure times and the duration of the run.
 
-        Also check that no exposure is longer than a line period, and that the run does not end
-        before the driver's demands.
+        Each camera must deliver at least two lines in every control period. The exposure of a
+        camera must not be longer than its line period. The run must not end before the last demand
+        of the driver.
 
         Raises:
             ConfigurationError: a check fails; the message names the sensor or the duration.

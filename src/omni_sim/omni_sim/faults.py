@@ -1,4 +1,4 @@
-"""Sensor faults, which replace the fault-free readings of a channel.
+"""Simulated sensor faults, which replace the fault-free readings of a channel.
 
 The channels are the velocity sensor, the gyro, the accelerometer and the wheel encoders. A fault
 affects one axis (or wheel) of a channel, or all of them, from its onset on for a limited time. With

@@ -70,7 +70,7 @@ class FlowSensorArray:
         random: np.random.Generator,
         twist: FloatArray,
     ) -> None:
-        """Create the sensors of a vehicle that has moved with a constant twist before the start.
+        """Create the sensors of a vehicle that moved with a constant twist before the start.
 
         Args:
             sensors: sensors, keyed by name.
@@ -92,7 +92,7 @@ class FlowSensorArray:
             self._path[name] = turned(place, -sensor.heading) * period_ns / SECOND_NS
 
     def advance(self, trajectory: FloatArray) -> None:
-        """Add the displacement along a trajectory of base_link (x, y, yaw), shape (n + 1, >= 3)."""
+        """Count the displacement along a trajectory x, y, yaw of base_link, (n + 1, >= 3)."""
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():

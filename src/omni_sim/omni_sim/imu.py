@@ -1,9 +1,9 @@
 """Inertial measurement unit (IMU): yaw rate and specific force at its mounting position.
 
-The accelerometer gives the mean over a control period, like an IMU that averages its samples. Let
-``V`` and ``V_before`` be the velocities of the mounting position in the ground plane at the end and
-at the start of the period ``T``, ``R(psi)`` the rotation by the yaw angle, and ``g`` the component
-of gravity along this (sloping) plane. Then the specific force is
+A reading of the accelerometer is the mean over a control period, as in an IMU that averages its
+samples. Let ``V`` and ``V_before`` be the velocities of the mounting position in the ground plane
+at the end and at the start of the period ``T``, ``R(psi)`` the rotation by the yaw angle, and ``g``
+the component of gravity along this (sloping) plane. Then the specific force is
 
     f = R(psi)^T ((V - V_before) / T - g)
 

@@ -1,7 +1,7 @@
 """Readings of IMU, encoders and velocity sensor at a stamp, with faults, in one kernel.
 
-The noise of a stamp uses one row of standard normal values. The noise is therefore the same whether
-the rows are drawn one by one or all at once.
+The noise at a stamp uses one row of standard normal values. It is therefore the same whether a
+program draws the rows one by one or all at once.
 """
 
 from typing import NamedTuple

@@ -49,7 +49,7 @@ def rest_memory() -> NDArray[np.void]:
 
 @lean
 def rim_speed(twist: NDArray[np.float64]) -> float:
-    """Return the largest speed of a point 1 m from base_link [m/s].
+    """Return the largest speed among all points at a distance of 1 m from base_link [m/s].
 
     Args:
         twist: body twist (v_x, v_y [m/s], yaw rate [rad/s]), shape (3,).

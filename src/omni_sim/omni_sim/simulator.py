@@ -1,8 +1,7 @@
 """Simulator of vehicle, driver and sensors, advanced by one control period at a time.
 
 `observe` returns the measurements of the sensors at the present stamp; `advance` applies brake
-enables for one control period. Nothing here depends on ROS, on clocks, or on the source of the
-enables.
+enables for one control period. The module depends neither on ROS nor on a clock.
 """
 
 import dataclasses
@@ -73,8 +72,9 @@ class Simulator:
         control_period_ns: simulated time by which one call of `advance` advances [ns].
         overload: monitor of wheel loads beyond the range of the tire model, since the start of the
             run.
-        overloaded: whether a wheel load exceeded the range of the tire model in the last period.
-        tipping: whether a real vehicle would have begun to tip over in the last period.
+        overloaded: whether a wheel load exceeded the range of the tire model in the last control
+            period.
+        tipping: whether a real vehicle would have begun to tip over in the last control period.
     """
 
     def __init__(
@@ -233,7 +233,7 @@ class Simulator:
 
     @property
     def tipping_time(self) -> float:
-        """Time for which a single edge of the support polygon has carried the vehicle [s].
+        """Time for which the weight was on a single edge of the support polygon [s].
 
         During this time a real vehicle would begin to tip over, which the planar model does not
         simulate.

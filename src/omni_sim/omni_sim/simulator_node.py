@@ -50,8 +50,8 @@ class LoopConfiguration(Configuration):
     reply_timeout: float = parameter(10.0, unit="s", above=0.0, maximum=3600.0)
     """Lockstep: limit on the time to wait for a reply"""
     await_odometry: bool = parameter(False)
-    """Lockstep: whether the simulator also waits for the odometry of each step; needed for a brake
-    assistant that does not itself wait for the odometry"""
+    """Lockstep: whether the simulator also waits for the odometry of each step; set this for a
+    brake assistant that does not wait for the odometry itself"""
     publish_clock: bool = parameter(True)
     """Whether the simulated time is published on /clock; in a ROS domain, only one simulator may
     publish it"""
@@ -67,7 +67,7 @@ class LoopConfiguration(Configuration):
 
 
 class SimulatorNode(Node):
-    """Publishes the simulation step by step, and brakes with the received enables."""
+    """Publishes the sensor data of each step and applies the received enables."""
 
     def __init__(self) -> None:
         super().__init__("simulator")
@@ -276,7 +276,7 @@ class SimulatorNode(Node):
         self.count(publisher.topic_name)  # type: ignore[attr-defined]
 
     def count(self, topic: str) -> None:
-        """Count a published message, which must also appear in the recording."""
+        """Count a published message, for comparison with the number of recorded messages."""
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
     def _on_driver_pedal(self, message: JointState) -> None:

@@ -103,7 +103,7 @@ def sensor_memory() -> NDArray[np.void]:
 
 @lean
 def samples_now(sensor: SensorConstants, memory: Any, stamp_ns: int) -> bool:
-    """Return whether a sample is due at a stamp [ns]; a faulty sensor takes none."""
+    """Return whether a sample is due at a stamp [ns]; a faulty sensor takes no samples."""
     if sensor.fails_from_ns <= stamp_ns < sensor.fails_until_ns:
         return False
     due: bool = stamp_ns // sensor.period_ns > memory[0].sample
@@ -148,7 +148,7 @@ def read(
 
 @lean
 def state_covariance(sensor: SensorConstants, reading: FloatArray, covariance: FloatArray) -> None:
-    """Write the covariance of a reading whose uniform noise is proportional to its value.
+    """Write the covariance of a reading; its noise is uniform and proportional to its value.
 
     Args:
         sensor: constants.

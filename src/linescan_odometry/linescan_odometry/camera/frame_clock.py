@@ -19,7 +19,7 @@ class FrameClock:
 
     Attributes:
         lost: number of lost frames so far.
-        anew: number of resets of the clock so far.
+        anew: number of times the clock was reset so far.
     """
 
     def __init__(self, rate: float) -> None:

@@ -17,7 +17,7 @@ from omni_platform.configuration import ConfigurationError
 VIDEOS = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
 
 INSTALL = "./omni exec python -m pip install --no-deps --require-hashes -r requirements/{}.lock"
-"""Command that installs an optional library, to be completed with the name of its lock file."""
+"""Command that installs an optional library; the placeholder is the name of its lock file."""
 
 _RAW = ("GRAY", "Y8  ", "Y10 ", "Y12 ", "Y16 ")  # V4L2 formats that are not converted to color
 _FETCH_TIMEOUT = 0.5  # timeout for a frame of a GenICam camera [s]

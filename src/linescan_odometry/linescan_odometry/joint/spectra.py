@@ -30,7 +30,7 @@ _COHERENCE_LAG = 6  # line spacing at which the loss of coherence is measured
 
 _fast = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 summing = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
-"""Declares a kernel that may add the terms of a sum in any order, and several at once."""
+"""Declares a kernel in which the compiler may reorder the terms of a sum, for speed."""
 
 
 @summing
@@ -56,7 +56,7 @@ def window(length: int) -> Floats:
 
 @_fast
 def bands(size: int) -> NDArray[np.int64]:
-    """Return the edges of the frequency bands, in bins of a `size` px transform, lowest first."""
+    """Return the edges of the frequency bands [bins of a transform of `size` px], lowest first."""
     use = int(HIGHEST * size)
     edges = np.empty(64, np.int64)
     edges[0], count = 1, 1

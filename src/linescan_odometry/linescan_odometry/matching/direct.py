@@ -44,7 +44,7 @@ _KINDS = {
 
 # Smallest correlation of a credible shift. If the window is around a wrong shift, it does not
 # contain the right one, so its best shift is at the border or has a low correlation. This check
-# detects 99 % of such windows, and the median filter rejects the others.
+# detects nearly all such windows, and the median filter rejects displacements of the others.
 _CREDIBLE = 0.5
 _UNDEFINED = math.inf
 

@@ -3,9 +3,10 @@
 A point error is a single line pair that matches at a wrong peak. A displacement that is far from
 the median of n consecutive displacements counts as a point error and is rejected. The remaining
 displacements are averaged, because their mean is more accurate than the median. The error of a line
-enters two consecutive displacements with opposite signs, so in a mean over m displacements all
-errors cancel except the first and the last. The error of the mean is therefore proportional to 1 /
-m, whereas the mean of independent errors would be proportional to 1 / sqrt(m).
+affects two consecutive displacements with opposite signs, so in a mean over m displacements the
+errors of all lines cancel except those of the first and the last line. The error of the mean is
+therefore proportional to 1 / m, whereas the mean of independent errors would be proportional to 1 /
+sqrt(m).
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ def mark_inliers(
     tolerance: float,
     inlier: NDArray[np.bool_],
 ) -> None:
-    """Mark the displacements that agree with the median of their group.
+    """Mark the displacements that are within a tolerance of the median of their group.
 
     The pairs are divided into groups of nearly equal size, with at most `group_lines` pairs each.
     If no more than half of the pairs of a group agree, the whole group is invalid.

@@ -11,8 +11,8 @@ this is also true for a wheel that rolls backward.
 
 The dissertation writes ``-arctan(v_par / |v_b|)`` and calls v_par the forward and v_b the sideways
 velocity. Taken literally, a wheel that rolls straight ahead would have an angle of 90 deg. The
-dissertation interchanges the two names: a camera parallel to the axis of rotation measures v_par,
-the sideways velocity.
+dissertation therefore exchanges the two names: v_par is the velocity that a camera parallel to the
+axis of rotation measures, which is the sideways velocity.
 
 v_f must be the velocity of the wheel's center over the ground. The rim speed omega R (wheel speed
 times radius) equals v_f only without longitudinal slip. On a braked wheel omega R is smaller, so

@@ -32,7 +32,7 @@ class KinematicsConfiguration(Configuration):
     deviation: float = parameter(0.02, unit="m/s", above=0.0, maximum=100.0)
     """Standard deviation of the axle's sideways velocity while its wheels grip"""
     deviation_share: float = parameter(0.005, minimum=0.0, maximum=1.0)
-    """Further standard deviation of the axle's sideways velocity, as a share of the largest
+    """Additional standard deviation of the axle's sideways velocity, divided by the largest
     velocity that any sensor measures"""
 
     @property

@@ -20,7 +20,7 @@ _HARDEST_STOP = 50.0  # m/s^2; a larger deceleration is impossible
 
 
 class Covers:
-    """Detects occluded cameras from the motion of each camera."""
+    """Detects occluded cameras by comparing the view of each camera with its motion."""
 
     def __init__(self, sensors: Mapping[str, LineSensor]) -> None:
         """Create the detection for all cameras, for a vehicle at rest without occluded cameras."""

@@ -27,9 +27,9 @@ def interpolate_poses(
 ) -> FloatArray:
     """Return poses between physics steps by cubic Hermite interpolation.
 
-    The path has the given position and velocity at every step, so it is smooth. The error is of
-    fourth order in the step: at a step of 0.5 ms, an error of a micrometer would require a fourth
-    derivative of 6e9 m/s^4.
+    The interpolated path has the given position and velocity at every step, so it is smooth. Its
+    error is of fourth order in the length of the step, and negligible for the steps of the
+    simulation.
 
     Args:
         trajectory: x, y, yaw [m, m, rad] and their time derivatives in the world frame at uniform
@@ -174,7 +174,7 @@ class LineExposures:
             self._batches[name]
 
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
-        """Return the lines of each camera with times in (start, end]; call `complete` first.
+        """Return the lines of each camera with times in (start, end], after `complete`.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).

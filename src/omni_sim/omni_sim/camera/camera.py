@@ -85,7 +85,7 @@ class LineCamera:
         return footprints
 
     def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
-        """Return the mean gray level of each pixel's footprint, without noise or quantization.
+        """Return the mean gray level of each pixel's footprint, without noise and quantization.
 
         Args:
             poses: as in `lines`.
@@ -102,7 +102,7 @@ class LineCamera:
     def ground(
         self, poses: FloatArray, velocities: FloatArray | None = None
     ) -> NDArray[np.float32]:
-        """Return `grays` before shading, dirt and unequal pixel gains are applied."""
+        """Return `grays` without the effects of shading, dirt and unequal pixel gains."""
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)

@@ -55,9 +55,9 @@ class CameraConfiguration(Configuration):
     hot_pixels: int = parameter(0, minimum=0, maximum=1000)
     """Number of pixels with a dark signal of 20 to 120 gray levels"""
     mud: float = parameter(0.0, minimum=0.0, maximum=0.9)
-    """Share of the line, measured from its end, that mud on the optics hides"""
+    """Share of the line that mud on the optics hides, at the end of the line"""
     shadow: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the light that is lost in a shadow, which does not move with the ground"""
+    """Share of the light that is lost in a shadow that does not move with the ground"""
     shadow_speed: float = parameter(0.0, unit="m/s", minimum=0.0, maximum=100.0)
     """Speed at which the edge of the shadow moves back and forth along the line; 0 for an edge
     that is fixed in the view"""

@@ -5,7 +5,7 @@ line is therefore independent of the division of lines into batches and threads.
 hash of the counter gives four 12-bit numbers. The noise of a pixel is the sum of two values that
 these numbers select from a table of normal quantiles. The noise has 2^24 different values, the
 exact standard deviation and an excess kurtosis below 0.01, and is limited to 5.1 standard
-deviations. This method is many times faster than drawing normal variates.
+deviations. Drawing normal variates would take much longer.
 """
 
 import functools

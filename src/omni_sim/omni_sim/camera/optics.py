@@ -79,7 +79,8 @@ class PixelFaults:
     """Parts of the pixel values that do not come from the ground (gray levels of 8 bit).
 
     Attributes:
-        offset: dark signal, and light from mud on the optics, shape (pixels,).
+        offset: dark signal, and light from mud on the optics [gray levels of an 8-bit scale], shape
+            (pixels,).
         sight: share of the ground's light that reaches each pixel [1], 0 behind mud or at a defect,
             shape (pixels,).
     """

@@ -43,7 +43,7 @@ class DemandInbox:
         self._twist, self._twist_time = np.zeros(3), -math.inf
 
     def take_pedal(self, pedal: float, now: float) -> None:
-        """Store a pedal position from 0 to 1; any other value counts as full braking.
+        """Store a pedal position from 0 to 1; any other value means full braking.
 
         Args:
             pedal: pedal position.
@@ -54,7 +54,7 @@ class DemandInbox:
         self._pedal_required = True
 
     def take_twist(self, twist: FloatArray, now: float) -> None:
-        """Store a body twist [m/s, m/s, rad/s], shape (3,); NaN counts as zero."""
+        """Store a body twist [m/s, m/s, rad/s], shape (3,); NaN is replaced by zero."""
         self._twist = np.where(np.isfinite(twist).all(), twist, 0.0)
         self._twist_time = now
 
@@ -97,7 +97,7 @@ class ManualDriver:
         return np.zeros(3)
 
     def halt(self) -> None:
-        """Set the velocity command to zero, after the vehicle has been moved to another pose."""
+        """Set the velocity command to zero; used after the vehicle was moved to another pose."""
         self._command = np.zeros(3)
 
     def steer(self, pedal: float, target: FloatArray, twist: FloatArray, period: float) -> None:

@@ -23,7 +23,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
-"""Limit on the slope [1] up to which the motion may be computed in the horizontal projection."""
+"""Limit on the slope of the ground [1]; the model computes the motion in a horizontal
+projection."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
 _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, times R / h

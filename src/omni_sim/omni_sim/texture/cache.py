@@ -1,6 +1,6 @@
 """Disk cache of generated ground textures, so that each texture is generated only once.
 
-A ground with 2400 dpi needs a third of a gigabyte, so no copy is kept in memory.
+A texture of high resolution needs so much memory that no copy is kept.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class Brush(NamedTuple):
     generator: np.random.Generator
 
     def cells(self, spacing: float) -> int:
-        """Return the number of cells per period whose spacing is nearest to `spacing` [m]."""
+        """Return the number of cells per period with a spacing near `spacing` [m]."""
         return max(1, round(self.size / spacing))
 
     def leaves(self, density: float, shape: _Shape, softness: float) -> patterns.Leaves:

@@ -46,7 +46,7 @@ class Plain:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Cells:
-    """Voronoi cells of constant gray around points, with soft dark borders between them.
+    """Voronoi cells of constant gray level, with soft dark borders between them.
 
     Lengths are in cells of a grid that has c x c cells per period.
 

@@ -25,10 +25,10 @@ INCH = 0.0254
 """Length of an inch [m]."""
 
 BLOCK = 32
-"""Divisor of the default number of texels per period, so that texels can be merged in blocks."""
+"""Number by which the default number of texels per period is divisible, for merging in blocks."""
 
 MOST_TEXELS = 20480
-"""Limit on the number of texels per period, which need 0.4 GB; 20 cm at 2400 dpi have 18912."""
+"""Limit on the number of texels per period, which limits the memory."""
 
 FEWEST_TEXELS = 256
 """Minimum number of texels per period."""

@@ -81,7 +81,7 @@ def solve_contact(
 
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
-        damping: ``D``, damping of the tire with its stiffness over a step [N s/m].
+        damping: ``D``, damping of the tire plus stiffness times the length of a step [N s/m].
         gain: ``kappa``, effect of the wheel's mobility within the step [1].
         speed: ``V``, denominator of the slip [m/s].
         curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], at which the

@@ -2,9 +2,9 @@
 
 A model is one file in `tire.models` that defines ``MODEL``, a `TireModel`. It has one NamedTuple
 for its constants and one for its curve at a given load. Kernels call `curve_at`, `force_at` and
-`contact_friction` of this module. During compilation, numba selects the model's functions by the
-types of these tuples. A vehicle's kernel is therefore compiled and cached once for each model, the
-selection costs no time in a step, and no list of models is needed.
+`contact_friction` of this module. During compilation, numba selects the functions of a model by the
+types of these tuples. The kernel of a vehicle is therefore compiled and cached once for each model,
+and the selection takes no time in a step.
 
 The force of every model is odd in the slip, rises from zero with a finite slope to a single peak,
 and beyond it stays constant or falls. A friction factor ``mu/mu_0`` scales forces and slips of the
@@ -172,7 +172,8 @@ def contact_friction(
 
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
-        damping: ``D = d + c dt``, damping of the tire with its stiffness over a step [N s/m].
+        damping: ``D = d + c dt``, damping of the tire plus stiffness times the length of a step [N
+            s/m].
         gain: ``kappa = 1 + D m`` with the mobility ``m`` of wheel and vehicle [1].
         speed: ``V = r_D |omega| + v_num``, denominator of the slip [m/s].
         curve: curve from `curve_at`.

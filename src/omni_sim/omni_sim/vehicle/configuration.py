@@ -36,13 +36,13 @@ class WheelCondition(Configuration):
     """Difference of one wheel from all other wheels, such as a worn tire or a faulty brake."""
 
     friction: float = parameter(1.0, minimum=0.0, maximum=2.0)
-    """Factor on the friction between this wheel and the ground"""
+    """Factor by which the friction between this wheel and the ground is multiplied"""
     brake: float = parameter(1.0, minimum=0.0, maximum=2.0)
-    """Factor on the torque of this wheel's brake"""
+    """Factor by which the torque of this wheel's brake is multiplied"""
     mounted: float = parameter(0.0, unit="m", minimum=-0.1, maximum=0.1)
     """Mounting height of this wheel relative to the other wheels; requires a suspension"""
     open_valve: float = parameter(0.0, minimum=0.0, maximum=1.0)
-    """Share of the pedal's pressure that the valve of this brake passes at least; 1 for a valve
+    """Smallest share of the pedal's pressure that the valve of this brake passes; 1 for a valve
     that cannot release the brake"""
     stuck_brake: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Share of its full torque that this brake exerts even when the pedal is not pressed"""
@@ -93,7 +93,7 @@ class VehicleConfiguration(Configuration):
     roll of a vehicle on its tires"""
 
     def by_wheel(self, field: str) -> quantities.FloatArray:
-        """Return one field of `WheelCondition` for all wheels, shape (N,)."""
+        """Return the values of one field of `WheelCondition` for all wheels, shape (N,)."""
         values = np.full(len(self.wheels), getattr(_SOUND, field))
         if self.conditions:
             conditions = (self.conditions.get(name, _SOUND) for name in self.wheels)

@@ -13,9 +13,9 @@ coupling between wheels lags by one step. This second-order error is visible in 
 balance only with very stiff tires. On uneven ground the motion is in the path plane of
 `uneven_ground`, and gravity is an additional force.
 
-Kernels with one caller are inlined, because passing their many arguments would take more than a
-third of the computing time. Kernels with several callers are not inlined, which keeps the
-compilation short.
+Kernels with one caller are inlined, because passing their many arguments would take much of the
+computing time. Kernels with several callers are not inlined, so that the compilation takes less
+time.
 """
 
 import math

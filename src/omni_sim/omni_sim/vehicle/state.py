@@ -17,7 +17,7 @@ from omni_sim.wheel.brake_pressure import BrakePressure
 
 Structured = NDArray[np.void]
 Record = Any
-"""One record of a structured array, by reference."""
+"""Reference to a record of a structured array."""
 
 
 def _floats(*names: str, flag: str = "") -> np.dtype[np.void]:
@@ -102,8 +102,8 @@ class Plant(NamedTuple):
         slip_speed: speed v_num that keeps the slip of a locked wheel finite [m/s].
         friction: friction factor of the ground outside the patches [1].
         patches: table of the patches from `friction.FrictionMap`, shape (P, 8).
-        grip: factor on the friction under each wheel [1], shape (N,).
-        brake_share: factor on the torque of each wheel's brake [1], shape (N,).
+        grip: factor by which the friction under each wheel is multiplied [1], shape (N,).
+        brake_share: factor by which the torque of each wheel's brake is multiplied [1], shape (N,).
         brake_power: limit on the power of a wheel's brake [W].
         rollers: geometry of the rollers, `roller_geometry.AXIS`, shape (N,); shape (0,) if the
             contacts remain under the wheels.

@@ -248,7 +248,7 @@ class Vehicle:
 
     @property
     def motion(self) -> quantities.FloatArray:
-        """`pose` and `twist` in one array, shape (6,); yaw and velocity are in the path plane."""
+        """Array of `pose` and `twist`, shape (6,); yaw and velocity are in the path plane."""
         motion = np.empty(6)
         dynamics.base_motion(self.state.body[0], self.state.plant.center, motion)
         return motion
@@ -296,7 +296,7 @@ class Vehicle:
         return state
 
     def clearance(self, x: float, y: float) -> float:
-        """Return by how much the ground clearance of a point exceeds that on flat ground [m].
+        """Return the ground clearance of a point minus its clearance on flat ground [m].
 
         Args:
             x: coordinate x of the point, forward of base_link [m].
@@ -329,7 +329,7 @@ class Vehicle:
 
     @property
     def rollers(self) -> layout.Structured:
-        """State of each individual roller, a copy of the records `state.ROLLER`, shape (N, n).
+        """State of each individual roller: a copy of the records `state.ROLLER`, shape (N, n).
 
         Raises:
             VehicleInputError: the wheels have no individual rollers.

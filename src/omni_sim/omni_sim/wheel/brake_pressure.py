@@ -34,7 +34,7 @@ class BrakePressure(NamedTuple):
         acting: torque that each brake can exert on average over the step [N m], shape (N,).
         delayed: demanded torques of the last D steps, D being the longer delay [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
-        open: share of the pressure that each valve passes at least [1], shape (N,).
+        open: smallest share of the pressure that each valve passes [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
         pressure_step: resolution of a valve [1], 1 for on-off, 0 for continuous.
         release_lag: number of steps by which releasing is slower than applying.
@@ -92,7 +92,7 @@ def release(pressure: BrakePressure) -> None:
 
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
-    """Return the share of the pressure that a valve passes at a command [1]."""
+    """Return the share of the pressure that a valve passes for a given command [1]."""
     if pressure.pressure_step > 0.0:
         return min(math.floor(share / pressure.pressure_step + 0.5) * pressure.pressure_step, 1.0)
     return share

@@ -129,7 +129,7 @@ def _braked(
 
 @lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m], limited so that its power at a speed [rad/s] is at most `power`."""
+    """Return a torque [N m] that is limited to the power `power` [W] at a given speed [rad/s]."""
     return power / abs(speed) if torque * abs(speed) > power else torque
 
 

@@ -1,9 +1,10 @@
 """Addition of runs of consecutive 8-bit texels to 16-bit columns, 32 columns at a time.
 
-The runs of line cameras are short. For the ends of a run, which do not fill a vector, a compiler
-uses a scalar loop that takes longer than the middle of the run. Blocks of columns are therefore
-written with LLVM vectors, which are compiled to the instructions of the processor. Integer sums are
-the same on all processors. Plain loops over whole blocks with masked ends take considerably longer
+A run is a sequence of neighboring texels in a row; the runs under a line are short. For the ends of
+a run, which do not fill a vector register, a compiler would use a scalar loop that takes longer
+than the rest of the run. The kernels therefore add whole blocks of columns, as LLVM vectors, which
+the compiler translates to the instructions of the processor. Integer sums are the same on all
+processors. Plain loops over whole blocks with masked ends take considerably longer
 (`benchmarks/render_lines.py`). The later steps of a line use plain loops, because vectors would
 save little time there.
 
@@ -48,7 +49,7 @@ def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) 
 def add_four_between(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, bounds: Any
 ) -> Intrinsic:
-    """Add columns ``bounds[0][r]`` to ``bounds[1][r] - 1`` of a block, for each row r."""
+    """Add the columns ``bounds[0][r]`` to ``bounds[1][r] - 1`` of a block, from each row r."""
     return _adding(sums, texture, [offsets, bounds])
 
 

@@ -1,4 +1,4 @@
-"""Conversion of row sums to pixels, by the integral of the sums in quarter-texel cells."""
+"""Conversion of the sums of texel rows to pixels, by an integral over cells of a quarter texel."""
 
 import math
 from typing import NamedTuple
@@ -21,7 +21,7 @@ class Edges(NamedTuple):
         step: distance between two edges [cells].
         slant: standard deviation of the position of an edge over its length, because the edge is
             not perpendicular to the rows [cells].
-        scale: gray level per difference of the integral.
+        scale: ratio of gray level to difference of the integral.
         middle: gray level that is stored as 0.
     """
 
@@ -57,7 +57,7 @@ def merge_classes(totals: Int32Array, count: int, cells: Int32Array) -> None:
 
 @njit(cache=True, nogil=True)
 def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
-    """Compensate for the averaging within each texel of a coarse texture.
+    """Compensate for the blur that the texels of a coarse texture cause.
 
     The integral along the line, interpolated linearly between texel edges, is smoothed where the
     gray level changes. The weights (-9, 16, 50, 16, -9) / 64 are applied to the cells that are -4,

@@ -1,11 +1,10 @@
 """Integral of the ground texture over the footprints of a line camera's pixels, at any heading.
 
 A footprint is a rectangle of `length` (along the camera's axis) by `width` (across), and each pixel
-is a slice of it (dissertation, section 4.3.2, Figure 57). Tables of strip sums at quantized
-headings would be fast at a constant heading, but slow while the vehicle turns. This integral needs
-no tables. The texture is transposed if necessary, so that its x axis is within 45 deg of the line.
-Then ``s = x + y tan(heading)`` is a coordinate along the line, and in each row of texels it differs
-from x only by a constant shift. A line is computed in three steps:
+is a slice of it (dissertation, section 4.3.2, Figure 57). The texture is transposed if necessary,
+so that its x axis is within 45 deg of the line. Then ``s = x + y tan(heading)`` is a coordinate
+along the line, and in each row of texels it differs from x only by a constant shift. A line is
+computed in three steps:
 
 1. Each row is one contiguous 8-bit run, which is added to columns over `s` (SIMD, four rows at a
    time). The shift of the row is rounded to a quarter texel. The integer part of the shift moves
@@ -17,8 +16,8 @@ from x only by a constant shift. A line is computed in three steps:
 
 All computations except the last step use integers, so results do not depend on vectorization.
 Texels are squares of constant gray level. Shifts below a quarter texel and the slant of a pixel's
-edges within a texel are approximated. For a footprint 400 texels wide on the supplied grounds, the
-error is at most 0.08 gray levels (RMS). The error grows for fewer rows, to 0.25 at 50 rows.
+edges within a texel are approximated. The error due to these approximations is larger for
+footprints that are only a few rows of texels wide. `benchmarks/render_lines.py` measures the error.
 """
 
 import math

@@ -78,7 +78,7 @@ class Coarsening(NamedTuple):
         sufficient: minimum number of texels per pixel along the axis, and minimum number of texels
             across the footprint.
         wide: the same two minimum numbers for a wide footprint, as an alternative to `sufficient`.
-        most: limit on the number of texels per period: 20 cm at 1200 dpi, a quarter of a gigabyte.
+        most: limit on the number of texels per period, which limits the memory.
         worth: minimum ratio of coarse to fine texel size at which coarse texels are used [1].
         whole: limit on the factor by which the number of coarse texels is increased so that each of
             them consists of whole texels of the ground [1].

@@ -28,7 +28,7 @@ CLASSES = 4
 """Number of accumulators, one for each quarter of a texel; the code requires 4."""
 
 HALF = CLASSES // 2
-"""Class of the rows without a fractional shift."""
+"""Number of the class that contains the rows without a fractional shift."""
 
 GROUP = 4
 """Number of rows that are added at a time."""

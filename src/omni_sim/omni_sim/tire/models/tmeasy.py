@@ -10,9 +10,8 @@ which full sliding begins. They depend on the wheel load: slope and forces by th
 the slips linearly, as in the source of the model. The dissertation interpolates all parameters by
 the parabola. The slips would then vanish at zero load, and the initial slope of the curve of a
 lightly loaded wheel would be smaller than the slope of the chord to the peak. At the nominal loads
-both interpolations agree; at 1 kN the forces differ by up to 26 %. Above the second
-nominal load the parabola has no physical meaning, so the load is limited there and the caller
-reports the overload.
+both interpolations agree; at smaller loads the forces differ. Above the second nominal load the
+parabola has no physical meaning, so the load is limited there and the caller reports the overload.
 """
 
 import dataclasses
