@@ -72,7 +72,7 @@ def sweep(
 
     Args:
         configurations: variant, values of the swept keys, and configuration of each run.
-        report: called with the completed share (0 to 1) and a text.
+        report: function that is called with the completed share (0 to 1) and a text.
     """
     results = []
     for done, (variant, values, configuration) in enumerate(configurations):

@@ -1,4 +1,4 @@
-"""Parameters of a wheel's brake; true values for the simulator, nominal ones for the assistant."""
+"""Parameters of a wheel's brake: true values in the simulator, nominal values in the assistant."""
 
 import math
 from collections.abc import Mapping

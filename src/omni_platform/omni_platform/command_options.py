@@ -75,7 +75,7 @@ def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configu
 
     Args:
         parser: parser of the command.
-        cls: declares the options.
+        cls: configuration class that declares the options.
     """
     fields = {field.name: field for field in dataclasses.fields(cls)}
     for name, kind, info in configuration.declared_parameters(cls):
@@ -113,7 +113,7 @@ def parse_options(
     """Return the options that the words of a command line specify.
 
     Args:
-        cls: declares the options.
+        cls: configuration class that declares the options.
         words: words of the command line, such as ``--pairs 64``.
         parser: parser without options; a new one by default.
 
@@ -130,7 +130,7 @@ def read_options(cls: type[C], parsed: argparse.Namespace) -> C:
     """Return the checked options of a parsed command line.
 
     Args:
-        cls: declares the options.
+        cls: configuration class that declares the options.
         parsed: result of a parser with `add_options`.
 
     Raises:

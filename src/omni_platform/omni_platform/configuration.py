@@ -165,7 +165,7 @@ def section(make: Callable[[], Any], *, description: str | None = None) -> Any:
     """Declare a field that is a configuration, or a mapping of names to configurations.
 
     Args:
-        make: returns the default value: the class, or ``dict``.
+        make: function that returns the default value: the configuration class, or ``dict``.
         description: description in the documentation; by default the string below the field.
     """
     metadata = {_METADATA: ParameterInfo(description)}

@@ -54,7 +54,7 @@ class Bag:
 
 
 def open_bag(path: Path | str) -> Bag:
-    """Return a recording, after its files have been found.
+    """Return the recording at a path, with its metadata and the list of its MCAP files.
 
     Args:
         path: a rosbag2 folder or a single ``.mcap`` file.

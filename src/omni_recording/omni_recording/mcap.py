@@ -113,8 +113,8 @@ class McapMessages:
 
     Args:
         path: a regular file.
-        on_damage: called with the problem of a chunk that cannot be unpacked and is omitted; if
-            None, such a chunk raises the error.
+        on_damage: function that is called with the problem of a chunk that cannot be unpacked; this
+            chunk is omitted. None to raise the error instead.
         namespace: namespace that is removed from the topics.
     """
 

@@ -43,7 +43,7 @@ class StudyRun:
     Attributes:
         experiments: library of experiments and vehicles.
         folder: folder for the figures and data of the study.
-        report: called with the completed share (0 to 1) and a text.
+        report: function that is called with the completed share (0 to 1) and a text.
         case: name of the study, if its module contains several.
         written: figures and data written so far.
     """

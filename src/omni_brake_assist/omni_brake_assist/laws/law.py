@@ -3,7 +3,7 @@
 A law is called once for each new time stamp at which the pedal is down and the motion is known. Its
 result is reused for further demands with the same stamp. For each wheel the law returns the share
 of the brake pressure that should pass. The fail-safe reactions are in `assist_step`, so a law needs
-none.
+no such reactions.
 """
 
 import sys

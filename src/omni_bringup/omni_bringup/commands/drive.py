@@ -184,7 +184,7 @@ def drive_nodes(
     folder: Path | None,
     lines: bool = False,
 ) -> list[NodeProcess]:
-    """Return the nodes of a drive in the order of their start.
+    """Return the nodes of ``omni drive`` in the order in which they are started.
 
     Args:
         configuration: configuration of the whole loop.

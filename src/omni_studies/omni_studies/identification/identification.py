@@ -268,7 +268,8 @@ def search(
             cost below 1, the second when no deviation exceeds 0.7 tolerances.
         refinement: further limit on the number of generations of the second search.
         sound: whether to exclude vehicles with an `assumption_violation`.
-        on_generation: called with the number of each generation and the lowest cost so far.
+        on_generation: function that is called after each generation with its number and the lowest
+            cost so far.
 
     Returns:
         The best candidate found, keyed by the names in `QUANTITIES`.

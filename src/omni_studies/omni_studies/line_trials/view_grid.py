@@ -1,7 +1,7 @@
 """Trials in which a camera moves sideways, for many fields of view (Figures 63, 64 and 71).
 
-`sideways_motions` returns one motion for each length and width of the view. `matches_table` returns
-a table of the matched displacements of these motions and of their errors.
+`sideways_motions` returns one motion for each length and width of the field of view.
+`matches_table` returns a table with the displacements measured in these motions and their errors.
 """
 
 import math

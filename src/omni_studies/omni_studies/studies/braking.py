@@ -1,9 +1,9 @@
 """Experiments of section 3.6 without the ROS graph: Figures 30 to 48 and Table 2.
 
 A figure of the dissertation is written to ``figure_<number>.png``, and its data to
-``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas this assistant
-also compares the twist with IMU and wheel speeds. If an experiment uses IMU and wheel speeds, the
-assisted variant is repeated without them, as ``<variant>_twist_alone``.
+``figure_<number>.csv``. The dissertation's assistant uses only the twist, whereas the assistant of
+this project also compares the twist with IMU and wheel speeds. If an experiment uses IMU and wheel
+speeds, the assisted variant is repeated without them, as ``<variant>_twist_alone``.
 
 ``table2`` brakes the identified vehicle of ``config/``. ``--identify`` repeats the search for this
 vehicle; ``--assumptions`` changes one assumption at a time.

@@ -131,7 +131,7 @@ def run_campaign(
         options: options that select the seeds to run, the workers, and earlier results to keep.
         path: path of the table of all runs, a CSV file.
         fingerprint: digest of all settings that determine the runs, except the seeds.
-        report: called with the completed share (0 to 1) and a text.
+        report: function that is called with the completed share (0 to 1) and a text.
 
     Returns:
         The rows of this part in the order of their seeds.

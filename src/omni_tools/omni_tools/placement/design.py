@@ -84,7 +84,7 @@ def drive_mix(
         noise: standard deviation [gray levels of 8 bit].
         batches: number of batches of each motion in each orientation.
         seed: seed of positions, orientations and noise.
-        report: called with the completed share (0 to 1).
+        report: function that is called with the completed share (0 to 1).
     """
     generator = np.random.default_rng(seed)
     odometry = LineScanOdometry(OdometryConfiguration(sensors=sensors))
@@ -169,7 +169,7 @@ def design(task: DesignTask, report: Report) -> Design:
 
     Args:
         task: requirements of the placement.
-        report: called with the completed share (0 to 1) and a text.
+        report: function that is called with the completed share (0 to 1) and a text.
 
     Raises:
         WorkError: the cameras do not fit, or cannot measure the motion.

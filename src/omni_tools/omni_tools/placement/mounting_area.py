@@ -71,7 +71,7 @@ class MountingArea:
         return found
 
     def fits(self, poses: FloatArray) -> BoolArray:
-        """Return whether a camera can be mounted at each pose, shape (...) of poses (..., 3)."""
+        """Return whether a camera can be mounted at each of the poses (..., 3), shape (...)."""
         return self.on_chassis(poses) & (self.wheel_in_the_way(poses) < 0)
 
     def apart(self, poses: FloatArray, other: FloatArray) -> BoolArray:

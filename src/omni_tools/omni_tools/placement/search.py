@@ -119,7 +119,7 @@ def search(
         redundant: whether to use the criterion after the failure of the most important camera.
         effort: effort of the search.
         seed: seed of the random initial placements.
-        report: called with the completed share (0 to 1) and a text.
+        report: function that is called with the completed share (0 to 1) and a text.
 
     Raises:
         NoRoomError: no placement was found that fits and is not singular.

@@ -228,7 +228,7 @@ def support(run: compiled.FastRun, points: FloatArray, start: float) -> FloatArr
 
 
 def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
-    """Return the limit H_k of each cell [m], shape (cells, DIRECTIONS), from the cell's stops."""
+    """Return the area of each cell as support function H_k [m], shape (cells, DIRECTIONS)."""
     supports = supports_of(sweeps[: campaign.fitted])
     # Consecutive stops belong to consecutive cells.
     by_cell = supports.reshape(campaign.per_cell, len(campaign.cells), DIRECTIONS)
