@@ -82,7 +82,7 @@ class SimulatorConfiguration(Configuration):
     vehicle: VehicleConfiguration = parameter()
     """Vehicle that is simulated"""
     ground: GroundConfiguration = section(GroundConfiguration)
-    """Ground"""
+    """Ground under the vehicle"""
     sensors: Mapping[str, LineSensor] = parameter()
     """Line cameras, keyed by name"""
     camera: CameraConfiguration = section(CameraConfiguration)

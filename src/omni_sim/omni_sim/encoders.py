@@ -1,9 +1,9 @@
 """Wheel encoders: mean speed of each wheel over a control period, from integer counts.
 
-A reading is ``(floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise, where
-``theta`` is the angle of the wheel at the stamp, ``theta_before`` the angle at the previous stamp,
-``T`` the time between both, and ``q`` the angle of one count. With infinite resolution, a reading
-is the true speed at the stamp plus noise.
+A reading is ``(floor(theta / q) - floor(theta_before / q)) q / T`` plus white noise. ``theta`` is
+the angle of the wheel at the stamp, ``theta_before`` the angle at the previous stamp, ``T`` the
+time between both stamps, and ``q`` the angle of one count. With infinite resolution, a reading is
+the true speed at the stamp plus noise.
 """
 
 import math

@@ -14,9 +14,10 @@ the texture alone, whereas ``sum(g^2)`` would include the noise. The variance is
 last step. For white noise e, it would be the Cramer-Rao bound times the loss due to smoothing. But
 e is correlated along the line, because of the filter and, in sideways motion, because of texture
 that enters and leaves. Therefore e g is summed over blocks longer than this correlation: ``var f =
-sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, each block's errors are first summed
-over the pairs: the noise of a line cancels in the pairs before and after it, and a strip of ground
-that enters or leaves causes correlated errors in several pairs (cluster-robust variance).
+sum_blocks(sum e g)^2 / sum(p q)^2``. In a mean over pairs, the errors of each block are first
+summed over the pairs (cluster-robust variance), for two reasons. The noise of a line cancels in the
+pairs before and after it. A strip of ground that enters or leaves causes correlated errors in
+several pairs.
 
 The width of the Gaussian is a compromise. A wide Gaussian loses the information of fine texture. A
 narrow Gaussian is undersampled, which biases displacements toward integer shifts; `./omni study

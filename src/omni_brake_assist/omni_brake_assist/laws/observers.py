@@ -1,11 +1,11 @@
 """Observers of the law `allocation` for friction of the wheels, vehicle mass and disturbances.
 
-The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` from the speed
-``u`` of the rim and the nominal brake force ``B``, with the wheel's moment of inertia ``I`` and the
-lever ``g`` of the friction force about the axle. The force of a sliding wheel is its friction
-capacity. The estimated capacity is raised if a wheel uses all of it without sliding. From these
-forces, the motion of the body gives the vehicle's mass and the accelerations that friction does not
-explain.
+The model ``I/g^2 du/dt = f - B`` (`wheel_model`) gives the friction force ``f`` of a wheel from the
+speed ``u`` of the rim and the nominal brake force ``B``. ``I`` is the wheel's moment of inertia,
+and ``g`` the lever of the friction force about the axle. The force of a sliding wheel is its
+friction capacity. The estimated capacity is raised if a wheel uses all of it without sliding. From
+these forces, the motion of the body gives the vehicle's mass and the accelerations that friction
+does not explain.
 
 Three loops form a cascade. From the inside out, these are the friction observer, the disturbance
 observer, and the mass estimate together with the return of the heading (`braking_qp`). Each loop is

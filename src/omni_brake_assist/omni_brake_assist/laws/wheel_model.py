@@ -1,8 +1,8 @@
 """Model of a braked wheel inside the assistant: brake lag and slip.
 
-Each wheel is reduced to its rim. With the lever ``g`` of the friction force ``f`` about the axle,
-the rim has the mass ``I/g^2``, the speed ``u`` along the active direction and the brake force
-``B``, and moves by ``I/g^2 du/dt = f - B`` with the wheel's moment of inertia ``I``. The nominal
+Each wheel is reduced to its rim. Let ``I`` be the wheel's moment of inertia, and ``g`` the lever of
+the friction force ``f`` about the axle. The rim then has the mass ``I/g^2``. Its speed ``u`` along
+the active direction follows from ``I/g^2 du/dt = f - B`` with the brake force ``B``. The nominal
 brake follows its command after a dead time and with a first-order lag. The friction force is a
 parabolic function of the sliding speed up to the estimated capacity and then remains constant. A
 full tire model is not needed: only the sign of the slope and the height of the curve matter, and

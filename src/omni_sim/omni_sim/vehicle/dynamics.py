@@ -6,7 +6,7 @@
 the positions ``r_i``. Quantities are evaluated at the middle of the step, but velocities are
 implicit: the force of each wheel is computed for the velocity that its hub will have at the end of
 the step. This velocity is predicted from all forces of the previous step and corrected by ``W (F -
-F_before)``, where ``F`` and ``F_before`` are the forces of the wheel in this step and in the
+F_before)``. Here, ``F`` and ``F_before`` are the forces of the wheel in this step and in the
 previous step, and ``W`` is the sum of the absolute mobilities that couple the wheel to all wheels.
 A single pass over the wheels is therefore stable for any tire stiffness, without iteration. The
 coupling between wheels lags by one step. This second-order error is visible in tests of the energy

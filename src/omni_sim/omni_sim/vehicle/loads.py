@@ -3,8 +3,8 @@
 Body and load are separate rigid masses. The wheels are modeled as equal vertical springs under a
 rigid chassis, so their loads are a linear function ``a + b x + c y`` of the wheel positions, the
 load plane. The loads balance the weight and the moments, including the moments of inertial forces
-at the height of the center of gravity: the resultant of the loads acts at the zero-moment point
-``r_g - h v_dot / g``, where ``r_g`` is the position, ``h`` the height and ``v_dot`` the
+at the height of the center of gravity. The resultant of the loads therefore acts at the zero-moment
+point ``r_g - h v_dot / g``, where ``r_g`` is the position, ``h`` the height and ``v_dot`` the
 acceleration of the center of gravity. Loads cannot be negative: wheels with a negative load in the
 plane lift off, and the remaining wheels carry the weight. If the zero-moment point leaves the
 support polygon, no such balance exists, and a real vehicle would tip over. The nearest edge of the

@@ -1,11 +1,11 @@
 """Comparison of wheel models with each other and with MuJoCo.
 
-In ``wheels``, a Mecanum forklift and a three-wheeled robot drive, brake and are pushed sideways
-with three wheel models: the single-roller wheel (section 2.4.2), the single-roller wheel with the
-moving contact of rollers (section 2.3.2), and individual rollers (section 2.4.1). The means over
-the wheel angles of forces and motions are compared between individual rollers and the single-roller
-wheel. The study also refines the time step, determines how far a vehicle moves while parked on a
-slope and after a stop, and measures the computing time per wheel.
+In ``wheels``, a Mecanum forklift and a three-wheeled robot drive, brake and are pushed sideways.
+Three wheel models are compared: the single-roller wheel (section 2.4.2), the single-roller wheel
+with the moving contact of rollers (section 2.3.2), and individual rollers (section 2.4.1). Forces
+and motions are averaged over the wheel angles and compared between individual rollers and the
+single-roller wheel. The study also refines the time step, determines how far a vehicle moves while
+parked on a slope and after a stop, and measures the computing time per wheel.
 
 In ``mujoco``, the same vehicle brakes fully from the same motion on single-roller wheels, on
 individual rollers, and in MuJoCo, both unassisted and with the brake assistant, whose feedback is

@@ -63,8 +63,8 @@ class Outcome:
 
     Attributes:
         time: time of the samples [s], shape (T,).
-        motion: pose and velocity of base_link in the world, as in `Log.trajectory`,
-            shape (S, T, 6).
+        motion: pose and velocity of base_link in the world (columns as in `Vehicle.advance`), shape
+            (S, T, 6).
         force: mean force of all wheels on the vehicle over the trial, in the world [N],
             shape (S, 2).
         force_scale: mean magnitude of the sum of the wheel forces, or of the push if this is larger

@@ -1,10 +1,10 @@
 """Fit of torque, dead time and lag of the brakes to recorded stops, without a tire model.
 
-While a wheel turns under its brake, its speed ``omega`` gives the tire force. With the inertia
-``I`` of the wheel, the torque ``T`` of its brake and the lever ``g = R cos(gamma)`` (radius R,
-roller angle gamma), ``I d(omega)/dt = g F - sign(omega) T`` yields the force ``F`` on the vehicle
-along the roller's axis. The changes of momentum and angular momentum between two samples then
-depend only on the brake torques and wheel speeds:
+While a wheel turns under its brake, its speed ``omega`` gives the tire force. Let ``I`` be the
+inertia of the wheel, ``T`` the torque of its brake and ``g = R cos(gamma)`` the lever (radius R,
+roller angle gamma). Then ``I d(omega)/dt = g F - sign(omega) T`` yields the force ``F`` on the
+vehicle along the roller's axis. The changes of momentum and angular momentum between two samples
+then depend only on the brake torques and wheel speeds:
 
     sum_i a_i sign(omega_i) T p_i dt / g_i = d(m v_x, m v_y, J Omega) - sum_i a_i I d(omega_i) / g_i
 

@@ -1,7 +1,8 @@
 """Calibration of the mounting and pixel pitch of line cameras from recordings of a known motion.
 
-In a motion (v_x, v_y, Omega), a camera with the pixel pitch p, whose axis has the direction phi and
-the lever arm ``l = x sin phi - y cos phi`` about base_link, measures by Eq. (23)
+Let a camera have the pixel pitch p, and let its axis have the direction phi and the lever arm ``l =
+x sin phi - y cos phi`` about base_link. In a motion (v_x, v_y, Omega), the camera measures by Eq.
+(23)
 
     pixels per second = (v_x cos phi + v_y sin phi + l Omega) / p = c . (v_x, v_y, Omega).
 

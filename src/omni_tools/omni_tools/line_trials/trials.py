@@ -261,9 +261,9 @@ def cramer_rao_bound(
 ) -> FloatArray:
     """Return the smallest variance that an unbiased estimate of each displacement can have [px^2].
 
-    Both lines are noisy and the ground is unknown, so the bound is twice that for a known ground:
-    ``2 s^2 / sum(g^2)``, where g is the gradient of the noise-free line and the sum covers the
-    overlap. Quantization adds 1/12 to the variance s^2 of the noise.
+    Both lines are noisy and the ground is unknown, so the bound is twice the bound for a known
+    ground: ``2 s^2 / sum(g^2)``. Here, g is the gradient of the noise-free line, and the sum covers
+    the overlap. Quantization adds 1/12 to the variance s^2 of the noise.
 
     Args:
         view: field of view of the camera.

@@ -276,7 +276,7 @@ def view_of(name: str, sensors: Mapping[str, LineSensor]) -> View:
 
 
 def design_task(options: PlacementOptions, library: ExperimentLibrary) -> DesignTask:
-    """Check the options and read the files that they name.
+    """Return the requirements from checked options and from the files that they name.
 
     Raises:
         ConfigurationError: an option is invalid.
