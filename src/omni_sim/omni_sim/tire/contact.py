@@ -12,7 +12,8 @@ from typing import Any
 from omni_platform.kernels import lean
 from omni_sim.tire.model import force_at
 
-_TOLERANCE = 1e-13
+TOLERANCE = 1e-13
+"""Largest residual of a solution, relative to the demand."""
 _MAXIMUM_ITERATIONS = 100
 _TURN_ITERATIONS = 40
 
@@ -32,11 +33,11 @@ def _root(
         high: upper end of the bracket [1].
         start: initial slip; if it is outside the bracket, the bracket's middle is used [1].
     """
-    slip = start if low < start < high else 0.5 * (low + high)
+    slip = start if low <= start < high else 0.5 * (low + high)
     force, gradient = force_at(curve, slip)
     for _ in range(_MAXIMUM_ITERATIONS):
         residual = viscous * slip + gain * force - demand
-        if abs(residual) <= _TOLERANCE * demand:
+        if abs(residual) <= TOLERANCE * demand:
             break
         if residual > 0.0:
             high = slip

@@ -15,6 +15,7 @@ parabola has no physical meaning, so the load is limited there and the caller re
 """
 
 import dataclasses
+import math
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -23,8 +24,10 @@ import numpy as np
 from omni_platform.configuration import Configuration, ConfigurationError, parameter, section
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.contact import solve_contact
+from omni_sim.tire.contact import TOLERANCE, solve_contact
 from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+
+_MAXIMUM_ITERATIONS = 60
 
 
 class TMeasyCurve(Configuration):
@@ -245,6 +248,42 @@ def force_at(curve: CurvePoint, slip: float) -> tuple[float, float]:
     return initial * sigma / denominator, gradient
 
 
+@lean
+def contact(
+    demand: float, damping: float, gain: float, speed: float, curve: CurvePoint, sliding: bool
+) -> tuple[float, float, bool]:
+    """Solve the contact equation; arguments and result as `contact_friction`.
+
+    Up to the peak, the equation is a cubic in ``sigma``, the slip divided by that of the peak.
+    Each iteration then needs a single division, which makes it faster than `solve_contact`.
+    """
+    viscous = damping * speed * curve.peak_slip
+    dips = viscous < gain * curve.steepest_fall * curve.peak_slip
+    if curve.peak_force <= 0.0 or demand > viscous + gain * curve.peak_force or (dips and sliding):
+        return solve_contact(demand, damping, gain, speed, curve, sliding)
+    initial = curve.peak_slip * curve.slope
+    bend = initial / curve.peak_force - 2.0
+    square, linear = viscous * bend - demand, viscous - demand * bend + gain * initial
+    low, high = 0.0, 1.0
+    # The root without the cubic term.
+    sigma = 2.0 * demand / (linear + math.sqrt(max(linear**2 + 4.0 * square * demand, 0.0)))
+    for _ in range(_MAXIMUM_ITERATIONS):
+        if not low <= sigma <= high:  # also true for NaN
+            sigma = 0.5 * (low + high)
+        residual = ((viscous * sigma + square) * sigma + linear) * sigma - demand
+        if abs(residual) <= TOLERANCE * demand:
+            break
+        low, high = (low, sigma) if residual > 0.0 else (sigma, high)
+        # Halley's method
+        curved = 3.0 * viscous * sigma + square
+        slope = (curved + square) * sigma + linear
+        step = residual * slope / (slope * slope - residual * curved)
+        if sigma - step == sigma:
+            break
+        sigma -= step
+    return initial * sigma / (1.0 + sigma * (sigma + bend)), sigma * curve.peak_slip * speed, False
+
+
 def curve_of(
     tire: TMeasyConfiguration, load: float, friction: float = 1.0, direction: str = "x"
 ) -> CurvePoint:
@@ -305,7 +344,7 @@ MODEL = TireModel(
     largest_load=lambda configuration: configuration.nominal_load_2,
     curve_at=curve_at,
     force_at=force_at,
-    contact=solve_contact,
+    contact=contact,
     fit=FitRecipe(
         keys=tuple(f"x.{key}" for key in _FITTED),
         lower=(1e-9,) * 6 + (1.01,) * 2 + (0.05,) * 2,
