@@ -47,6 +47,7 @@ class Controllers(Bystander):
         self.problems: list[str] = []
         self.enables: tuple[float, ...] | None = (1.0, 1.0)
         self.names: tuple[str, ...] = WHEELS
+        self.joint_names = (*JOINTS, "arm_joint")
         self.speed, self.commanded, self.pressed = (5.0, -5.0), 0.5, False
         self.node.create_timer(0.01, self._step)
 
@@ -61,7 +62,7 @@ class Controllers(Bystander):
         now_ns = self.node.get_clock().now().nanoseconds
         order = [1, 0, 2]  # as a broadcaster may have it
         speed = np.array([*self.speed, 9.0])[order]
-        names = [(*JOINTS, "arm_joint")[row] for row in order]
+        names = [self.joint_names[row] for row in order]
         self.joints.publish(joint_state(now_ns, names, position=np.zeros(3), velocity=speed))
         self.drive.publish(Float64MultiArray(data=[3.0, -3.0]))
         message = Twist()
@@ -190,11 +191,22 @@ def test_a_joint_that_is_never_named_applies_all_brakes_and_is_reported() -> Non
     wrong = ["left_joint", "rihgt_joint"]
     with vehicle(False, kind="spring", joints=wrong) as rest:
         rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
-        words = "never named rihgt_joint, only right_joint, left_joint, arm_joint"
+        words = "never named rihgt_joint exactly once, only right_joint, left_joint, arm_joint"
         rest.wait(lambda: any(words in problem for problem in rest.problems))
         rest.wait(lambda: rest.enables is not None and rest.pedals[-5:] == [0.0] * 5)
         rest.until(0.0, 0.0)
         assert [1.0, 1.0] not in rest.commands
+
+
+def test_a_joint_that_is_named_twice_applies_all_brakes_and_is_reported() -> None:
+    with vehicle(False, kind="spring") as rest:
+        rest.joint_names = (*JOINTS, JOINTS[0])
+        rest.node.create_subscription(DiagnosticArray, "/diagnostics", rest.diagnose, RELIABLE)
+        words = f"never named {JOINTS[0]} exactly once, only {JOINTS[1]}"
+        rest.wait(lambda: any(words in problem for problem in rest.problems))
+        rest.until(0.0, 0.0)
+        assert [1.0, 1.0] not in rest.commands
+        assert not rest.states
 
 
 @pytest.mark.parametrize(

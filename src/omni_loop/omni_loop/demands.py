@@ -1,6 +1,7 @@
 """Reading of a driver's demands (velocity and pedal) from a CSV table or a recording."""
 
 import csv
+import io
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from omni_platform import quantities, topics
 from omni_platform.configuration import ConfigurationError
+from omni_platform.text_files import read_text
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
@@ -35,15 +37,14 @@ def read_demands(path: Path, key: str) -> dict[str, list[float]]:
 
 
 def _read_table(path: Path) -> quantities.FloatArray:
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = csv.DictReader(file)
-        missing = set(COLUMNS) - set(rows.fieldnames or ())
-        if missing:
-            names = ",".join(COLUMNS)
-            raise ValueError(
-                f"{', '.join(sorted(missing))} missing in its first line, which must be {names}"
-            )
-        values = [[_number(row, name, rows.line_num) for name in COLUMNS] for row in rows]
+    rows = csv.DictReader(io.StringIO(read_text(path)))
+    missing = set(COLUMNS) - set(rows.fieldnames or ())
+    if missing:
+        names = ",".join(COLUMNS)
+        raise ValueError(
+            f"{', '.join(sorted(missing))} missing in its first line, which must be {names}"
+        )
+    values = [[_number(row, name, rows.line_num) for name in COLUMNS] for row in rows]
     if not values:
         raise ValueError("it contains no rows")
     return np.array(values)

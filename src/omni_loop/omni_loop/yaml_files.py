@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from omni_platform.configuration import ConfigurationError
+from omni_platform.text_files import read_text
 from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
 
@@ -61,7 +62,7 @@ def read_mapping(path: Path, key: str) -> dict[str, Any]:
         ConfigurationError: the file cannot be read, or contains no mapping.
     """
     try:
-        document = load_yaml(path.read_text(encoding="utf-8"))
+        document = load_yaml(read_text(path))
     except OSError as error:
         raise ConfigurationError(key, f"cannot read {path}: {error.strerror}") from None
     except (yaml.YAMLError, ValueError) as error:  # ValueError: dates and bytes

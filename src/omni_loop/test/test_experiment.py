@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from pathlib import Path
 
 import pytest
@@ -243,6 +244,12 @@ def test_a_part_from_outside_that_is_none_is_refused_before_anything_starts(
 def test_a_file_that_is_not_there_is_named(library: ExperimentLibrary, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"cannot read .*nothing\.yaml"):
         library.load(str(tmp_path / "nothing.yaml"), "assisted")
+
+
+def test_a_pipe_is_refused(library: ExperimentLibrary, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(ConfigurationError, match="Not a regular file"):
+        library.load(str(tmp_path / "pipe.yaml"), "assisted")
 
 
 @pytest.mark.parametrize("part", ["vehicle", "ground", "sensors"])

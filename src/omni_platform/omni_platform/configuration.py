@@ -310,7 +310,8 @@ def to_mapping(configuration: Configuration) -> dict[str, Any]:
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ``; did you mean ...?`` if a known name is similar to `name`."""
-    close = difflib.get_close_matches(name, list(known), n=1)
+    # A word of three letters may have one wrong letter.
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.66)
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
@@ -422,7 +423,7 @@ def _check_range(name: str, value: float, info: ParameterInfo) -> None:
     )
     if outside:
         raise ConfigurationError(
-            name, f"{value:g}{unit} is out of range, must be {info.bounds_in_words()}"
+            name, f"{value:.15g}{unit} is out of range, must be {info.bounds_in_words()}"
         )
 
 

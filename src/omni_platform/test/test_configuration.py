@@ -16,6 +16,7 @@ from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
     declared_parameters,
+    did_you_mean,
     from_mapping,
     parameter,
     section,
@@ -92,6 +93,7 @@ def test_round_trip_keeps_every_value() -> None:
         ({"main": {"stiffness": True}}, "main.stiffness", "must be a number"),
         ({"main": {"stiffness": 1.0, "coils": 2.5}}, "main.coils", "must be a whole number"),
         ({"main": {"stiffness": 1.0, "coils": 101}}, "main.coils", "at most 100"),
+        ({"main": {"stiffness": 1.0, "coils": 99999999}}, "main.coils", "99999999 is out of range"),
         ({"main": {"stiffness": 1.0, "material": "tin"}}, "main.material", "steel, brass"),
         ({"main": {"stiffness": 1.0, "tags": "a"}}, "main.tags", "not a list"),
         ({"main": {"stiffness": 10**400}}, "main.stiffness", "too large"),
@@ -116,6 +118,15 @@ def test_bad_values_are_refused_by_name(mapping: dict[str, Any], key: str, words
         from_mapping(Machine, mapping)
     assert caught.value.key == key
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("stiffnes", "did you mean 'stiffness'"), ("iec", "'ice'"), ("nothing", "")]
+)
+def test_only_similar_names_are_suggested(name: str, words: str) -> None:
+    found = did_you_mean(name, ("stiffness", "ice", "tuning"))
+    assert words in found
+    assert bool(words) == bool(found)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

@@ -108,7 +108,9 @@ class BrakeAdapterNode(Node):
         self._received["enable"] = time.monotonic()
 
     def _on_joints(self, message: JointState) -> None:
-        found = {name: row for row, name in enumerate(message.name)}
+        # A repeated name is ambiguous, so its joint counts as missing.
+        names = list(message.name)
+        found = {name: row for row, name in enumerate(names) if names.count(name) == 1}
         if not set(self._joints) <= found.keys():
             self._unnamed -= found.keys()
             self._named = dict.fromkeys([*self._named, *found][:_SHOWN])
@@ -183,8 +185,9 @@ class BrakeAdapterNode(Node):
         misconnected = list(filter(None, [self._guard.second()]))
         if "other joints" in self._received and "joints" not in self._received:
             missing = [joint for joint in self._joints if joint in self._unnamed]
+            wanted = ", ".join(missing) or "all joints in one message"
             misconnected.append(
-                f"joint_states never named {', '.join(missing) or 'all joints in one message'}, "
+                f"joint_states never named {wanted} exactly once, "
                 f"only {', '.join(self._named) or 'nothing'}; correct the parameter joints"
             )
         if misconnected:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omni_platform import configuration, quantities
+from omni_platform import configuration, quantities, text_files
 
 _COLUMNS = ("slip", "load", "force")
 _UNITS = {"load_n": "load", "force_n": "force"}
@@ -44,7 +44,7 @@ def read_tire_data(path: Path) -> TireData:
             number.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = text_files.read_text(path, encoding="utf-8-sig")
     except OSError as error:
         raise TireDataError(f"cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError:

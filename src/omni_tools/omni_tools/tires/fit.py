@@ -25,6 +25,8 @@ from omni_tools.tires.data import TireData, TireDataError
 # The slip at the peak is the least certain initial value, so a search starts from each of these
 # multiples of it.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
+# Range of the largest value in the data [N]; up to the limits of the tire's parameters.
+_RANGES = {"load": (1.0, 1.0e7), "force": (1.0e-3, 1.0e8)}
 
 
 class TireFit(NamedTuple):
@@ -80,7 +82,7 @@ def fit_tire(data: TireData, model: str) -> TireFit:
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
-    """Check that the data suffice and that their loads differ enough."""
+    """Check that the data suffice, are in range, and that their loads differ enough."""
     needed = 2 * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
@@ -91,6 +93,12 @@ def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: f
         raise TireDataError(
             "the force does not grow with the slip; it must have the sign of the slip"
         )
+    for name, (least, most) in _RANGES.items():
+        largest = float(np.max(np.abs(getattr(data, name))))
+        if not least <= largest <= most:
+            raise TireDataError(
+                f"the largest {name} is {largest:g} N, must be {least:g} to {most:g} N"
+            )
     low, high = float(np.min(data.load)), float(np.max(data.load))
     if recipe.loads > 1 and high - low < spread * high:
         raise TireDataError(

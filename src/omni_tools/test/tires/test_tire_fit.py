@@ -115,6 +115,16 @@ def test_too_little_excitation_is_refused_with_the_reason(
         fit_tire(measure(TireConfiguration(model=model), **changes), model)
 
 
+@pytest.mark.parametrize("factor", [1e300, 1e150, 1e-300])
+@pytest.mark.parametrize("name", ["load", "force"])
+@pytest.mark.parametrize("model", MODELS)
+def test_values_of_another_magnitude_are_refused(model: str, name: str, factor: float) -> None:
+    data = measure(TireConfiguration(model=model))
+    scaled = data._replace(**{name: getattr(data, name) * factor})
+    with pytest.raises(TireDataError, match=f"the largest {name} is"):
+        fit_tire(scaled, model)
+
+
 def test_force_against_the_slip_is_refused() -> None:
     data = measure(TireConfiguration())
     with pytest.raises(TireDataError, match="sign of the slip"):
@@ -153,6 +163,8 @@ def test_what_is_no_file_or_no_text_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(TireDataError, match="not a text file"):
         read_tire_data(tmp_path / "binary.csv")
+    with pytest.raises(TireDataError, match="Not a regular file"):
+        read_tire_data(Path("/dev/zero"))
 
 
 def test_columns_may_come_in_any_order_with_others_beside_them(tmp_path: Path) -> None:
