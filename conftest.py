@@ -6,6 +6,7 @@ Tests of the safety case have the mark ``safety(hazard, fault, caught_by, within
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections import defaultdict
@@ -34,15 +35,28 @@ def pytest_configure(config: pytest.Config) -> None:
         config.pluginmanager.register(_Stopwatch())
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out the slow files if only fast tests run, as importing them takes long."""
+    only_fast = config.getoption("markexpr") == "fast" and collection_path.is_file()
+    return True if only_fast and not _is_fast(collection_path) else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of short files below `src` as fast; put the longest files first."""
-    durations = json.loads(DURATIONS.read_text())
-    took = {item: durations.get(item.nodeid.partition("::")[0], 0) for item in items}
     # The longest file first: if it began last, all cores but one would wait for it.
-    items.sort(key=lambda item: -took[item])
+    items.sort(key=lambda item: -_durations().get(item.path, 0))
     for item in items:
-        if SOURCES in item.path.parents and not took[item]:
+        if _is_fast(item.path):
             item.add_marker(pytest.mark.fast)
+
+
+def _is_fast(file: Path) -> bool:
+    return SOURCES in file.parents and not _durations().get(file)
+
+
+@functools.cache
+def _durations() -> dict[Path, int]:
+    return {ROOT / name: seconds for name, seconds in json.loads(DURATIONS.read_text()).items()}
 
 
 class _Stopwatch:

@@ -115,10 +115,10 @@ def hand_over(
             command = [python, "-m", "pytest", "-p", "_hypothesis_pytestplugin", "-p", "xdist"]
             # Without named files, all tests run on all cores, file by file, because the tests of a
             # file share its recorded runs. There are two more workers than cores, as workers often
-            # wait for other processes.
+            # wait for other processes, but not in the fast tests.
             named = any(os.path.exists(word.split("::")[0]) for word in words[1:])
             if not named and not {"-n", "-k", "--pdb"} & set(words):
-                workers = str(len(os.sched_getaffinity(0)) + 2)
+                workers = str(len(os.sched_getaffinity(0)) + (0 if "fast" in words else 2))
                 command += ["-n", workers, "--dist", "loadfile", "--no-loadscope-reorder"]
             command += pytest_arguments(words[1:], workspace.root)
         else:

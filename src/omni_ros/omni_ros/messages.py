@@ -58,8 +58,12 @@ def to_time(stamp_ns: int) -> Time:
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Return the stamp of a message in [ns]."""
-    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+    """Return the stamp of a message in [ns].
+
+    An invalid stamp of a second or more of nanoseconds counts as the end of its second, so that the
+    result fits into a message.
+    """
+    return int(stamp.sec) * SECOND_NS + min(int(stamp.nanosec), SECOND_NS - 1)
 
 
 def leading_stamp(data: bytes, of_list: bool = False) -> int | None:

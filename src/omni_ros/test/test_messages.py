@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -31,6 +32,11 @@ from omni_ros.messages import (
 @given(st.integers(0, 2**31 * 10**9 - 1))
 def test_stamps_survive(stamp_ns: int) -> None:
     assert to_nanoseconds(to_time(stamp_ns)) == stamp_ns
+
+
+def test_the_latest_stamp_with_too_many_nanoseconds_still_fits_into_a_message() -> None:
+    latest = Time(sec=2**31 - 1, nanosec=2**32 - 1)
+    assert to_time(to_nanoseconds(latest)) == Time(sec=2**31 - 1, nanosec=10**9 - 1)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
