@@ -60,7 +60,7 @@ class Vehicle(Node):
         for frame in itertools.cycle(self._frames):
             self._stamp_ns += round(PERIOD * 1e9)
             stamp_ns, twist = self._stamp_ns, frame[1:4]
-            imu = Imu(header=messages.header(stamp_ns, "imu"))
+            imu = messages.stamped(Imu, stamp_ns, "imu")
             imu.angular_velocity.z = float(twist[2])
             imu.linear_acceleration.x, imu.linear_acceleration.y = frame[-2:].tolist()
             self.pedal.publish(messages.joint_state(stamp_ns, ("brake_pedal",), position=frame[:1]))

@@ -16,13 +16,14 @@ from omni_process import WORKSPACE
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentLibrary
 from omni_ros.environment import node_environment
-from omni_ros.messages import header, to_nanoseconds
+from omni_ros.messages import to_nanoseconds, to_time
 from omni_ros.qos import RELIABLE
 
 LINES = 26
@@ -61,7 +62,7 @@ class Cameras(Bystander):
         noise = self._generator.normal(0.0, 1.0, (LINES, len(self._ground)))
         lines = np.rint(self._ground + noise).astype(np.uint8)
         return Image(
-            header=header(self._stamp_ns),
+            header=Header(stamp=to_time(self._stamp_ns)),
             height=LINES,
             width=lines.shape[1],
             encoding="mono8",

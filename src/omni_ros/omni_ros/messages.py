@@ -7,7 +7,7 @@ import math
 import struct
 from array import array
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -23,6 +23,7 @@ from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.signals import UNMEASURED_VARIANCE
 
 LineArray = NDArray[Any]  # uint8 or uint16
+_Message = TypeVar("_Message")
 
 BASE_FRAME = "base_link"
 WORLD_FRAME = "odom"
@@ -33,8 +34,9 @@ _LITTLE_ENDIAN_STAMP = struct.Struct("<iI")
 _BIG_ENDIAN_STAMP = struct.Struct(">iI")
 _LENGTH = struct.Struct("<I")  # length of a list
 _LITTLE_ENDIAN = b"\0\1\0\0"  # the first bytes of a serialized message
-# Indices of (v_x, v_y, yaw rate) in a twist with six components.
-_PLANAR = (0, 1, 5)
+_UNMEASURED = UNMEASURED_VARIANCE * np.eye(6)
+# Indices of the covariances of (v_x, v_y, yaw rate) in the flat covariance of a message.
+_PLANAR = np.array([[6 * row + column for column in (0, 1, 5)] for row in (0, 1, 5)])
 
 
 def message_class(kind: str, key: str = "type") -> Any:
@@ -87,9 +89,17 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     return seconds * SECOND_NS + nanoseconds if seconds >= 0 else None
 
 
-def header(stamp_ns: int, frame: str = "") -> Header:
-    """Return a header with a stamp [ns] and a frame."""
-    return Header(stamp=to_time(stamp_ns), frame_id=frame)
+def stamped(kind: type[_Message], stamp_ns: int, frame: str = "") -> _Message:
+    """Return a message of a type with a header, with a stamp [ns] and a frame.
+
+    The header that the message has is filled in, because a message first creates each of its parts,
+    even if it is given one.
+    """
+    message = kind()
+    head: Header = message.header  # type: ignore[attr-defined]
+    head.stamp.sec, head.stamp.nanosec = divmod(stamp_ns, SECOND_NS)
+    head.frame_id = frame
+    return message
 
 
 def joint_state(
@@ -101,7 +111,8 @@ def joint_state(
     effort: FloatArray | None = None,
 ) -> JointState:
     """Return values of named joints as a `JointState`; quantities given as None stay empty."""
-    message = JointState(header=header(stamp_ns), name=names)
+    message = stamped(JointState, stamp_ns)
+    message.name = names
     if position is not None:
         message.position = _doubles(position)
     if velocity is not None:
@@ -113,7 +124,7 @@ def joint_state(
 
 def planar_twist(stamp_ns: int, twist: FloatArray) -> geometry.TwistStamped:
     """Return a body twist (v_x, v_y, yaw rate) [m/s, m/s, rad/s] in `base_link` as a message."""
-    message = geometry.TwistStamped(header=header(stamp_ns, BASE_FRAME))
+    message = stamped(geometry.TwistStamped, stamp_ns, BASE_FRAME)
     _set_planar(message.twist, twist)
     return message
 
@@ -128,7 +139,7 @@ def planar_twist_with_covariance(
         twist: (v_x, v_y, yaw rate) [m/s, m/s, rad/s], shape (3,).
         covariance: covariance of the twist, in the squares of its units, shape (3, 3).
     """
-    message = geometry.TwistWithCovarianceStamped(header=header(stamp_ns, BASE_FRAME))
+    message = stamped(geometry.TwistWithCovarianceStamped, stamp_ns, BASE_FRAME)
     _set_planar(message.twist.twist, twist)
     message.twist.covariance = _spatial(covariance)
     return message
@@ -150,7 +161,8 @@ def planar_odometry(
         twist: v_x, v_y [m/s] and yaw rate [rad/s], shape (3,); NaN becomes zero.
         twist_covariance: covariance of the twist, in the squares of its units, shape (3, 3).
     """
-    message = Odometry(header=header(stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
+    message = stamped(Odometry, stamp_ns, WORLD_FRAME)
+    message.child_frame_id = BASE_FRAME
     message.pose.pose = planar_pose(pose)
     message.pose.covariance = _spatial(pose_covariance)
     _set_planar(message.twist.twist, np.where(np.isfinite(twist), twist, 0.0))
@@ -177,7 +189,8 @@ def planar_pose_of(pose: geometry.Pose) -> FloatArray:
 def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
     """Return the transform of a frame that is fixed in `base_link` at x, y [m] and yaw [rad]."""
     place = planar_pose(pose)
-    message = geometry.TransformStamped(header=header(0, BASE_FRAME), child_frame_id=frame)
+    message = stamped(geometry.TransformStamped, 0, BASE_FRAME)
+    message.child_frame_id = frame
     message.transform.translation.x = place.position.x
     message.transform.translation.y = place.position.y
     message.transform.rotation = place.orientation
@@ -188,8 +201,7 @@ def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[Float
     """Return body twist [m/s, m/s, rad/s], shape (3,), and covariance, (3, 3), of a message."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
-    matrix = np.asarray(message.twist.covariance, dtype=np.float64).reshape(6, 6)
-    return values, matrix[np.ix_(_PLANAR, _PLANAR)]
+    return values, np.asarray(message.twist.covariance, dtype=np.float64)[_PLANAR]
 
 
 class _Stamp(NamedTuple):
@@ -278,7 +290,8 @@ def camera_info(frame: str, pixels: int, length: float, width: float = 0.0) -> C
             an uncalibrated camera in ROS.
         width: field of view across the axis [m]; 0 if unknown.
     """
-    info = CameraInfo(header=header(0, frame), height=1, width=pixels)
+    info = stamped(CameraInfo, 0, frame)
+    info.height, info.width = 1, pixels
     if length == 0.0:
         return info
     along, across = pixels / length, 1.0 / width if width > 0.0 else 0.0
@@ -363,9 +376,9 @@ def _spatial(covariance: FloatArray) -> FloatArray:
     The other three axes are marked as unmeasured, because a node that fuses the message, such as
     `robot_localization`, would treat a variance of zero as an exact measurement.
     """
-    matrix = UNMEASURED_VARIANCE * np.eye(6)
-    matrix[np.ix_(_PLANAR, _PLANAR)] = covariance
-    return matrix.ravel()
+    values = _UNMEASURED.flatten()
+    values[_PLANAR] = covariance
+    return values
 
 
 def _set_planar(twist: object, values: FloatArray) -> None:

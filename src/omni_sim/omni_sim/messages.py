@@ -5,16 +5,14 @@ from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
-from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import Point, Pose, Quaternion, TwistWithCovarianceStamped, Vector3
+from geometry_msgs.msg import Point, Pose, TwistWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
-from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from omni_platform import quantities, signals
 from omni_platform.description import IMU_FRAME
-from omni_ros.messages import BASE_FRAME, WORLD_FRAME, header
+from omni_ros.messages import BASE_FRAME, WORLD_FRAME, stamped
 from omni_sim.configuration import SimulatorConfiguration
 from omni_sim.imu import ImuConfiguration
 from omni_sim.simulator import Observation
@@ -39,7 +37,7 @@ def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfigura
     The message has no orientation. The rates of roll and pitch are zero and have the variance of
     the gyro noise. The vertical specific force equals gravity.
     """
-    message = Imu(header=header(stamp_ns, IMU_FRAME))
+    message = stamped(Imu, stamp_ns, IMU_FRAME)
     message.orientation_covariance[0] = -1.0  # convention for "not measured"
     message.angular_velocity.z = float(reading[0])
     message.linear_acceleration.x = float(reading[1])
@@ -53,7 +51,7 @@ def imu_message(stamp_ns: int, reading: quantities.FloatArray, imu: ImuConfigura
 
 def flow_message(name: str, flow: signals.Flow) -> TwistWithCovarianceStamped:
     """Return the measurement of a flow sensor along its own axes as a message."""
-    message = TwistWithCovarianceStamped(header=header(flow.stamp_ns, name))
+    message = stamped(TwistWithCovarianceStamped, flow.stamp_ns, name)
     message.twist.twist.linear.x, message.twist.twist.linear.y = map(float, flow.velocity)
     matrix = signals.UNMEASURED_VARIANCE * np.eye(6)
     matrix[:2, :2] = flow.covariance
@@ -65,8 +63,9 @@ def ground_truth(observation: Observation) -> Odometry:
     """Return the simulator's true pose in `odom` and twist in `base_link`."""
     x, y, yaw = (float(value) for value in observation.pose)
     z, roll, pitch = (float(value) for value in observation.attitude)
-    message = Odometry(header=header(observation.stamp_ns, WORLD_FRAME), child_frame_id=BASE_FRAME)
-    message.pose.pose = Pose(position=Point(x=x, y=y, z=z), orientation=_standing(yaw, roll, pitch))
+    message = stamped(Odometry, observation.stamp_ns, WORLD_FRAME)
+    message.child_frame_id = BASE_FRAME
+    _place(message.pose.pose, (x, y, z), _standing(yaw, roll, pitch))
     message.twist.twist.linear.x = float(observation.twist[0])
     message.twist.twist.linear.y = float(observation.twist[1])
     message.twist.twist.angular.z = float(observation.twist[2])
@@ -116,33 +115,32 @@ def _marker(
     pose: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Marker:
     """Return a marker with a size [m] at x, y, z [m] and yaw [rad]."""
-    red, green, blue = color
-    return Marker(
-        header=header(stamp_ns, WORLD_FRAME),
-        ns=namespace,
-        id=index,
-        type=kind,
-        action=Marker.ADD,
-        color=ColorRGBA(r=red, g=green, b=blue, a=0.9),
-        lifetime=Duration(),
-        pose=Pose(position=_point(pose[:3]), orientation=_about_z(pose[3])),
-        scale=Vector3(**dict(zip("xyz", map(float, size), strict=True))),
-    )
+    message = stamped(Marker, stamp_ns, WORLD_FRAME)
+    message.ns, message.id, message.type, message.action = namespace, index, kind, Marker.ADD
+    tint, scale = message.color, message.scale
+    (tint.r, tint.g, tint.b), tint.a = color, 0.9
+    scale.x, scale.y, scale.z = map(float, size)
+    _place(message.pose, pose[:3], (0.0, 0.0, math.sin(pose[3] / 2.0), math.cos(pose[3] / 2.0)))
+    return message
+
+
+def _place(message: Pose, position: Sequence[float], rotation: Sequence[float]) -> None:
+    """Set the position [m] and the quaternion (x, y, z, w) of a pose."""
+    place, turn = message.position, message.orientation
+    place.x, place.y, place.z = map(float, position)
+    turn.x, turn.y, turn.z, turn.w = rotation
 
 
 def _point(coordinates: Sequence[float]) -> Point:
-    return Point(**dict(zip("xyz", map(float, coordinates), strict=True)))
+    x, y, z = map(float, coordinates)
+    return Point(x=x, y=y, z=z)
 
 
-def _standing(yaw: float, roll: float, pitch: float) -> Quaternion:
+def _standing(yaw: float, roll: float, pitch: float) -> tuple[float, float, float, float]:
     """Return the rotation by yaw, followed by the smallest rotation that gives the tilt."""
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
     w = math.sqrt(0.5 * (1.0 + up))  # half the tilt angle, about (x, y, 0) in the body frame
     x, y = 0.5 * rise_y / w, -0.5 * rise_x / w
     cos, sin = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
-    return Quaternion(x=cos * x - sin * y, y=sin * x + cos * y, z=w * sin, w=w * cos)
-
-
-def _about_z(yaw: float) -> Quaternion:
-    return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+    return cos * x - sin * y, sin * x + cos * y, w * sin, w * cos
