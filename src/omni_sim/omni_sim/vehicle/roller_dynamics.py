@@ -140,8 +140,9 @@ def _slowed(rollers: Rollers, roller: Record, load: float, turn: float) -> float
         turn: change of spin in a step per force across the axis [rad/s/N].
     """
     spin: float = roller.spin
+    free: float = spin - turn * roller.f_p
     slowed = turn * (rollers.constant + rollers.growing * load) * load
-    return spin - min(max(spin - turn * roller.f_p, -slowed), slowed)
+    return spin - min(max(free, -slowed), slowed)
 
 
 @lean
