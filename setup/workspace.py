@@ -185,8 +185,9 @@ def file_digest(path: Path) -> str:
 def build_inputs(root: Path) -> Iterator[Path]:
     """Yield the files that a build reads, in a fixed order.
 
-    Modules are imported from src, and tests are not installed, so a build depends on neither. The
-    configuration is installed, so a build depends on the list of files in each of its folders.
+    Modules are imported from src, and tests and pages are not installed, so a build does not depend
+    on them. The configuration is installed, so a build depends on the list of files in each of its
+    folders.
     """
     yield from sorted(path for path in root.glob("config/*") if path.is_dir())
     for folder, folders, names in os.walk(root / "src", followlinks=True):
@@ -195,7 +196,7 @@ def build_inputs(root: Path) -> Iterator[Path]:
             folders[:] = [name for name in folders if name not in (place[0], "test", "build")]
         folders[:] = sorted(name for name in folders if not name.endswith((".egg-info", "cache__")))
         for name in sorted(names):
-            if not name.startswith((".", "#")) and not name.endswith(("~", ".pyc")):
+            if not name.startswith((".", "#")) and not name.endswith(("~", ".pyc", ".md")):
                 yield Path(folder, name)
 
 

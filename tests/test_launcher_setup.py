@@ -184,6 +184,7 @@ def test_what_colcon_installs_is_built_again_when_it_changes(workspace: Workspac
 
     (workspace.package / "test").mkdir()
     (workspace.package / "test" / "test_x.py").write_text("")
+    (workspace.package / "README.md").write_text("# A page\n")
     assert workspace.start("run").stderr == ""
 
 
