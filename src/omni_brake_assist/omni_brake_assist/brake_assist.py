@@ -64,8 +64,10 @@ class BrakeAssist:
         self._memory = assist_state.new_memory(self._wheels)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
-        # Compile the kernel here, so that the first real step is as fast as all others.
+        # Compile the kernel here, so that the first real step is as fast as all others. Its memory
+        # must not contain the stamp of this step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
+        self._memory = assist_state.new_memory(self._wheels)
 
     def update(self, demand: BrakeDemand) -> Decision:
         """Return the brake enables for a demand of the driver.

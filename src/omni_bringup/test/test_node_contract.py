@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,15 @@ import pytest
 
 from omni_bringup.node_check import contract
 from omni_bringup.node_check.enables_node import Enables
-from omni_bringup.node_check.exchange_node import Answer, Exchange
+from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
 from omni_platform import topics
-from omni_ros.messages import joint_state, planar_twist_with_covariance
+from omni_ros.messages import (
+    header,
+    joint_state,
+    message_class,
+    planar_twist_with_covariance,
+    to_time,
+)
 
 PERIOD_NS = 10_000_000
 
@@ -70,4 +77,60 @@ def test_brake_torques_of_any_simulator_are_judged(
     assert len(published) == len(steps)
     effort = np.array([0.0, torque])
     states = [(0.0, joint_state(step * PERIOD_NS, names, effort=effort)) for step in steps]
-    assert words in next(enables.breaches({"wheel_states": states}))
+    assert words in next(enables.breaches({"wheel_states": Received(states, [True])}))
+
+
+def test_a_repeated_stamp_of_an_odometry_is_named() -> None:
+    def found(node: str, stamps: list[int]) -> list[str]:
+        answers = [Answer("recorded", stamp, 0.0, 0.0, None) for stamp in stamps]
+        breaches = contract.common_breaches(exchange(answers, [1, 2, 3]), node, "topic")
+        return [one for one in breaches if "increase" in one]
+
+    assert found("odometry", [1, 2, 3]) == found("brake_assist", [1, 2, 2, 3]) == []
+    assert found("odometry", [1, 2, 2, 3])
+    assert found("brake_assist", [1, 3, 2])
+
+
+def imu(now_ns: int, upwards: float = 9.81) -> Any:
+    message = message_class(topics.IMU.type)(header=header(now_ns))
+    message.linear_acceleration.z = upwards
+    return message
+
+
+MESSAGES: dict[str, Callable[[int], Any]] = {
+    "clock": lambda now_ns: message_class(topics.CLOCK.type)(clock=to_time(now_ns)),
+    "wheel_states": lambda now_ns: joint_state(now_ns, ("left",), velocity=np.ones(1)),
+    "pedal": lambda now_ns: joint_state(now_ns, ("brake_pedal",), position=np.zeros(1)),
+    "twist": lambda now_ns: planar_twist_with_covariance(now_ns, np.ones(3), np.eye(3)),
+    "imu": imu,
+}
+
+
+def simulated(key: str, step: int = 1, lag_ns: int = 0) -> list[tuple[float, Any]]:
+    """Return arrival time [s] and message of each `step`-th period within 1 s."""
+    stamps = range(0, 100 * PERIOD_NS, step * PERIOD_NS)
+    return [(1e-9 * stamp_ns, MESSAGES[key](stamp_ns - lag_ns)) for stamp_ns in stamps]
+
+
+@pytest.mark.parametrize(
+    ("key", "received", "words"),
+    [
+        ("pedal", Received(simulated("pedal"), [True, True]), "has 2 publishers"),
+        ("pedal", Received(simulated("pedal"), [False]), "best effort"),
+        ("pedal", Received(simulated("pedal"), [True], silence=3.0), "any more for 3.0 s"),
+        ("pedal", Received([], [True]), "fewer than two messages"),
+        ("wheel_states", Received(simulated("wheel_states", step=2), [True]), "must be 100 or"),
+        ("wheel_states", Received(2 * simulated("wheel_states"), [True]), "do not increase"),
+        ("twist", Received(simulated("twist", step=4), [True]), "must be 50 or more"),
+        ("twist", Received(simulated("twist", lag_ns=200_000_000), [True]), "/clock by -0.20 s"),
+        ("clock", Received([], []), "clock: nothing"),
+        ("imu", Received([(0.0, imu(0, math.nan))], [True]), "finite"),
+        ("imu", Received(simulated("imu"), [True]), ""),
+        ("imu", Received([], []), ""),
+    ],
+)
+def test_each_breach_of_a_simulator_is_named(key: str, received: Received, words: str) -> None:
+    seen = {name: Received(simulated(name), [True]) for name in MESSAGES}
+    found = " | ".join(contract.simulator_breaches({**seen, key: received}, ("left",)))
+    assert words in found
+    assert bool(words) == bool(found)

@@ -151,4 +151,4 @@ def _check_simulator(
     enables = Enables(partner.node, wheels)
     seen = enables.watch(partner, duration)
     breaches = [*contract.simulator_breaches(seen, wheels), *enables.breaches(seen)]
-    return {f"messages.{key}": (len(found), "1") for key, found in seen.items()}, breaches
+    return {f"messages.{key}": (len(found.messages), "1") for key, found in seen.items()}, breaches

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omni_bringup.node_check.exchange_node import Answer, Exchange
+from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
 from omni_platform.quantities import SECOND_NS
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 
@@ -19,24 +19,31 @@ class Contract:
     Attributes:
         largest_age: limit on the age of the messages [s], keyed by node. The assistant rejects an
             older twist, and a vehicle without newer enables applies all brakes.
+        least_rate: rate of a simulator's messages by topic, a tenth less is tolerated [1/s].
         least_answered: minimum share of the inputs that the node must answer [1].
-        least_rate: minimum rate of wheel speeds and pedal messages [1/s].
         warm_up: time after the start in which a node may load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
         recovery: limit on the time from the end of a fault to the next valid answer [s].
+        longest_gap: time without a message after which a simulator counts as silent [s].
+        clock_error: limit on the median difference between a simulator's stamps and /clock [s].
         largest_variance: variance below which a velocity counts as measured [m^2/s^2].
     """
 
     largest_age: Mapping[str, float]
+    least_rate: Mapping[str, float]
     least_answered: float = 0.95
-    least_rate: float = 90.0
     warm_up: float = 0.5
     silence: float = 0.15
     recovery: float = 0.5
+    longest_gap: float = 1.0
+    clock_error: float = 0.05
     largest_variance: float = 1.0
 
 
-CONTRACT = Contract({"odometry": 0.1, "brake_assist": 0.05})
+CONTRACT = Contract(
+    {"odometry": 0.1, "brake_assist": 0.05},
+    {"wheel_states": 100.0, "pedal": 100.0, "twist": 50.0, "imu": 100.0},
+)
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
@@ -57,10 +64,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
     """Yield violations that concern publishers, rate, age or stamps of the messages of any node."""
-    if len(exchange.publishers) != 1:
-        yield f"{topic} has {len(exchange.publishers)} publishers; exactly one may publish it"
-    if not all(exchange.publishers):
-        yield f"{topic} is published with best effort, but its subscribers request reliable"
+    yield from _publisher_breaches(topic, exchange.publishers)
     for path, why in exchange.incompatible:
         yield f"a subscription to {path} receives nothing: {why}"
     found = metrics(exchange)
@@ -76,9 +80,11 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
             f"{1e3 * CONTRACT.largest_age[node]:.0f} ms"
         )
     stamps = [one.stamp_ns for one in exchange.answers]
+    repeats = node == "brake_assist"  # an assistant without inputs repeats its last stamp
     for before, after in itertools.pairwise(stamps):
-        if after < before:
-            yield f"stamps decrease, from {before / SECOND_NS:.3f} to {after / SECOND_NS:.3f} s"
+        if after < before or (after == before and not repeats):
+            pair = f"from {before / SECOND_NS:.3f} to {after / SECOND_NS:.3f} s"
+            yield f"stamps do not increase, {pair}"
             break
     newest = max(max(sent) for sent in exchange.sent.values() if sent)
     if stamps and max(stamps) > newest:
@@ -128,40 +134,67 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
             yield f"no valid twist later than {_recovery(phase)}"
 
 
-def simulator_breaches(
-    seen: dict[str, list[tuple[float, Any]]], wheels: Sequence[str]
-) -> Iterator[str]:
+def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> Iterator[str]:
     """Yield violations in the messages of a simulator, as received by `enables_node.Enables`."""
-    for key in ("wheel_states", "pedal", "twist"):
-        messages = [message for _, message in seen[key]]
-        if len(messages) < 2:
-            yield f"{key}: nothing is published" if not messages else f"{key}: one message only"
-            continue
-        stamps = np.array([to_nanoseconds(message.header.stamp) for message in messages])
-        if np.any(np.diff(stamps) <= 0):
-            yield f"{key}: stamps do not increase"
-        rate = (len(stamps) - 1) * SECOND_NS / max(stamps[-1] - stamps[0], 1)
-        if key != "twist" and rate < CONTRACT.least_rate:
-            yield f"{key}: {rate:.0f} messages per second of its stamps, at least 100 are needed"
-    for _, message in seen["wheel_states"]:
+    if not seen["clock"].messages:
+        yield "clock: nothing is published"
+    for key in CONTRACT.least_rate:
+        if key != "imu" or seen[key].messages:  # the IMU is optional
+            yield from _stream_breaches(key, seen[key], seen["clock"])
+    for _, message in seen["wheel_states"].messages:
         if sorted(message.name) != sorted(wheels):
             yield f"wheel_states names {', '.join(message.name)}; must be {', '.join(wheels)}"
             break
         if not np.all(np.isfinite(message.velocity)) or len(message.velocity) != len(wheels):
             yield "wheel_states: velocity must contain one finite number per wheel"
             break
-    for _, message in seen["pedal"]:
+    for _, message in seen["pedal"].messages:
         if not message.position or not 0.0 <= message.position[0] <= 1.0:
             yield f"brake/pedal: position {list(message.position)} must be one number, 0 to 1"
             break
-    for _, message in seen["twist"]:
-        problem = _twist_problem(message)
+    for _, message in seen["twist"].messages:
+        problem = _twist_problem(message) if hasattr(message, "twist") else ""  # lines of a camera
         if problem:
             yield f"twist: {problem}"
             break
-    vertical = [message.linear_acceleration.z for _, message in seen["imu"]]
-    if vertical and abs(float(np.median(vertical)) - 9.81) > 2.0:
-        yield f"imu: specific force upwards {np.median(vertical):.2f}, must be 9.81 m/s^2 (REP 145)"
+    forces = [(m.linear_acceleration, m.angular_velocity.z) for _, m in seen["imu"].messages]
+    values = np.array([(force.x, force.y, force.z, yaw_rate) for force, yaw_rate in forces])
+    if not np.all(np.isfinite(values)):
+        yield "imu: yaw rate and specific force must be finite"
+    elif forces and abs((upwards := float(np.median(values[:, 2]))) - 9.81) > 2.0:
+        yield f"imu: specific force upwards {upwards:.2f}, must be 9.81 m/s^2 (REP 145)"
+
+
+def _publisher_breaches(topic: str, publishers: Sequence[bool]) -> Iterator[str]:
+    if len(publishers) > 1:
+        yield f"{topic} has {len(publishers)} publishers; exactly one may publish it"
+    if not all(publishers):
+        yield f"{topic} is published with best effort, but its subscribers request reliable"
+
+
+def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[str]:
+    """Yield violations in publishers, number, stamps and rate of the messages on a topic."""
+    if len(received.messages) < 2:
+        yield f"{key}: fewer than two messages are published"
+        return
+    yield from _publisher_breaches(key, received.publishers)
+    if received.silence > CONTRACT.longest_gap:
+        yield f"{key}: nothing is published any more for {received.silence:.1f} s"
+    arrivals, messages = zip(*received.messages, strict=True)
+    stamps = np.array([to_nanoseconds(message.header.stamp) for message in messages])
+    if np.any(np.diff(stamps) <= 0):
+        yield f"{key}: stamps do not increase"
+    rate, least = (len(stamps) - 1) * SECOND_NS / max(np.ptp(stamps), 1), CONTRACT.least_rate[key]
+    if rate < 0.9 * least:
+        yield f"{key}: {rate:.0f} messages per second of its stamps, must be {least:.0f} or more"
+    if not clock.messages:
+        return
+    ticks, clocks = zip(*clock.messages, strict=True)
+    present = np.array([to_nanoseconds(message.clock) for message in clocks])
+    newest = np.maximum(np.searchsorted(ticks, arrivals, side="right") - 1, 0)
+    ahead = float(np.median(stamps - present[newest])) / SECOND_NS
+    if abs(ahead) > CONTRACT.clock_error:
+        yield f"{key}: stamps differ from /clock by {ahead:+.2f} s"
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:

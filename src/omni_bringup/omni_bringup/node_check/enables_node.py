@@ -2,14 +2,13 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from omni_bringup.node_check.exchange_node import Partner, subscribe
+from omni_bringup.node_check.exchange_node import Partner, Received, subscribe
 from omni_platform import topics
 from omni_platform.quantities import SECOND_NS
 from omni_ros import messages, qos
@@ -33,9 +32,10 @@ class Enables:
         self._publisher = node.create_publisher(JointState, topics.ENABLE.path, qos.RELIABLE)
         node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
-    def watch(self, partner: Partner, duration: float) -> dict[str, list[tuple[float, Any]]]:
-        """Return the simulator's messages within `duration` [s], each with its arrival time [s]."""
+    def watch(self, partner: Partner, duration: float) -> dict[str, Received]:
+        """Return the simulator's messages within `duration` [s] by topic."""
         watched = {
+            "clock": topics.CLOCK,
             "wheel_states": topics.WHEEL_STATES,
             "pedal": topics.PEDAL,
             "imu": topics.IMU,
@@ -43,19 +43,29 @@ class Enables:
             "velocity_sensor": topics.VELOCITY_SENSOR,
             "lines": topics.lines("front"),
         }
-        seen = subscribe(partner, watched, qos.RELIABLE)
-        partner.spin(time.monotonic() + duration)
-        velocity_sensor, lines = seen.pop("velocity_sensor"), seen.pop("lines")
-        seen["twist"] = seen["twist"] or velocity_sensor or lines
+        seen = {}
+        for key, topic in watched.items():
+            publishers = partner.publishers(topic.path)
+            profile = qos.RELIABLE if all(publishers) else qos.BEST_EFFORT
+            seen[key] = Received(subscribe(partner, {key: topic}, profile)[key], publishers)
+        end = time.monotonic() + duration
+        partner.spin(end)
+        for key, topic in watched.items():
+            publishers = partner.publishers(topic.path)
+            if seen[key].messages and publishers:  # a simulator that has ended is not silent
+                seen[key].publishers = publishers
+                seen[key].silence = end - seen[key].messages[-1][0]
+        sources = [seen.pop(key) for key in ("twist", "velocity_sensor", "lines")]
+        seen["twist"] = next((source for source in sources if source.messages), sources[0])
         return seen
 
-    def breaches(self, seen: dict[str, list[tuple[float, Any]]]) -> Iterator[str]:
+    def breaches(self, seen: Mapping[str, Received]) -> Iterator[str]:
         """Yield violations in the brake torques on `wheel_states`."""
         if self._braking_ns is None:
             yield "brake/pedal stayed 0: press the pedal during the check of the enables"
             return
         torques: dict[int, list[float]] = {}
-        for _, message in seen["wheel_states"]:
+        for _, message in seen["wheel_states"].messages:
             since = messages.to_nanoseconds(message.header.stamp) - self._braking_ns
             first = dict(zip(message.name, message.effort, strict=False)).get(self._wheels[0])
             if since >= 0 and since % _PHASE_NS >= _SETTLING_NS and first is not None:

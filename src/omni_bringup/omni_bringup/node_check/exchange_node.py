@@ -65,6 +65,21 @@ class Answer:
     message: Any
 
 
+@dataclass
+class Received:
+    """Messages received on a topic.
+
+    Attributes:
+        messages: arrival time on a monotonic clock [s] and message, in the order of arrival.
+        publishers: whether each publisher is reliable, one entry for each.
+        silence: time since the last message [s], 0 if the publishers have ended.
+    """
+
+    messages: list[tuple[float, Any]]
+    publishers: list[bool]
+    silence: float = 0.0
+
+
 class Exchange:
     """Messages that were sent to the checked node, and the node's answers.
 

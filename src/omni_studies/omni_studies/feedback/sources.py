@@ -19,6 +19,7 @@ from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
 MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
 _UNMEASURED = signals.UNMEASURED_VARIANCE * np.eye(3)
+_NEVER_NS = -(10**18)  # older than any timeout [ns]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,11 +120,11 @@ class SourceEstimator:
         self._random = np.random.default_rng(seed)
         self._scale = 1.0 + source.scale * float(self._random.standard_normal())
         self._waiting: deque[tuple[int, signals.TwistSample]] = deque()  # by arrival time [ns]
-        self._last: signals.TwistSample | None = None
-        self._sampled_ns = -(10**18)
+        self._last = signals.TwistSample(_NEVER_NS, np.zeros(3), _UNMEASURED)
+        self._sampled_ns = _NEVER_NS
 
     def estimate(self, observation: Observation) -> signals.TwistSample:
-        """Return the latest received measurement, or an unmeasured twist before the first one."""
+        """Return the latest received measurement, or an outdated twist before the first one."""
         now_ns, source = observation.stamp_ns, self._source
         if now_ns - self._sampled_ns >= round(source.period * 1e9):
             self._sampled_ns = now_ns
@@ -131,8 +132,6 @@ class SourceEstimator:
             self._waiting.append((arrival_ns, self._measure(observation)))
         while self._waiting and self._waiting[0][0] <= now_ns:
             self._last = self._waiting.popleft()[1]
-        if self._last is None:
-            return signals.TwistSample(now_ns, np.zeros(3), _UNMEASURED)
         return self._last
 
     def _measure(self, observation: Observation) -> signals.TwistSample:
