@@ -38,6 +38,14 @@ def test_changes_that_brakes_and_noise_may_cause_are_accepted(
     assert decision.fault is None
 
 
+def test_an_assistant_that_starts_while_the_driver_brakes_reports_no_time_jump(
+    mecanum: Wheels,
+) -> None:
+    assist = BrakeAssist(BrakeAssistConfiguration(wheels=mecanum))
+    decades = 10**11  # steps since the epoch, as in the stamps of a vehicle
+    require_all_on(assist.update(demand(decades, speed=5.0)), AssistState.NO_FEEDBACK)
+
+
 @pytest.mark.parametrize("deviation", [1e-6, 1e-3, 1e-2, 0.19])
 def test_good_optical_feedback_is_confident_enough(mecanum: Wheels, deviation: float) -> None:
     good = with_feedback(demand(5), covariance=deviation**2 * np.eye(3))

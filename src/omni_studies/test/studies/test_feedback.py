@@ -53,6 +53,7 @@ def test_errors_are_as_large_as_stated(name: str) -> None:
 def test_a_late_source_gives_what_was_true_then() -> None:
     twists = measured("late_50ms", 30)
     assert [one.stamp_ns for one in twists[5:]] == [10_000_000 * step for step in range(25)]
+    assert all(one.stamp_ns < -1_000_000_000 for one in twists[:5])  # nothing has arrived yet
 
 
 def test_a_slow_source_holds_its_last_sample() -> None:
