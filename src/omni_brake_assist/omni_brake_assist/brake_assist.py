@@ -101,7 +101,8 @@ class BrakeAssist:
 
     def sources(self) -> tuple[Source, ...]:
         """Return the test ratio and state of each measurement source after the last decision."""
-        return sources(self._memory, self.geometry.names)
+        detects = self.configuration.fault_detection
+        return sources(self._memory, self.geometry.names, detects)
 
     def switch(self, *, enabled: bool) -> None:
         """Enable or disable the release of brakes, starting with the next decision."""

@@ -11,6 +11,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from omni_brake_assist import conditions
 from omni_brake_assist.assist_state import Memory
 from omni_brake_assist.conditions import CONDITIONS, GOOD, WARNING
 from omni_brake_assist.decision import Decision
@@ -19,7 +22,8 @@ from omni_brake_assist.filter_bank.measurement import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
-LOST = "lost"  # missing, although readings were received before
+LOST = "lost"  # missing, although the assistant needs readings or received some before
+_NO_TWIST = (conditions.SILENCE, conditions.ABSENT, conditions.STALE)
 _GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 
 
@@ -44,34 +48,38 @@ class Source(NamedTuple):
         return f"{self.state}: {self.reason}" if self.reason else self.state
 
 
-def sources(memory: Memory, wheels: Sequence[str]) -> tuple[Source, ...]:
+def sources(memory: Memory, wheels: Sequence[str], detects: bool) -> tuple[Source, ...]:
     """Return the test ratio and state of all sources after a step.
 
     Args:
         memory: memory of the assistant.
         wheels: names of the wheels in the order of the configuration.
+        detects: whether fault detection is on, which needs at least one wheel speed.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
     twist = force + gyro  # the same sum as in `fuse_twist`
     found = [_source("twist", twist, isolated=best in (bank.NO_TWIST, bank.NO_ESTIMATE))]
     if gate["cause"] != GOOD:
-        state = CONDITIONS[int(gate["cause"])].state.value
-        found[0] = Source("twist", twist, REJECTED, state)
+        state = LOST if gate["cause"] in _NO_TWIST else REJECTED
+        found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)
+    partial = bool(np.any(np.isfinite(memory.workspace[0])))
     for name, ratio, out, reading in (
         ("gyro", gyro, bank.NO_GYRO, memory.workspace[0, 0]),
         ("accelerometer", force, bank.NO_FORCE, memory.workspace[0, 1]),
     ):
         missing = not math.isfinite(reading)
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
-        lost = missing and bool(memory.bank.record[0]["equipped"])
+        lost = missing and (partial or bool(memory.bank.record[0]["equipped"]))
         found.append(source._replace(state=LOST) if lost else source)
+    silent = detects and not np.any(np.isfinite(memory.speeds))
     for i, name in enumerate(wheels):
         ratio = float(memory.bank.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
         wheel = _source(name, ratio, isolated=bool(memory.bank.faulty[i] > FAULTY), missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
-        found.append(wheel._replace(state=BRAKED) if braked else wheel)
+        state = BRAKED if braked else LOST if silent else wheel.state
+        found.append(wheel._replace(state=state))
     return tuple(found)
 
 

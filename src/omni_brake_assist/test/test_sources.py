@@ -32,11 +32,12 @@ def drive(
     force: float = 0.0,
     twist: bool = True,
     imu_until: int = 150,
+    wheels_until: int = 150,
     pedal: float = 0.0,
 ) -> dict[str, Source]:
     """Drive at 5 m/s for a second, then for half a second with the changes; return the sources.
 
-    IMU readings are received until the step `imu_until`.
+    IMU readings and wheel speeds are received until the steps `imu_until` and `wheels_until`.
     """
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels))
     value = np.array([5.0, 0.0, 0.0])
@@ -50,7 +51,7 @@ def drive(
                 stamp_ns,
                 pedal if late else 0.0,
                 TwistSample(stamp_ns, value, 1e-6 * np.eye(3)) if twist or not late else None,
-                WheelSample(stamp_ns, speed),
+                WheelSample(stamp_ns, speed) if step < wheels_until else None,
                 ImuSample(stamp_ns, rate, specific_force) if step < imu_until else None,
             )
         )
@@ -84,7 +85,7 @@ def test_the_twist_is_judged_by_velocity_and_yaw_rate_together(
 
 
 def test_a_missing_source_says_so(mecanum: dict[str, WheelMount]) -> None:
-    assert drive(mecanum, twist=False)["twist"].words == "rejected: no_feedback"
+    assert drive(mecanum, twist=False)["twist"].words == "lost: no_feedback"
     gyro = drive(mecanum, imu_until=0)["gyro"]
     assert gyro.state == MISSING
     assert math.isnan(gyro.test_ratio)
@@ -103,6 +104,17 @@ def test_a_lost_imu_is_reported_with_a_warning(
     assert summary(decision, [*lost.values()]) == (level, "reason; lost: gyro, accelerometer")
     for found in (drive(mecanum), drive(mecanum, imu_until=0)):
         assert summary(decision, [*found.values()]) == (state.level, "reason")
+
+
+def test_other_lost_sources_are_reported_with_a_warning(mecanum: dict[str, WheelMount]) -> None:
+    decision = Decision(0, np.ones(4), np.zeros(4), AssistState.INACTIVE, "reason")
+    for lost, found in (
+        ("twist", drive(mecanum, twist=False)),
+        (", ".join(mecanum), drive(mecanum, wheels_until=100)),
+        (", ".join(mecanum), drive(mecanum, wheels_until=0)),
+        ("gyro", drive(mecanum, gyro=math.nan)),
+    ):
+        assert summary(decision, [*found.values()]) == (WARNING, f"reason; lost: {lost}")
 
 
 @pytest.mark.parametrize("pedal", [0.0, 1.0])

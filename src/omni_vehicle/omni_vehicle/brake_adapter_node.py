@@ -164,12 +164,12 @@ class BrakeAdapterNode(Node):
         pedal, enable = self._pedal, self._enable
         if self._silent("pedal", timeout):
             pedal = 1.0
-            problems.append("no braking demand")
+            problems.append("no braking demand: full demand")
         pedal = pedal if 0.0 <= pedal <= 1.0 else 1.0
         if self._topics.estop:
             silent = self._silent("estop", timeout)
             pedal = 1.0 if silent else max(pedal, self._estop)  # a request to brake has priority
-            problems += ["no emergency stop signal"] if silent else []
+            problems += ["no emergency stop signal: full demand"] if silent else []
         if self._topics.pedal != "joint_state":
             stamp_ns = self.get_clock().now().nanoseconds
             names = ("brake_pedal",)
@@ -177,11 +177,11 @@ class BrakeAdapterNode(Node):
         silent = self._silent("enable", enable_timeout)
         if silent or not -enable_timeout <= self._enable_age <= enable_timeout:
             enable = np.ones(len(enable))
-            problems.append("no enables" if silent else "enables are late")
+            problems.append(f"{'no enables' if silent else 'enables are late'}: all brakes on")
             # Without enables all brakes act, and a missing pedal means full braking.
             pedal = 1.0
         elif not np.all((enable >= 0.0) & (enable <= 1.0)):
-            problems.append("an enable is missing or outside [0, 1]")
+            problems.append("an enable is missing or outside [0, 1]: full demand for its wheel")
         misconnected = list(filter(None, [self._guard.second()]))
         if "other joints" in self._received and "joints" not in self._received:
             missing = [joint for joint in self._joints if joint in self._unnamed]
@@ -191,7 +191,7 @@ class BrakeAdapterNode(Node):
                 f"only {', '.join(self._named) or 'nothing'}; correct the parameter joints"
             )
         if misconnected:
-            problems += misconnected
+            problems += [f"{sentence}: all brakes on" for sentence in misconnected]
             pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
         if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:
@@ -209,8 +209,8 @@ class BrakeAdapterNode(Node):
             self._command.publish(Float64MultiArray(data=command.tolist()))
         else:
             self._command.publish(joint_state(stamp_ns, self._joints, effort=command))
-        words = f"{problem}: brakes on" if problem else "follows the enables"
-        self._status.update(stamp_ns, problem, Status(ERROR if problem else OK, words))
+        status = Status(ERROR if problem else OK, problem or "follows the enables")
+        self._status.update(stamp_ns, problem, status)
 
 
 main = partial(run_process, BrakeAdapterNode, spin_until_stopped)
