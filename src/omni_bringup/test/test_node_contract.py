@@ -15,7 +15,6 @@ from omni_bringup.node_check.enables_node import Enables
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
 from omni_platform import topics
 from omni_ros.messages import (
-    header,
     joint_state,
     message_class,
     planar_twist_with_covariance,
@@ -92,7 +91,8 @@ def test_a_repeated_stamp_of_an_odometry_is_named() -> None:
 
 
 def imu(now_ns: int, upwards: float = 9.81) -> Any:
-    message = message_class(topics.IMU.type)(header=header(now_ns))
+    message = message_class(topics.IMU.type)()
+    message.header.stamp = to_time(now_ns)
     message.linear_acceleration.z = upwards
     return message
 
