@@ -105,7 +105,7 @@ def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool
             good = False
     v_x, v_y, yaw_rate = twist[0], twist[1], twist[2]
     for i in range(memory.law_speeds.size):
-        isolated = memory.bank.faulty[i] > bank_state.FAULTY
+        isolated = memory.bank.faulty[memory.bank.record[0].best, i] > bank_state.FAULTY
         memory.law_speeds[i] = math.nan if isolated else memory.speeds[i]
     if constants.fault_detection and (not braking or (good and gate_open)):
         _watch(constants, memory, pedal, elapsed, (v_x, v_y, yaw_rate))

@@ -76,7 +76,7 @@ def sources(memory: Memory, wheels: Sequence[str], detects: bool) -> tuple[Sourc
     for i, name in enumerate(wheels):
         ratio = float(memory.bank.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
-        wheel = _source(name, ratio, isolated=bool(memory.bank.faulty[i] > FAULTY), missing=missing)
+        wheel = _source(name, ratio, isolated=memory.bank.faulty[best, i] > FAULTY, missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
         state = BRAKED if braked else LOST if silent else wheel.state
         found.append(wheel._replace(state=state))

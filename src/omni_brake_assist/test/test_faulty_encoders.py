@@ -66,8 +66,8 @@ def isolated_encoder(
             answer,
         )
         assert memory.record[0]["best"] == ALL
-        assert np.all(memory.faulty[1:] < 0.5)
-    return bool(memory.faulty[0] > 0.5)
+        assert np.all(memory.faulty[ALL, 1:] < 0.5)
+    return bool(memory.faulty[ALL, 0] > 0.5)
 
 
 @pytest.mark.safety(

@@ -304,6 +304,17 @@ def test_one_wheel_alone_isolates_nothing(drive: Drive) -> None:
     assert drive.error == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("size", [10.0, -10.0])
+def test_without_an_imu_a_faulty_encoder_is_not_distinguished_from_a_faulty_twist(
+    drive: Drive, size: float
+) -> None:
+    """The only rolling wheel contradicts the twist, so that the motion is unknown."""
+    drive.imu_lost = 0
+    drive.run(90, "wheel", onset=60, size=size)
+    assert drive.time_until(NO_ESTIMATE, onset=60) <= 0.1
+    assert set(drive.chosen[70:]) == {NO_ESTIMATE}
+
+
 @pytest.mark.safety(
     RELEASED,
     "the IMU is lost after the velocity of the twist has been isolated",
@@ -382,7 +393,7 @@ def test_wheels_that_stay_locked_after_a_release_are_no_fault(
     drive, twist = Drive(mecanum), np.array([3.0, 0.0, 0.0])
     enable = np.where(np.arange(4) < released, 0.0, 1.0)
     assert drive_and_brake(drive, twist, twist, enable, 18) == {ALL}
-    assert np.max(drive.memory.faulty) < FAULTY
+    assert np.max(drive.memory.faulty[ALL]) < FAULTY
 
 
 def test_driven_wheels_that_slip_in_a_turn_are_no_fault(mecanum: dict[str, WheelMount]) -> None:

@@ -27,9 +27,9 @@ To make their likelihoods comparable, all hypotheses explain the same readings. 
 faulty source is modeled as a random walk from the last reading, whose steps are as large as the
 vehicle's motion allows. A wheel is modeled as a mixture of rolling, sliding, locked and a faulty
 encoder, whose prior probabilities depend on the state of its brake. The probabilities of the
-hypotheses and of faulty encoders are updated by Bayes' rule with a constant transition probability
-(Blom and Bar-Shalom 1988). These probabilities alone decide which source is isolated and when it
-recovers.
+hypotheses, and under each of them those of faulty encoders, are updated by Bayes' rule with a
+constant transition probability (Blom and Bar-Shalom 1988). These probabilities alone decide which
+source is isolated and when it recovers.
 
 The estimate is that of the most probable hypothesis. A component of a fused twist replaces the same
 component of the estimate if it has a smaller variance. No estimate exists if too many sources are

@@ -144,7 +144,7 @@ def _is_lost(memory: BankMemory) -> bool:
     and, while brakes are released, a released wheel must roll.
     """
     record, left = memory.record[0], 0
-    for probability in memory.faulty:
+    for probability in memory.faulty[record.best]:
         left += 1 if probability <= bank.FAULTY else 0
     supported = record.inertial and record.unsupported < _UNSUPPORTED
     without = record.best == bank.NO_TWIST and not supported
@@ -188,6 +188,8 @@ def _mix(memory: BankMemory, best: int) -> None:
                 p_here[i, j] += _MIXING * (p_there[i, j] - p_here[i, j] + apart)
         for i in range(STATES):
             here[i] += _MIXING * (there[i] - here[i])
+        for i in range(memory.rim.size):
+            memory.faulty[k, i] += _MIXING * (memory.faulty[best, i] - memory.faulty[k, i])
 
 
 @lean

@@ -45,7 +45,6 @@ class _Wheel(NamedTuple):
         rolls: prior probability that the wheel rolls [1].
         slides: prior probability that the wheel slides without being locked [1].
         locked: likelihood of the reading if the wheel is locked, times the prior probability [s/m].
-        faulty: probability that the encoder of the wheel is faulty [1].
         variance: variance of the speed of a rolling rim [m^2/s^2].
         excess: amount by which the rim can be faster than in rolling after its brake is released,
             while the tire springs back [m/s].
@@ -55,7 +54,6 @@ class _Wheel(NamedTuple):
     rolls: float
     slides: float
     locked: float
-    faulty: float
     variance: float
     excess: float
     span: float
@@ -184,7 +182,7 @@ def fuse_wheels(
     A reading is modeled as a mixture of four cases: the wheel rolls; the wheel slides; the wheel is
     locked, which is possible only while the vehicle brakes; or the encoder is faulty. The rim of a
     sliding wheel moves at most as fast as in rolling, or slightly faster while the tire springs
-    back after a release. At most one encoder is assumed to be faulty.
+    back after a release. Each hypothesis assumes that at most one encoder is faulty.
 
     Args:
         constants: constants of the vehicle.
@@ -195,7 +193,7 @@ def fuse_wheels(
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
-    slip, suspect = 0.0, 0
+    slip = 0.0
     # After the clutch has opened, a driven wheel takes as long to roll as a released one.
     if memory.record[0].braked < constants.spin_up:
         # All filters use the slip computed from the state of one. If each filter used its own
@@ -205,8 +203,6 @@ def fuse_wheels(
         ground = math.hypot(state[U_X], state[U_Y])
         centripetal = ground * abs(state[RATE])
         slip = _SLIP * ground * (centripetal if math.isnan(push) else push)
-    for i in range(speeds.size):
-        suspect = i if memory.faulty[i] > memory.faulty[suspect] else suspect
     released, rolling = False, False
     speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
     span = _SPEED_RANGE + _SPEED_SHARE * speed
@@ -237,14 +233,11 @@ def fuse_wheels(
             rolls = 1.0 - slides - stays
             locked = stays * math.exp(-0.5 * min((rim / bank.WHEEL) ** 2, GATE))
             locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
-        faulty = memory.faulty[i] if i == suspect else min(memory.faulty[i], bank.PRIOR)
         memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(locked + 1.0 / span)
-        wheel, odds = _Wheel(rolls, slides, locked, faulty, own, excess, span), 1.0
+        wheel = _Wheel(rolls, slides, locked, own, excess, span)
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
-            if k == memory.record[0].best:
-                odds = (possible * span) ** constants.weight
-        _update_encoder(constants, memory, i, odds)
+            _update_encoder(constants, memory.faulty[k], i, possible * span)
         released = released or not held
         rolling = rolling or math.isfinite(memory.wheel_ratio[i])
     record = memory.record[0]
@@ -258,7 +251,7 @@ def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
     """Correct filter `k` with wheel `i`; return the likelihood of a fault-free encoder [s/m]."""
-    rolls, slides, locked, faulty, own, excess, span = wheel
+    rolls, slides, locked, own, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]
     ground = n_x * state[U_X] + n_y * state[U_Y] + lever * state[RATE]
@@ -275,10 +268,14 @@ def _fuse_wheel(
     fast, turns = (ground, rim) if ground >= 0.0 else (-ground, -rim)
     most = fast + edge + excess
     sliding = locked + (slides / (most + edge) if -edge <= turns <= most else 0.0)
-    possible = rolling + sliding
-    likelihood = (1.0 - faulty) * possible + faulty / span
-    memory.evidence[k] += constants.wheel_weight * math.log(likelihood)
-    if (1.0 - faulty) * rolling > 0.5 * likelihood:
+    possible, weight = rolling + sliding, constants.wheel_weight
+    faulty = memory.faulty[k, i]
+    for other in memory.faulty[k]:
+        faulty = min(faulty, bank.PRIOR) if other > faulty else faulty
+    # The exponent is that of `_update_encoder`, so that hypotheses are compared together with the
+    # faults of encoders that they imply.
+    memory.evidence[k] += math.log((1.0 - faulty) * possible**weight + faulty / span**weight)
+    if (1.0 - faulty) * rolling > 0.5 * ((1.0 - faulty) * possible + faulty / span):
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
@@ -289,15 +286,18 @@ def _fuse_wheel(
 
 
 @lean
-def _update_encoder(constants: BankConstants, memory: BankMemory, i: int, odds: float) -> None:
+def _update_encoder(constants: BankConstants, faults: FloatArray, i: int, odds: float) -> None:
     """Update the probability that the encoder of wheel `i` is faulty by Bayes' rule.
 
-    `odds` is the ratio of the reading's likelihoods with a fault-free and with a faulty encoder
-    [1].
+    Args:
+        constants: constants of the vehicle.
+        faults: probabilities of faulty encoders under a hypothesis, changed in place, shape (N,).
+        i: index of the wheel.
+        odds: ratio of the reading's likelihoods with a fault-free and with a faulty encoder [1].
     """
-    faulty = memory.faulty[i]
-    faulty /= faulty + (1.0 - faulty) * odds
-    memory.faulty[i] = faulty + constants.transition * (bank.PRIOR - faulty)
+    faulty = faults[i]
+    faulty /= faulty + (1.0 - faulty) * odds**constants.wheel_weight
+    faults[i] = faulty + constants.transition * (bank.PRIOR - faulty)
 
 
 @lean

@@ -179,7 +179,8 @@ class BankMemory(NamedTuple):
         mark: lowest recent speed of the rim of each released wheel, from which its gain in speed is
             measured [m/s], shape (N,).
         idle: time for which the rim of each released wheel has not gained speed [s], shape (N,).
-        faulty: probability of a faulty encoder of each wheel [1], shape (N,).
+        faulty: probability under each hypothesis that the encoder of a wheel is faulty [1],
+            shape (6, N); 0 under NO_ESTIMATE.
         wheel_ratio: test ratio of each wheel, NaN while it slides [1], shape (N,).
         ratio: test ratios of velocity and yaw rate of the twist in the filter of all sources,
             shape (2,).
@@ -262,7 +263,7 @@ def bank_memory(wheels: int) -> BankMemory:
         np.full(wheels, np.nan),
         np.zeros(wheels),
         np.zeros(wheels),
-        np.zeros(wheels),
+        np.zeros((HYPOTHESES, wheels)),
         np.full(wheels, np.nan),
         np.zeros(2),
         np.zeros((LOSS_STEPS + 1, FILTERS + 1)),
@@ -310,7 +311,9 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Restart a filter with the state and the covariance of the most probable filter."""
+    """Restart a filter, with its probabilities of faulty encoders, from the most probable one."""
+    for i in range(memory.rim.size):
+        memory.faulty[k, i] = memory.faulty[best, i]
     for i in range(STATES):
         memory.state[k, i] = memory.state[best, i]
         for j in range(STATES):
