@@ -39,8 +39,7 @@ def make_constants(
     """Return the constants of the law for a configuration and wheel geometry."""
     brake, rim, position = configuration.brake, geometry.rim, geometry.position
     return Constants(
-        n_x=geometry.active[:, 0].copy(),
-        n_y=geometry.active[:, 1].copy(),
+        active=geometry.active,
         lever=geometry.lever,
         rim=rim,
         peak_slip=configuration.allocation.target_slip * geometry.radius / np.abs(rim),
@@ -114,7 +113,7 @@ def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArr
     limit = law.locked_share * math.hypot(motion.v_x, motion.v_y)
     for i in range(error.size):
         wheel = memory.wheel[i]
-        carried = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
+        carried = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
         along = carried + law.lever[i] * motion.yaw_rate
         wheel.hub = abs(along)
         # A locked wheel can hold its hub while the vehicle rotates about it.

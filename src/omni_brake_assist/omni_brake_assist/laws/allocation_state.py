@@ -58,8 +58,7 @@ class Constants(NamedTuple):
     """Constants of the law `allocation`: parameters of the law, the vehicle and the brakes.
 
     Attributes:
-        n_x: active directions, x component [1], shape (N,).
-        n_y: active directions, y component [1], shape (N,).
+        active: active directions [1], shape (N, 2).
         lever: lever of the active direction about base_link, ``cross(r_i, n_wi)`` with the wheel's
             position ``r_i`` and active direction ``n_wi`` [m], shape (N,).
         rim: ratio of the rim's speed along the active direction to the wheel speed,
@@ -83,8 +82,7 @@ class Constants(NamedTuple):
             vehicle's speed [1].
     """
 
-    n_x: FloatArray
-    n_y: FloatArray
+    active: FloatArray
     lever: FloatArray
     rim: FloatArray
     peak_slip: FloatArray

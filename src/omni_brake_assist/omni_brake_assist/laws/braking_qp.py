@@ -69,8 +69,8 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
     qp.linear[n + 2] = qp.linear[n + 3] = 0.0 if failed else 0.5 * weight
     for i in range(n):
         unit = wheel[i].sign * wheel[i].capacity / total
-        along = law.n_x[i] * motion.v_x + law.n_y[i] * motion.v_y
-        across = law.n_x[i] * motion.across_x + law.n_y[i] * motion.across_y
+        along = law.active[i, 0] * motion.v_x + law.active[i, 1] * motion.v_y
+        across = law.active[i, 0] * motion.across_x + law.active[i, 1] * motion.across_y
         qp.rows[DECELERATION, i] = unit * along / (speed + 1e-9)
         qp.rows[YAW, i] = -unit * law.lever[i] / law.gyration
         qp.rows[SIDE, i] = -unit * across
@@ -79,21 +79,26 @@ def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
 
 
 @lean
-def cost(memory: Memory, pattern: int) -> float:
-    """Return the cost of the forces that are predicted for a pattern of valves.
+def best_pattern(memory: Memory) -> int:
+    """Return the pattern of valves whose predicted forces have the lowest cost in the solved QP.
 
-    Args:
-        memory: memory of the law, with the solved QP and the predicted forces.
-        pattern: number in which bit `i` is set if valve `i` is open.
+    Bit `i` of a pattern is set if valve `i` is open. A wheel whose brake force far exceeds its
+    capacity slides beyond the predicted time, whether its valve is open or shut. The valve must be
+    shut to let the brake force decrease. Of several patterns with equal cost, the first one is
+    therefore chosen.
     """
     qp, n = memory.qp, memory.wheel.size
-    value = 0.0
-    for row in range(3):
-        excess = -qp.goals[row]
-        for i in range(n):
-            excess += qp.rows[row, i] * memory.forces[(pattern >> i) & 1, i]
-        size = square = abs(excess)
-        if row != DECELERATION:  # the cost of a large excess is linear
-            square = min(size, qp.linear[n + 2 * (row - YAW)] / qp.weights[row])
-        value += qp.weights[row] * square * (2.0 * size - square)
-    return value
+    least, best = math.inf, 0
+    for pattern in range(1 << n):
+        cost = 0.0
+        for row in range(3):
+            excess = -qp.goals[row]
+            for i in range(n):
+                excess += qp.rows[row, i] * memory.forces[(pattern >> i) & 1, i]
+            size = square = abs(excess)
+            if row != DECELERATION:  # the cost of a large excess is linear
+                square = min(size, qp.linear[n + 2 * (row - YAW)] / qp.weights[row])
+            cost += qp.weights[row] * square * (2.0 * size - square)
+        if cost < least:
+            least, best = cost, pattern
+    return best

@@ -98,8 +98,8 @@ def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
     f_x = f_y = moment = 0.0
     for i in range(law.rim.size):
         force = -memory.wheel[i].sign * memory.wheel[i].measured
-        f_x += force * law.n_x[i]
-        f_y += force * law.n_y[i]
+        f_x += force * law.active[i, 0]
+        f_y += force * law.active[i, 1]
         moment += force * law.lever[i]
     body.heading += 0.5 * (body.yaw_rate + motion.yaw_rate) * dt
     a_x = (motion.v_x - body.v_x) / dt - motion.yaw_rate * motion.v_y

@@ -12,7 +12,7 @@ import math
 
 from omni_brake_assist.laws import wheel_model
 from omni_brake_assist.laws.allocation_state import CASCADE, Constants, Memory
-from omni_brake_assist.laws.braking_qp import cost
+from omni_brake_assist.laws.braking_qp import best_pattern
 from omni_brake_assist.laws.law import Motion
 from omni_brake_assist.laws.wheel_model import BrakedWheel, Rim
 from omni_platform.kernels import lean
@@ -30,37 +30,30 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
     for i in range(enable.size):
         wheel = memory.wheel[i]
         enable[i], memory.forces[:, i] = 1.0, share[i]
-        if not wheel.fixed:
-            model, rim = _at_effect(law, memory, slowing, i)
-            most = law.most[i] * motion.pedal
-            if valves:
-                memory.forces[0, i] = wheel_model.predict_share(law.brake, model, rim, 0.0, *times)
-                memory.forces[1, i] = wheel_model.predict_share(law.brake, model, rim, most, *times)
-            else:
-                # A tire transmits its force only after it has deflected. Faster sliding shortens
-                # this time.
-                push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
-                need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
-                if goal > 0.0:
-                    # Without dead time, this loop is CASCADE times as fast as the observer.
-                    time = law.observer_time / CASCADE + body.dead_time
-                    need = model.capacity + model.mass * (rim.speed - goal) / time
-                if share[i] < 1.0 or not wheel.known:
-                    slowed = model.mass * rim.speed * slowing
-                    need = min(need, share[i] * model.capacity + slowed)
-                command = wheel_model.command_for(law.brake, rim.brake, need, body.dt)
-                enable[i] = min(max(command / most, 0.0), 1.0)
+        if wheel.fixed:
+            continue
+        model, rim = _at_effect(law, memory, slowing, i)
+        most = law.most[i] * motion.pedal
+        if valves:
+            memory.forces[0, i] = wheel_model.predict_share(law.brake, model, rim, 0.0, *times)
+            memory.forces[1, i] = wheel_model.predict_share(law.brake, model, rim, most, *times)
+            continue
+        # A tire transmits its force only after it has deflected. Faster sliding shortens this time.
+        push = law.relaxation_speed * (1.0 - min(wheel.force / model.capacity, 1.0))
+        need, goal = math.inf, max(model.hub - push, 0.0) / (1.0 + model.peak_slip)
+        if goal > 0.0:
+            # Without dead time, this loop is CASCADE times as fast as the observer.
+            time = law.observer_time / CASCADE + body.dead_time
+            need = model.capacity + model.mass * (rim.speed - goal) / time
+        if share[i] < 1.0 or not wheel.known:
+            slowed = model.mass * rim.speed * slowing
+            need = min(need, share[i] * model.capacity + slowed)
+        command = wheel_model.command_for(law.brake, rim.brake, need, body.dt)
+        enable[i] = min(max(command / most, 0.0), 1.0)
     if valves:
-        # A wheel whose brake force far exceeds its capacity slides beyond the predicted time,
-        # whether its valve is open or shut. The valve must be shut to let the brake force decrease.
-        # Of several patterns with equal cost, the first one is therefore chosen.
-        least, chosen = math.inf, 0
-        for pattern in range(1 << enable.size):
-            value = cost(memory, pattern)
-            if value < least:
-                least, chosen = value, pattern
+        pattern = best_pattern(memory)
         for i in range(enable.size):
-            enable[i] = 1.0 if memory.wheel[i].fixed else (chosen >> i) & 1
+            enable[i] = 1.0 if memory.wheel[i].fixed else (pattern >> i) & 1
     if enable.sum() <= 0.0:
         strongest = share[: enable.size].argmax()
         enable[strongest] = max(law.brake.pressure_step, _LEAST_ENABLE)
