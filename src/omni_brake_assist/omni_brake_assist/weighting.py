@@ -43,7 +43,9 @@ def psi(kind: int, k: int, delta: float) -> float:
 
 @dataclasses.dataclass(frozen=True)
 class Weighting:
-    """Function ``psi(delta)`` that gives the weight of a wheel with the angle delta, Figure 28.
+    """Function ``psi(delta)``: weight of the parallel error component of a wheel, Figure 28.
+
+    Delta is the angle between the active direction and the velocity of the wheel.
 
     Attributes:
         kind: number of the weighting, its index in `WEIGHTINGS`.

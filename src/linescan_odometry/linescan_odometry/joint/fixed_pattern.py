@@ -37,8 +37,8 @@ class FixedPattern(NamedTuple):
     """Estimated fixed pattern of a camera: spectrum of the logarithm of the pixel gains.
 
     Attributes:
-        information: precision times mean of each frequency, shape (F,).
-        precision: precision at each frequency, 0 without information, shape (F,).
+        information: precision times mean of the spectrum at each frequency, shape (F,).
+        precision: precision of this mean at each frequency, 0 without information, shape (F,).
     """
 
     information: spectra.Spectrum

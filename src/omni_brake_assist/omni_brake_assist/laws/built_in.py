@@ -19,9 +19,9 @@ class LawConstants(NamedTuple):
     Attributes:
         kind: number of the chosen law.
         replans: whether `allocation` controls the rest of a stop after a brake has failed; true
-            only for a built-in law and at most `MOST_VALVES` on-off valves. With proportional
-            brakes, `allocation` would rotate some vehicles more than all brakes on, so all brakes
-            act after a failure.
+            only if the law is built in and the vehicle has at most `MOST_VALVES` brakes, all with
+            on-off valves. With proportional brakes, some vehicles would rotate more under
+            `allocation` than with all brakes on, so all brakes act after a failure.
         sliding_mode: constants of the law `sliding_mode`.
         allocation: constants of the law `allocation`.
     """

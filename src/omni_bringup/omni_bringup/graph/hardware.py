@@ -242,7 +242,7 @@ def parameter_file(configuration: Configuration, **others: Any) -> str:
 
 
 def parameters_text(parameters: Mapping[str, Any]) -> str:
-    """Return the text of a parameter file for every node."""
+    """Return the text of a parameter file that applies to a node of any name and namespace."""
     document = {"/**": {"ros__parameters": dict(parameters)}}
     text: str = yaml.dump(document, Dumper=_Dumper, sort_keys=False)
     return text

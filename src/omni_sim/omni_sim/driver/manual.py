@@ -62,7 +62,6 @@ class DemandInbox:
         """Return the demanded pedal position, 0 to 1, and body twist [m/s, m/s, rad/s].
 
         `now` is the present time on the monotonic clock [s].
-
         """
         fresh = now - self._twist_time <= self._timeout
         if not self._pedal_required:

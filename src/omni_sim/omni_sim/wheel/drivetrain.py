@@ -58,7 +58,8 @@ class Drive(NamedTuple):
     """Motor drive of a wheel, which follows a speed through a clutch.
 
     Attributes:
-        stiffness: ``k`` of the clutch [N m s/rad], 0 when disengaged.
+        stiffness: torque of the clutch per difference between commanded and actual wheel speed,
+            ``k`` [N m s/rad]; 0 when disengaged.
         speed: commanded wheel speed [rad/s].
         limit: limit on the torque of the clutch [N m].
     """

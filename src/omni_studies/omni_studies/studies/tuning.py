@@ -194,7 +194,10 @@ def trade_off(
 
 
 def _draw_settings(axes: Axes, trials: Sequence[Trial]) -> None:
-    """Draw the settings for one brake lag: a line through the weightings for each dwell time."""
+    """Draw the results of all settings for one brake lag.
+
+    A line connects the results with the same dwell time; the wide line marks the best settings.
+    """
     best = front(trials)
     look: dict[str, Any] = {"color": style.PALE, "linewidth": 7.0, "zorder": 1}
     axes.plot(*_places(best), solid_capstyle="round", label="best settings", **look)

@@ -79,9 +79,10 @@ class StopEquations(NamedTuple):
         lever_error: relative standard error of the mean lever arm of the brake forces [1].
         segment: number of the time span to which the interval belongs, shape (K,). Within a span,
             the same wheels turn.
-        change: measured impulse of the brakes, projected onto the directions that locked wheels
-            cannot affect [m/s], shape (K, 3).
-        per_torque: projected impulse per torque of each brake [m/s per N m], shape (K, 3, N).
+        change: measured impulse of the brakes per mass, projected onto the directions that locked
+            wheels cannot affect [m/s], shape (K, 3).
+        per_torque: projected impulse per mass and per torque of each brake [m/s per N m], shape
+            (K, 3, N).
     """
 
     data: BrakeData
@@ -240,7 +241,7 @@ def _pedal_down(stop: BrakeData) -> float:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return fitted minus measured impulses [m/s] of all stops, cumulated as in `_summed`."""
+    """Return fitted minus measured impulses per mass [m/s] of all stops, after `_summed`."""
     torque, dead_time, time_constant = unknowns
     parts = []
     for e in equations:

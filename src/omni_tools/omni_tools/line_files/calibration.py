@@ -238,11 +238,11 @@ def _fit(
     huber: float = 2.5,
     stretches: int = 24,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients and their covariance, from a robust fit.
+    """Return the coefficients c and their covariance, from a robust fit.
 
     Args:
         twist: twist of the reference [m/s, m/s, rad/s], shape (m, 3).
-        pixels: displacement [px/s], shape (m,).
+        pixels: velocity measured by the camera [px/s], shape (m,).
         start: configured coefficients c [1/m, 1/m, 1], shape (3,).
         prior: standard deviations of `start` [1/m, 1/m, 1], shape (3,).
         huber: residual above which a batch has a smaller weight, in robust standard deviations [1].
