@@ -1,9 +1,10 @@
 """Test ratio and state of each measurement source, for diagnostics and recordings.
 
 The test ratio is the normalized innovation squared divided by `GATE`, the limit of the chi-square
-gate; a source with a test ratio above 1 is rejected. In the filter that uses all sources, the
-twist's velocity is compared with the accelerometer and its yaw rate with the gyro. The test ratio
-of the twist is the sum of these two test ratios. Each rolling wheel is compared with the most
+gate; a source with a test ratio above 1 is rejected. The filter that uses all sources predicts
+the twist from the IMU. The innovation of the twist's velocity gives the test ratio of the
+accelerometer, the innovation of its yaw rate gives the test ratio of the gyro, and their sum is the
+test ratio of the twist. The speed of each rolling wheel is compared with the prediction of the most
 probable filter.
 """
 

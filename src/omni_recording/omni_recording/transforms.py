@@ -88,7 +88,7 @@ class RecordedTransforms:
         recording.add(MOVING_TOPIC, self._message([transform]), leading_stamp(data))
 
     def _fixed_frames(self, frames: Sequence[str], poses: Sequence[float]) -> bytes:
-        """Return the serialized frames fixed to `base_link`, stamped with the start of the run."""
+        """Return the serialized message of all frames fixed to `base_link`, with the stamp 0."""
         types = self._store.types
         stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
         header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=BASE_FRAME)

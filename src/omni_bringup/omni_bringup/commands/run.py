@@ -170,7 +170,7 @@ def _runs_at_once(options: Options) -> int:
 
 
 def _left_behind(folder: Path) -> Iterator[str]:
-    """Yield a line for each recording of a failed run, and state whether it is incomplete."""
+    """Yield a line that names the folder of a failed run, and one for each incomplete recording."""
     from omni_bringup.graph.run_folder import unfinished_recordings
 
     yield f"what was recorded is in {folder}"

@@ -67,7 +67,7 @@ class _StudyCommand:
 
 
 def _text(result: StudyResult) -> Iterator[Any]:
-    """Yield a table of metrics, grouped by quantity so that long names fit, and the sentences."""
+    """Yield a table of the metrics, grouped by quantity so that long names fit, and findings."""
     from rich import box
     from rich.table import Table
     from rich.text import Text

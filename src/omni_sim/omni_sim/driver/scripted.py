@@ -15,8 +15,9 @@ FARTHEST = 1.0e4  # m; limit on the coordinates of a vehicle, up to which ground
 class DemandConfiguration(Configuration):
     """Table of the driver's demands over time, interpolated linearly.
 
-    After the last row, the commanded velocity is zero and the pedal keeps its position. The
-    velocities are ignored while the pedal opens the clutch.
+    After the last row, the commanded velocity is zero and the pedal keeps its position. While
+    the pedal is at or above ``vehicle.drive.clutch_threshold``, the motor drives are disengaged, so
+    the velocities have no effect.
     """
 
     time: tuple[float, ...] = parameter((), unit="s", minimum=0.0, maximum=3600.0)

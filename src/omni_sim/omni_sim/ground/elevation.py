@@ -23,8 +23,8 @@ from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 
 STEEPEST = 0.5
-"""Limit on the slope of the ground [1]; the model computes the motion in a horizontal
-projection."""
+"""Limit on the slope of the ground [1]; on steeper ground, the model would be inaccurate, because
+it neglects that the horizontal projection of a tilted vehicle is shorter."""
 
 _SLOPE, _WAVE, _BUMP = 0.0, 1.0, 2.0
 _STEEPEST_OF_BUMP = 6.0 * 16.0 / 25.0 / math.sqrt(5.0)  # largest slope of a bump, times R / h

@@ -133,7 +133,7 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """All combinations of law and source; each stop is run with every combination."""
+        """Law and source of each run of a stop: without assistance, then all combinations."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 

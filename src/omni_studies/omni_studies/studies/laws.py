@@ -1,11 +1,11 @@
 """Comparison of the control laws with each other and with the shortest possible stops.
 
 In ``laws``, the feedback is ideal unless the case states otherwise. A case is named
-``<experiment>_<law>_<brakes>``.
+``<maneuver>_<law>``, where the law includes the kind of the brakes; a condition may follow.
 
-In ``bounds``, the path of the center of gravity is compared with the bound over all headings. The
-distance of a stop that keeps heading and line within half a degree is compared with the bound for
-such stops.
+In ``bounds``, random stops are compared with two lower bounds. The path length of the center of
+gravity is compared with the bound for all stops, whatever their heading. If a stop keeps heading
+and line within half a degree, its distance is also compared with the bound for such stops.
 """
 
 import math

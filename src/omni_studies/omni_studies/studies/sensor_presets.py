@@ -171,7 +171,9 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Simulate three cameras at their maximum sideways speed; return availability and error.
+    """Return availability and error of three cameras at their maximum sideways speed.
+
+    The platform moves ahead, then sideways.
 
     Args:
         case: name of sensor and ground.

@@ -180,7 +180,8 @@ def measure(
     """Render consecutive lines for each motion; return their true and measured displacements.
 
     Args:
-        motions: motions of the camera; the search covers shifts of up to half the pixels.
+        motions: motions of the camera; the search covers displacements between two lines of up to
+            half the length of a line.
         texture: the ground.
         pairs: number of consecutive line pairs from each position.
         noise: standard deviation [gray levels].
@@ -226,7 +227,9 @@ def path(
 
 
 def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") -> Matches:
-    """Measure the displacement of each line from the previous one, at most half the pixels.
+    """Return the true and the measured displacement of each line from the previous line.
+
+    The search covers displacements of up to half the length of a line.
 
     Args:
         view: field of view of the camera.
