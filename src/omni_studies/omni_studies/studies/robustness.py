@@ -67,7 +67,7 @@ class _Faults(Options):
     runs: int = parameter(4000, minimum=1, maximum=10_000_000)
     """number of stops"""
     worst: int = parameter(20, minimum=0, maximum=1000)
-    """number of stops in worst.csv: those with the largest distance, and as many by rotation"""
+    """number of stops in worst.csv, the worst by distance and as many of the worst by rotation"""
 
 
 OPTIONS = {"faults": _Faults}
