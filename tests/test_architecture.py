@@ -21,7 +21,6 @@ PLUG_INS = {"omni_studies/studies", "omni_bringup/commands"}  # a file each, fou
 # Folders that import each other.
 FOLDER_CIRCLES = {
     "linescan_odometry.configuration": {"linescan_odometry.sideslip"},
-    "omni_bringup.graph": {"omni_bringup.commands"},
     "omni_sim.tire": {"omni_sim.tire.models"},
 }
 # Packages whose modules may use ROS, in addition to the nodes.

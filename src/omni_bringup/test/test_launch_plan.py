@@ -15,7 +15,6 @@ from unittest.mock import MagicMock
 import pytest
 import yaml
 
-from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.launch_plan import ARGUMENTS, installed_config, launch_plan
 from omni_bringup.graph.process_group import NodeProcess, ProcessError
@@ -89,7 +88,7 @@ def test_a_drive_gets_the_parameters_of_the_command_line(out: str, tmp_path: Pat
     configuration = ExperimentLibrary(CONFIG).load("small_stop", "assisted")
     folder = Path(out).resolve() if out else None
     planned = launch_plan("drive", arguments(experiment="small_stop", out=out)).nodes
-    assert described(planned) == described(drive_nodes(configuration, scratch, {}, folder))
+    assert described(planned) == described(graph.Nodes(configuration, scratch).of_drive({}, folder))
     assert [node.name for node in planned][-4:] == [
         "driver",
         "linescan_odometry",

@@ -10,7 +10,7 @@ import dataclasses
 import ipaddress
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from omni_platform.command_options import option, overrides_option
 from omni_platform.configuration import Configuration, ConfigurationError
 
 if TYPE_CHECKING:
-    from omni_bringup.graph.process_group import NodeProcess, ProcessGroup
+    from omni_bringup.graph.process_group import ProcessGroup
     from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
 
 
@@ -68,6 +68,7 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
         ProcessError: a node has ended. If all nodes run, only a signal ends the command.
     """
     from omni_bringup.graph.domain import reserved_domain
+    from omni_bringup.graph.nodes import Nodes
     from omni_bringup.graph.process_group import ProcessGroup
     from omni_bringup.graph.run_variant import write_beside_bag
     from omni_ros.environment import node_environment
@@ -95,8 +96,8 @@ def run(options: Options, workspace: Workspace) -> command_report.Report:
             tempfile.TemporaryDirectory(prefix="omni-") as scratch,
             ProcessGroup(node_environment(domain)) as group,
         ):
-            driven = Path(scratch), parameters | choices, folder, options.lines
-            for node in drive_nodes(configuration, *driven):
+            nodes = Nodes(configuration, Path(scratch))
+            for node in nodes.of_drive(parameters | choices, folder, options.lines):
                 group.start(node)
             if folder is not None:
                 write_beside_bag(configuration, folder, group.running[0])
@@ -175,43 +176,6 @@ def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> Expe
         time=(0.0, 1.0), forward=(speed, 0.0), left=(0.0, speed), turn=(0.0,) * 2, pedal=(0.0,) * 2
     )
     return dataclasses.replace(configuration, maneuver=ManeuverConfiguration(demands=demands))
-
-
-def drive_nodes(
-    configuration: ExperimentConfiguration,
-    scratch: Path,
-    parameters: Mapping[str, Any],
-    folder: Path | None,
-    lines: bool = False,
-) -> list[NodeProcess]:
-    """Return the nodes of ``omni drive`` in the order in which they are started.
-
-    Args:
-        configuration: configuration of the whole loop.
-        scratch: folder for the parameter files of the nodes.
-        parameters: parameters of the driver's node.
-        folder: rosbag2 folder of the recording; None for no recording.
-        lines: whether to record the camera lines, which are the largest part of the data.
-    """
-    from omni_bringup.graph import nodes as graph
-
-    started, nodes = [], graph.Nodes(configuration, scratch)
-    if folder is not None:
-        topics = {
-            topic: kind
-            for topic, kind in graph.recorded_topics(configuration).items()
-            if lines or not topic.endswith("/lines")
-        }
-        started.append(nodes.recorder(folder, chosen=topics))
-    listeners = 1 + len(started)  # without the driver's node, which may start later
-    shown = lines or folder is None
-    return [
-        *started,
-        nodes.driver(parameters),
-        nodes.odometry(listeners + configuration.uses_lines),
-        nodes.brake_assist(listeners),
-        nodes.simulator(driven=True, lines_recorded=shown, listeners=listeners),
-    ]
 
 
 def _follow(

@@ -10,7 +10,6 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from omni_bringup.commands.drive import drive_nodes
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph import process_group, run_folder, run_variant
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary, short_name
@@ -103,10 +102,8 @@ def launch_plan(mode: str, given: Mapping[str, str]) -> LaunchPlan:
     elif mode != DRIVE:
         raise ConfigurationError("out", "is required: the folder of the recording")
     scratch = Path(tempfile.mkdtemp(prefix="omni-"))
-    if mode == DRIVE or folder is None:
-        nodes = drive_nodes(configuration, scratch, {}, folder)
-    else:
-        nodes = graph.Nodes(configuration, scratch, mode == LOCKSTEP).of_run(folder)
+    made = graph.Nodes(configuration, scratch, mode == LOCKSTEP)
+    nodes = made.of_drive({}, folder) if mode == DRIVE or folder is None else made.of_run(folder)
     if given["namespace"]:
         words = ("-r", f"__ns:=/{given['namespace'].strip('/')}")
         nodes = [dataclasses.replace(node, arguments=(*node.arguments, *words)) for node in nodes]

@@ -166,13 +166,36 @@ class Nodes:
 
         The recorder is the first node and the simulator the last one.
 
-
         Args:
             folder: rosbag2 folder to record to.
             recording: parameters of the recorder.
         """
         recorder = self.recorder(folder, recording)
         return [recorder, self.odometry(), self.brake_assist(), self.simulator()]
+
+    def of_drive(
+        self, parameters: Mapping[str, Any], folder: Path | None, lines: bool = False
+    ) -> list[process_group.NodeProcess]:
+        """Return the nodes of ``omni drive`` in the order in which they are started.
+
+        Args:
+            parameters: parameters of the driver's node.
+            folder: rosbag2 folder of the recording; None for no recording.
+            lines: whether to record the camera lines, which are the largest part of the data.
+        """
+        started = []
+        if folder is not None:
+            recorded = recorded_topics(self.configuration).items()
+            chosen = {topic: kind for topic, kind in recorded if lines or topic[-6:] != "/lines"}
+            started.append(self.recorder(folder, chosen=chosen))
+        listeners = 1 + len(started)  # without the driver's node, which may start later
+        return [
+            *started,
+            self.driver(parameters),
+            self.odometry(listeners + self.configuration.uses_lines),
+            self.brake_assist(listeners),
+            self.simulator(driven=True, lines_recorded=lines or not folder, listeners=listeners),
+        ]
 
     def _timing(self) -> dict[str, Any]:
         """Return the parameters that determine the timing, for lockstep or for simulated time."""
