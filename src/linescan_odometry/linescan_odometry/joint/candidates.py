@@ -26,7 +26,6 @@ from linescan_odometry.joint.spectra import (
 )
 from omni_platform.kernels import kernel
 
-REACH = 0.5  # limit on the shift between two compared lines, as a share of a line
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks
 _COARSEST = 100.0  # px; size of the largest texture details that pass the filter of the stack
@@ -50,7 +49,7 @@ class Layout(NamedTuple):
         lines: number of lines m.
         pixels: pixels per line n.
         size: length of the Fourier transform [px].
-        limit: limit on the displacement per line [px].
+        limit: limit on the shift between two compared lines [px].
     """
 
     lines: int
@@ -136,7 +135,7 @@ def find(
         weight: weight of each frequency, see `band_pass`, shape (F,).
         last: displacement per line in the previous batch [px]; NaN without a previous batch.
     """
-    lines, pixels, size, limit = layout
+    lines, _, size, limit = layout
     count = len(pattern)
     distances = lags(lines)
     found = np.empty(1 + 2 * _PEAKS)
@@ -170,7 +169,7 @@ def find(
             value, terms = 0.0, 0
             for which in range(_LAGS):
                 lag = distances[which]
-                if (lag < lines and abs(lag * d) < REACH * pixels) or lag == 1:
+                if (lag < lines and abs(lag * d) < limit) or lag == 1:
                     value += correlation[which, -lag * d]
                     terms += 1
             stack[d + limit] = value / np.sqrt(terms)
@@ -190,7 +189,7 @@ def farthest(displacement: float, layout: Layout) -> int:
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]
-        if 3 * lag <= layout.lines and abs(lag * displacement) < REACH * layout.pixels:
+        if 3 * lag <= layout.lines and abs(lag * displacement) < layout.limit:
             return which
     return 0
 

@@ -17,7 +17,7 @@ from linescan_odometry.joint.fixed_pattern import (
     shrink,
     without_defects,
 )
-from linescan_odometry.joint.likelihood import Precision, step
+from linescan_odometry.joint.likelihood import Precision, expand
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
@@ -26,7 +26,6 @@ from omni_platform.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
 _STEPS = 4  # limit on the number of Newton steps; the pattern is estimated before each of them
-_CONVERGED = 0.1  # px within a batch; after a smaller step, a further step changes little
 _MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = (
@@ -89,7 +88,7 @@ class JointEstimator:
 
         Args:
             pixels: number of pixels n of a line.
-            limit: limit on the displacement per line [px].
+            limit: limit on the shift between two compared lines [px].
             acceleration: standard deviation of the displacement's change from line to line [px].
             non_uniformity: standard deviation of the fixed pattern before the camera has moved,
                 relative to the gray level [1].
@@ -145,13 +144,15 @@ class JointEstimator:
                 pattern = posterior(together, before + batch)
             rest = spectra.without(logs, pattern, self._taper, size)
             precision = Precision(before, batch)
-            before_step, removed = float(motion[0]), pattern
-            motion, here = step(rest, precision, motion, self._spread)
+            removed = pattern
+            here = expand(rest, precision, motion, self._limit, self._spread)
+            motion = motion + here.step
             if not np.isfinite(motion).all():
                 return Estimate(d, math.inf, "no maximum of the likelihood", rest)
             # The pattern of the first step was estimated for the candidate, so at least two steps
-            # are needed.
-            if number > 0 and abs(motion[0] - before_step) * (m - 1) < _CONVERGED:
+            # are needed. After a step of less than a standard deviation, another one would change
+            # little.
+            if number > 0 and here.step[0] ** 2 < here.inverse[0, 0]:
                 break
         best = assess(rest, here)
         d, variance = float(motion[0]), best.variance

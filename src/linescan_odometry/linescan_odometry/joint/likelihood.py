@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from linescan_odometry.joint.candidates import REACH
 from linescan_odometry.joint.spectra import (
     HIGHEST,
     Doubles,
@@ -95,7 +94,7 @@ class Expansion(NamedTuple):
         model: covariance model of the lines.
         white: spectra of the lines multiplied by the inverse covariance, shape (t, F).
         moments: power of each band, and covariance of neighboring lines in it, shape (2, B).
-        slopes: derivatives of the log-likelihood with respect to d and a, shape (2,).
+        step: Newton step in d and a [px], not finite without information, shape (2,).
         inverse: inverse of the Fisher information on d and a, shape (2, 2); not finite if there is
             no information on either.
     """
@@ -104,18 +103,24 @@ class Expansion(NamedTuple):
     model: _Model
     white: Spectrum
     moments: Doubles
-    slopes: Doubles
+    step: Doubles
     inverse: Doubles
 
 
 @kernel
-def _cut(lines: Floats, paths: Doubles) -> Cut:
-    """Cut lines into blocks of shared ground; neighboring blocks have one line in common."""
+def _cut(lines: Floats, paths: Doubles, limit: int) -> Cut:
+    """Cut lines into blocks of shared ground; neighboring blocks have one line in common.
+
+    Args:
+        lines: logarithm of the lines minus the pattern, shape (m, n).
+        paths: displacement of each line [px], shape (m,).
+        limit: limit on the shift between two compared lines [px].
+    """
     m, n = lines.shape
     largest = 1e-6
     for k in range(m - 1):
         largest = max(largest, abs(paths[k + 1] - paths[k]))
-    per = max(2, min(m, 1 + int(REACH * n / largest)))
+    per = max(2, min(m, 1 + int(limit / largest)))
     blocks = -(-(m - 1) // (per - 1))
     first, ground = np.zeros(blocks + 1, np.int64), np.zeros(blocks)
     line = np.zeros(m - 1 + blocks, np.int64)
@@ -347,14 +352,25 @@ def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doub
 
 
 @kernel
-def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) -> Expansion:
-    """Return the expansion of the log-likelihood at a displacement; arguments as in `step`."""
+def expand(
+    lines: Floats, precision: Precision, motion: Doubles, limit: int, spread: float
+) -> Expansion:
+    """Return the expansion of the log-likelihood at a displacement and its change.
+
+    Args:
+        lines: logarithm of the lines minus the pattern, shape (m, n).
+        precision: precision of the fixed pattern.
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,).
+        limit: limit on the shift between two compared lines [px].
+        spread: prior standard deviation of the change [px].
+    """
     m, n = lines.shape
     along = np.empty((2, m))
     along[0] = np.arange(m) - 0.5 * (m - 1)
     along[1] = 0.5 * along[0] ** 2
     paths = motion[0] * along[0] + motion[1] * along[1]
-    cut = _cut(lines, paths)
+    cut = _cut(lines, paths, limit)
     edges = bands(cut.size)
     rate = 2.0 * math.pi * np.arange(cut.spectra.shape[1]) / cut.size
     known, contained = _on_grid(precision, cut, n)
@@ -372,25 +388,6 @@ def expand(lines: Floats, precision: Precision, motion: Doubles, spread: float) 
         inverse[0, 0], inverse[1, 1] = information[1, 1], information[0, 0]
         inverse[0, 1] = inverse[1, 0] = -information[0, 1]
         inverse /= determinant
-    return Expansion(cut, model, white, moments, slopes, inverse)
-
-
-@kernel
-def step(
-    lines: Floats, precision: Precision, motion: Doubles, spread: float
-) -> tuple[Doubles, Expansion]:
-    """Return displacement and change after a Newton step, and the expansion before the step.
-
-    Without information, displacement and change are not finite.
-
-    Args:
-        lines: logarithm of the lines minus the pattern, shape (m, n).
-        precision: precision of the fixed pattern.
-        motion: displacement per line in the middle of the batch [px] and its change from line to
-            line [px], shape (2,).
-        spread: prior standard deviation of the change [px].
-    """
-    here = expand(lines, precision, motion, spread)
-    by = (here.inverse * here.slopes).sum(axis=1)
+    by = (inverse * slopes).sum(axis=1)
     by[0] = min(max(by[0], -1.0), 1.0)  # px; the distance between displacements in the slant stack
-    return motion + by, here
+    return Expansion(cut, model, white, moments, by, inverse)
