@@ -85,11 +85,13 @@ def sources(memory: Memory, wheels: Sequence[str], detects: bool) -> tuple[Sourc
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text for `/diagnostics`; at least a warning if a source is lost."""
-    lost = ", ".join(source.name for source in found if source.state == LOST)
-    if not lost:
-        return decision.state.level, decision.reason
-    return max(decision.state.level, WARNING), f"{decision.reason}; lost: {lost}"
+    """Return level and text for `/diagnostics`; a lost or isolated source is at least a warning."""
+    level, text = decision.state.level, decision.reason
+    for state in (LOST, ISOLATED):
+        names = ", ".join(source.name for source in found if source.state == state)
+        if names:
+            level, text = max(level, WARNING), f"{text}; {state}: {names}"
+    return level, text
 
 
 def _source(name: str, ratio: float, *, isolated: bool, missing: bool = False) -> Source:

@@ -123,3 +123,9 @@ def test_a_wheel_that_is_braked_measures_nothing(
 ) -> None:
     states = {drive(mecanum, pedal=pedal)[name].state for name in mecanum}
     assert (BRAKED in states) == (pedal > 0.0)
+
+
+def test_an_isolated_source_is_reported_with_a_warning() -> None:
+    decision = Decision(0, np.ones(4), np.zeros(4), AssistState.ASSISTING, "reason")
+    found = [Source("twist", 0.1, FUSED), Source("gyro", 3.0, ISOLATED)]
+    assert summary(decision, found) == (WARNING, "reason; isolated: gyro")

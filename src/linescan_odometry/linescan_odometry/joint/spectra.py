@@ -169,6 +169,33 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
 
 
 @_fast
+def _products(
+    real: Floats, first: NDArray[np.int64], far: int, size: int
+) -> tuple[Floats, Doubles]:
+    """Return sums of products of lines in the same block, and their number, at three lags.
+
+    Args:
+        real: real and imaginary parts of the spectra in the ground frame, shape (t, 2 F).
+        first: as in `covariance`.
+        far: longest of the lags 0, 1 and `far` [lines].
+        size: number of columns of `real` that are used.
+
+    Returns:
+        Sums, shape (3, size), and number of products, shape (3,).
+    """
+    sums, number = np.zeros((3, size), np.float32), np.zeros(3)
+    for block in range(len(first) - 1):
+        for which in range(3):
+            lag = far if which == 2 else which
+            number[which] += max(0, first[block + 1] - first[block] - lag)
+            for k in range(first[block] + lag, first[block + 1]):
+                new, old, total = real[k], real[k - lag], sums[which]
+                for f in range(len(total)):
+                    total[f] += new[f] * old[f]
+    return sums, number
+
+
+@_fast
 def covariance(
     aligned: Spectrum,
     first: NDArray[np.int64],
@@ -195,20 +222,11 @@ def covariance(
         power of each band and the covariance of neighboring lines in it, shape (2, B).
     """
     count = len(edges) - 1
-    real = aligned.view(np.float32)
-    sums, number = np.zeros((3, 2 * edges[-1]), np.float32), np.zeros(3)
     longest = 0
     for block in range(len(first) - 1):
         longest = max(longest, first[block + 1] - first[block])
     far = min(longest - 1, _COHERENCE_LAG)
-    for block in range(len(first) - 1):
-        for which in range(3):
-            lag = far if which == 2 else which
-            number[which] += max(0, first[block + 1] - first[block] - lag)
-            for k in range(first[block] + lag, first[block + 1]):
-                new, old, total = real[k], real[k - lag], sums[which]
-                for f in range(len(total)):
-                    total[f] += new[f] * old[f]
+    sums, number = _products(aligned.view(np.float32), first, far, 2 * edges[-1])
     model, moments = np.empty((3, count)), np.empty((2, count))
     for b in range(count):
         mean, pattern = np.zeros(3), np.zeros(3)

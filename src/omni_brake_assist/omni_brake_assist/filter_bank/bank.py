@@ -47,13 +47,7 @@ def estimate(
     if record.pressed and not braking:
         bank.reset_posterior(constants, memory)
     record.pressed = braking
-    if record.best in (bank.ALL, bank.NO_ESTIMATE):
-        record.restart_ns = now_ns
-    elif now_ns - record.restart_ns > _RESTART_NS:
-        # Restart the filter that uses all sources from the best filter. A recovered source then
-        # agrees with the estimate made without it and counts as fault-free again.
-        record.restart_ns = now_ns
-        bank.reset(memory, bank.ALL, record.best)
+    _restart(memory, now_ns)
     _store(memory, now_ns, readings)
     memory.evidence[:] = 0.0
     valid_ns = twist.stamp_ns - constants.delay
@@ -80,6 +74,20 @@ def estimate(
     if fresh and valid_ns == now_ns:
         _keep_precise(constants, memory, best, twist, answer)
     return best
+
+
+@lean
+def _restart(memory: BankMemory, now_ns: int) -> None:
+    """Restart the filter that uses all sources from the best filter after a time without agreement.
+
+    A recovered source then agrees with the estimate made without it and counts as fault-free again.
+    """
+    record = memory.record[0]
+    if record.best in (bank.ALL, bank.NO_ESTIMATE):
+        record.restart_ns = now_ns
+    elif now_ns - record.restart_ns > _RESTART_NS:
+        record.restart_ns = now_ns
+        bank.reset(memory, bank.ALL, record.best)
 
 
 @lean

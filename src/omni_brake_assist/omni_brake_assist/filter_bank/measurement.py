@@ -193,16 +193,7 @@ def fuse_wheels(
         speeds: wheel speeds [rad/s], shape (N,).
         push: magnitude of the specific force, NaN without an IMU [m/s^2].
     """
-    slip = 0.0
-    # After the clutch has opened, a driven wheel takes as long to roll as a released one.
-    if memory.record[0].braked < constants.spin_up:
-        # All filters use the slip computed from the state of one. If each filter used its own
-        # state, the one with the lowest yaw rate would have the smallest variance, and thus the
-        # largest likelihood.
-        state = memory.state[bank.NO_TWIST]
-        ground = math.hypot(state[U_X], state[U_Y])
-        centripetal = ground * abs(state[RATE])
-        slip = _SLIP * ground * (centripetal if math.isnan(push) else push)
+    slip = _slip(constants, memory, push)
     released, rolling = False, False
     speed = math.hypot(memory.record[0].twist_x, memory.record[0].twist_y)
     span = _SPEED_RANGE + _SPEED_SHARE * speed
@@ -220,21 +211,10 @@ def fuse_wheels(
         if acts or abs(rim) > memory.mark[i] + _GAIN:
             memory.idle[i], memory.mark[i] = 0.0, abs(rim)
         memory.idle[i] += dt
-        own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
-        rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
-        if braking:
-            fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
-            own += (constants.rebound * fresh) ** 2
-            excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
-            slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
-            if memory.released[i] >= constants.spin_up:
-                slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
-                stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
-            rolls = 1.0 - slides - stays
-            locked = stays * math.exp(-0.5 * min((rim / bank.WHEEL) ** 2, GATE))
-            locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
-        memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(locked + 1.0 / span)
-        wheel = _Wheel(rolls, slides, locked, own, excess, span)
+        wheel = _mixture(constants, memory, i, (dt, braking, held), (change, slip, span))
+        memory.evidence[bank.NO_ESTIMATE] += constants.wheel_weight * math.log(
+            wheel.locked + 1.0 / span
+        )
         for k in range(bank.FILTERS):
             possible = _fuse_wheel(constants, memory, i, k, wheel)
             _update_encoder(constants, memory.faulty[k], i, possible * span)
@@ -244,6 +224,56 @@ def fuse_wheels(
     record.unsupported += dt if braking and released else 0.0
     if rolling:
         record.unsupported = 0.0
+
+
+@lean
+def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
+    """Return the assumed slip of the driven wheels [m/s]; `push` as in `fuse_wheels`."""
+    # After the clutch has opened, a driven wheel takes as long to roll as a released one.
+    if memory.record[0].braked >= constants.spin_up:
+        return 0.0
+    # All filters use the slip computed from the state of one. If each filter used its own state,
+    # the one with the lowest yaw rate would have the smallest variance, and thus the largest
+    # likelihood.
+    state = memory.state[bank.NO_TWIST]
+    ground = math.hypot(state[U_X], state[U_Y])
+    return _SLIP * ground * (ground * abs(state[RATE]) if math.isnan(push) else push)
+
+
+@lean
+def _mixture(
+    constants: BankConstants,
+    memory: BankMemory,
+    i: int,
+    step: tuple[float, bool, bool],
+    speeds: tuple[float, float, float],
+) -> _Wheel:
+    """Return the probabilities and variance of the cases of wheel i.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank.
+        i: number of the wheel.
+        step: length of the step [s], whether the pedal is down, and whether the brake of this wheel
+            acts.
+        speeds: change of the speed of the rim since the last step, assumed slip of driven wheels,
+            and span of the speeds of a faulty encoder [m/s].
+    """
+    (dt, braking, held), (change, slip, span) = step, speeds
+    own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
+    rolls, slides, excess, locked = 1.0 - bank.PRIOR, bank.PRIOR, 0.0, 0.0
+    if braking:
+        fresh = min(constants.rebound_time / max(memory.released[i], dt), 1.0)
+        own += (constants.rebound * fresh) ** 2
+        excess = 0.0 if held else 2.0 * constants.rebound * fresh  # covers 95 % of the readings
+        slides = stays = 0.5 * (1.0 - bank.PRIOR)  # sliding and locked are equally probable
+        if memory.released[i] >= constants.spin_up:
+            slides *= math.exp(-((memory.idle[i] / _IDLE) ** 2))
+            stays *= math.exp(-((memory.idle[i] / _HELD) ** 2))
+        rolls = 1.0 - slides - stays
+        locked = stays * math.exp(-0.5 * min((memory.rim[i] / bank.WHEEL) ** 2, GATE))
+        locked /= math.sqrt(2.0 * math.pi) * bank.WHEEL
+    return _Wheel(rolls, slides, locked, own, excess, span)
 
 
 @lean
