@@ -111,8 +111,7 @@ class JointEstimator:
             lines: lines of the batch, oldest first, shape (m, pixels).
             last: displacement per line in the previous batch [px]; NaN without a previous batch.
         """
-        m, n = lines.shape
-        size = self._size
+        (m, n), size = lines.shape, self._size
         layout = candidates.Layout(m, n, size, self._limit)
         logs = spectra.logarithms(lines, self._tables[lines.itemsize])
         transformed = spectra.spectra_of(logs, self._taper, size)
@@ -149,9 +148,8 @@ class JointEstimator:
             motion = motion + here.step
             if not np.isfinite(motion).all():
                 return Estimate(d, math.inf, "no maximum of the likelihood", rest)
-            # The pattern of the first step was estimated for the candidate, so at least two steps
-            # are needed. After a step of less than a standard deviation, another one would change
-            # little.
+            # Two steps at least, because the pattern of the first one belongs to the candidate.
+            # After a step below one standard deviation, another one would change little.
             if number > 0 and here.step[0] ** 2 < here.inverse[0, 0]:
                 break
         best = assess(rest, here)
