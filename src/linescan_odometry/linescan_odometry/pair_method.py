@@ -1,9 +1,9 @@
 """The method `pairs`: full search for the shift of each line pair, then a median filter.
 
 Section 4.4 of the dissertation describes the method. Each line is compared with the previous one at
-all shifts up to the limit, with one of six metrics, and the peak is refined to a fraction of a
-pixel. Displacements that are impossible for the platform, or far from the median of their neighbors
-(section 4.6), are excluded. The remaining displacements are averaged.
+all shifts up to `shift_limit`, by one of six metrics, and the best shift is refined to a fraction
+of a pixel. Displacements that are impossible for the platform, or far from the median of their
+neighbors (section 4.6), are excluded. The remaining displacements are averaged.
 """
 
 import numpy as np

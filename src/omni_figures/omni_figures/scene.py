@@ -101,7 +101,7 @@ def rectangle(length: float, width: float) -> FloatArray:
 
 
 def placed(points: FloatArray, pose: tuple[float, float, float] | FloatArray) -> FloatArray:
-    """Return points (M, 2) [m] of a frame in the world frame; `pose` is x, y, yaw [m, m, rad]."""
+    """Transform points (M, 2) [m] from a frame at `pose` (x, y, yaw [m, m, rad]) to the world."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turned = points @ np.array([(cos, sin), (-sin, cos)])
     return np.asarray(turned + np.asarray(pose[:2]), dtype=np.float64)

@@ -158,7 +158,7 @@ class ExperimentLibrary:
         Args:
             experiment: name of the experiment.
             overrides: ``dotted.key=value`` texts; if one of them sets the control law, variants
-                that differ only in their law are left out.
+                that set it themselves are left out, unless no variant would remain.
         """
         variants = _variants(self._read(_EXPERIMENTS, experiment, "experiment"))
         if not any(words.startswith("brake_assist.law=") for words in overrides):

@@ -111,7 +111,7 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of each block, and of each row in the dissertation's page."""
+    """Yield page, study and template of each block; then the dissertation's table without study."""
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             yield page, block[2], block[3]

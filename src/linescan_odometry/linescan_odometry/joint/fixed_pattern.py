@@ -58,8 +58,8 @@ def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Double
     Where the difference would be negative, the power is 0.
 
     Args:
-        mean: estimated mean of each frequency, shape (F,).
-        precision: precision of the mean, 0 without information, shape (F,).
+        mean: estimated spectrum of the pattern at each frequency, shape (F,).
+        precision: precision of the estimate, 0 without information, shape (F,).
     """
     excess = np.zeros(len(precision))
     for f in range(len(precision)):

@@ -264,7 +264,7 @@ class TwistSolver:
 
 
 def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
-    """Return the rows of the sensors and, in the last row, of the axle, shape (S + 1, 3)."""
+    """Return `sensor_matrix`, and below it the row of the axle if there is one, shape (R, 3)."""
     matrix = sensor_matrix(sensors)
     return matrix if axle is None else np.vstack((matrix, (0.0, 1.0, axle)))
 

@@ -60,7 +60,8 @@ class BrakedWheels(NamedTuple):
         commanded: share of the pedal's pressure that each brake was commanded to pass [1],
             shape (N,).
         speeds: wheel speeds [rad/s], shape (N,); NaN where unknown.
-        scale: estimated relative error of the wheel radii, by which rolling rims appear faster [1].
+        scale: estimated relative error of the wheel radii, positive if the configured radii are
+            too large [1].
     """
 
     commanded: FloatArray

@@ -11,7 +11,7 @@ A command that may take long without reporting progress describes its work in ``
 seconds, a line with the elapsed time is then printed to standard error.
 
 A module with a ``PACKAGE`` has subcommands, which are the modules of that package. If the module
-defines ``command(name)``, this function creates the command; otherwise the submodule is the
+defines ``command(name)``, this function returns the command; otherwise the submodule is the
 command.
 """
 
@@ -53,7 +53,7 @@ def commands_of(package: str) -> dict[str, str]:
 
 
 def load_command(group: Any, name: str) -> Any:
-    """Return the module of a command; a command with subcommands has a ``PACKAGE``.
+    """Return the module that defines a command, or what ``group.command(name)`` returns.
 
     Args:
         group: module with a ``PACKAGE``, such as this one.

@@ -4,7 +4,7 @@ Compare a vehicle's file with a recording of three slow motions (forward, to the
 counter-clockwise, each from rest to rest) and of stops in different directions. The command checks
 order, signs, radii, positions and rollers of the wheels, the twist sensor, the IMU, and the order
 and dead times of the brakes. Each error is reported with its remedy. The command also reports
-brakes whose exchange these stops could not reveal.
+pairs of brakes for which these stops cannot show whether the two are swapped.
 """
 
 import math

@@ -96,10 +96,11 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
-    """Return the nodes that the launch arguments `given` (values keyed by name) select.
+    """Return the nodes selected by the launch arguments `given`, values keyed by name.
 
     Raises:
-        ConfigurationError: an argument is invalid, or the folder does not contain a required file.
+        ConfigurationError: an argument is invalid, or a required file is not in the folder
+            ``parameters``.
     """
     for name, (default, _) in ARGUMENTS.items():
         if default in ("true", "false") and given[name] not in ("true", "false"):

@@ -314,7 +314,7 @@ def _add_noise(
 
 @njit(cache=True, nogil=True)
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
-    """Write the profile at y plus the shift of each texel [periods]."""
+    """Set each texel to the gray level of the profile at y plus its shift, both in periods."""
     texels = band.shape[1]
     count = len(profile)
     for row in range(len(band)):

@@ -83,7 +83,7 @@ def solve_contact(
     Args:
         demand: ``|A|``, magnitude of the force that a sticking patch would need [N].
         damping: ``D``, damping of the tire plus stiffness times the length of a step [N s/m].
-        gain: ``kappa``, effect of the wheel's mobility within the step [1].
+        gain: ``kappa``, 1 plus damping times the mobility of the wheel within the step [1].
         speed: ``V``, denominator of the slip [m/s].
         curve: a curve with two more fields than `model.Curve`: ``steepest_slip`` [1], at which the
             force falls fastest beyond its peak, and ``steepest_fall`` [N], the value of ``-dF/ds``

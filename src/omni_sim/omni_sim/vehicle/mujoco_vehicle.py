@@ -4,9 +4,9 @@ Chassis, load, wheels and all rollers are separate bodies. Each wheel is mounted
 spring, because a rigid chassis on four wheels is statically indeterminate: a height difference of a
 millimeter would determine which three wheels carry load. Rollers are ellipsoids that touch the
 wheel's envelope at their middle and at the change to the next roller. Friction is Coulomb friction
-without a slip curve. The friction force is the sliding force of the vehicle's tire on the ground
-under the wheel, at the load of the wheel's spring at the start of a call of `advance`. The brake is
-dry friction in the wheel's joint, and the drive is a velocity servo in the same joint.
+without a slip curve. At the start of a call of `advance`, the friction coefficient of a wheel
+becomes the sliding force of the vehicle's tire on this ground, divided by the wheel load. The brake
+is dry friction in the wheel's joint, and the drive is a velocity servo in the same joint.
 
 Further assumptions: the body is a homogeneous box as long and wide as the chassis, with its center
 of gravity in the middle, and the load is a sphere.

@@ -71,13 +71,13 @@ def displace_contacts(plant: Plant, wheels: Structured, contacts: Structured) ->
 def _step_contact(
     plant: Plant, rollers: Rollers, step: Step, touch: _Touch, spin: Spin, drive: Drive
 ) -> Pair:
-    """Advance a wheel and one of its rollers; return its speed [rad/s] and brake torque [N m].
+    """Advance a wheel and its touching roller; return wheel speed [rad/s] and brake torque [N m].
 
     Args:
         plant: constants.
-        rollers: rollers; the state of this roller is changed, and its force is added to the wheel.
+        rollers: rollers; the state of this roller and the sum of forces on the wheel are changed.
         step: quantities common to all wheels.
-        touch: the roller.
+        touch: wheel, roller, load and angle of the contact.
         spin: spin of the wheel under all torques except that of this roller.
         drive: drive of the wheel.
     """

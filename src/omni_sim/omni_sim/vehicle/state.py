@@ -65,8 +65,8 @@ friction ``limit`` [N]; ``slip`` [1]; ``torque`` on the wheel [N m]; whether the
 ``sliding``."""
 
 CHASSIS = _floats("heave", "forward", "left", "heave_rate", "forward_rate", "left_rate")
-"""State of a sprung chassis relative to the vehicle's plane: height ``z`` [m], gradients ``p``
-and ``r`` [1], and their time derivatives [m/s, 1/s, 1/s]."""
+"""State of a sprung chassis relative to the vehicle's plane: ``z``, ``p`` and ``r`` of `suspension`
+[m, 1, 1], and their time derivatives [m/s, 1/s, 1/s]."""
 
 COUNTERS = np.dtype([("tipping_steps", np.int64), ("overloaded_steps", np.int64)])
 """Number of steps in which the vehicle tips, and number of overloaded wheels, summed over steps."""

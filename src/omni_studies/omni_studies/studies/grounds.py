@@ -330,7 +330,7 @@ class Appearance:
 
 
 def _grounds(options: _Pictures, study: StudyRun) -> StudyResult:
-    """Render the grounds; write the plate of pictures, the spectra and a table."""
+    """Render the grounds; write a figure with a picture of each, and a figure of the spectra."""
     appearances = {
         name: _appearance(ground, options.seed)
         for name, ground in line_options.grounds_of(options, study.experiments).items()

@@ -171,15 +171,15 @@ def _driven(
     radius: float = 0.6,
     batches: int = 8,
 ) -> dict[str, Metric]:
-    """Return availability and error of three cameras at their maximum sideways speed.
+    """Return availability and velocity error of the odometry with three cameras.
 
-    The platform moves ahead, then sideways.
+    The platform moves at ``sensor.sideways_speed``, in one test ahead and in another sideways.
 
     Args:
         case: name of sensor and ground.
         sensor: type of the cameras.
         texture: the ground.
-        options: noise, number of starts and seed.
+        options: noise, method, number of runs and seed.
         radius: radius of the circle on which the cameras are mounted tangentially [m].
         batches: number of batches of 10 ms from each random position.
     """

@@ -99,7 +99,7 @@ def camera_at_a_wheel(name: str, sensor: LineSensor) -> SideslipConfiguration:
 
 
 class RollingWheel:
-    """A wheel on one ground, with a line camera parallel to the axis of rotation."""
+    """A wheel that rolls over a ground, with a line camera parallel to the axle of the wheel."""
 
     def __init__(self, sensor: LineSensor, texture: GroundTexture, noise: float, seed: int) -> None:
         """Create the camera of the wheel over the ground.

@@ -304,11 +304,11 @@ def zero_crossing(
 
 
 def zero_crossing_unevenness(vehicle: VehicleConfiguration) -> float:
-    """Return the largest change of acceleration while the speed passes through zero [1].
+    """Return the largest jump of the acceleration while the speed passes through zero [1].
 
-    The change is that from one control period to the next, divided by the commanded acceleration.
-    It is the largest one in any direction, within one second around the change of sign. If the
-    speed stayed at zero for some time, the change would be about 1.
+    A jump is the change from one control period to the next, divided by the commanded acceleration.
+    The result is the maximum over all directions and over 25 periods before and after the commanded
+    speed is zero. If the speed stayed at zero for some time, it would be about 1.
     """
     worst = []
     for direction in _DIRECTIONS:

@@ -267,7 +267,7 @@ def undistinguished_brakes(
     *,
     vehicle: VehicleConfiguration,
 ) -> list[tuple[str, str]]:
-    """Return the names of each two brakes whose exchange the stops of a run could not reveal.
+    """Return the pairs of brakes for which the stops of a run cannot show whether they are swapped.
 
     Args:
         wheels: wheels as described in the vehicle's file.

@@ -136,7 +136,11 @@ class LimitVehicle:
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return matrix and right-hand side of the equations between wheel forces and loads [N]."""
+        """Return matrix and right-hand side of the equations of wheel loads and forces of a model.
+
+        The unknowns are the forces along the active directions, the forces along the passive
+        directions, and the loads [N], shape (3 N,).
+        """
         wheels = len(self.active)
         z = self._zero_moment_point(lag)
         if model == PLANE:
