@@ -8,13 +8,13 @@ according to
     F_i = max(0, c e_i + d e_i'),    e_i = s_i - (z + p x_i + r y_i),
 
 where ``F_i`` is the load of wheel i, ``e_i`` the compression of its spring, ``c`` and ``d`` are
-stiffness and damping, ``(x_i, y_i)`` is the position of the wheel, ``z`` is the heave of the
-center of gravity, ``p`` and ``r`` are the small gradients of the chassis forward and to the left,
-``f`` is the force of the wheels along the ground, and ``h`` is the constant height of the center
-of gravity above the ground. ``s_i`` is the height of the road under a wheel above the plane that
-the vehicle follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which the
-wheel sinks into a gap between two rollers. The wheel loads therefore depend on the mounting heights
-and on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers with gaps
+stiffness and damping, ``(x_i, y_i)`` is the position of the wheel, ``z`` is the heave of the center
+of gravity, ``p`` and ``r`` are the small gradients of the chassis forward and to the left, ``f`` is
+the force of the wheels along the ground, and ``h`` is the constant height of the center of gravity
+above the ground. ``s_i`` is the height of the road under a wheel above the plane that the vehicle
+follows (`uneven_ground`), minus the mounting height of the wheel and the depth by which the wheel
+sinks into a gap between two rollers. The wheel loads therefore depend on the mounting heights and
+on twisted ground, for which the loads of a rigid vehicle are indeterminate. Rollers with gaps
 excite vibrations.
 
 The model neglects the separate mass of the wheels, gyroscopic moments, the displacement of the
