@@ -201,9 +201,11 @@ def test_errors_over_fibers_longer_than_the_pixels_are_stated() -> None:
     scores = []
     for seed in range(40):
         found = JointEstimator(128, 64, 15.0 / (15600.0**2 * 3.9e-4)).estimate(over_fibers(seed))
-        if not found.reason:
-            scores.append(found.value**2 / found.variance)
-    assert len(scores) >= 39  # one of 200 is refused, because few features determine it
+        if found.reason:
+            assert found.reason.startswith("dominated by")
+            continue
+        scores.append(found.value**2 / found.variance)
+    assert len(scores) >= 39  # a few features may determine a batch
     assert max(scores) < 3.0**2
     assert np.mean(scores) < 1.5**2  # the stated deviation is correct within a factor of 1.5
 

@@ -227,7 +227,6 @@ def act(
 
     If the law may not act, all brakes are on.
 
-
     Args:
         constants: from `assist_state.make_constants`.
         memory: changed in place.

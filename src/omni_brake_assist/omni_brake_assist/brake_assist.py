@@ -72,7 +72,7 @@ class BrakeAssist:
     def update(self, demand: BrakeDemand) -> Decision:
         """Return the brake enables for a demand of the driver.
 
-        This method raises no exception. Whatever the values of the demand are, all numbers in the
+        This method raises no exception. For any values of the demand, all numbers in the
         decision are finite, and the enables are between 0 and 1.
 
         Args:

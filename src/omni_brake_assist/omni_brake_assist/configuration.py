@@ -81,7 +81,7 @@ class BrakeAssistConfiguration(Configuration):
     minimum_dwell_time: float = parameter(0.0, unit="s", minimum=0.0, maximum=1.0)
     """Minimum time between two switching operations of a valve; ignored when all brakes must act"""
     pedal_threshold: float = parameter(0.05, above=0.0, maximum=1.0)
-    """Pedal position above which the driver is regarded as braking"""
+    """Pedal position from which on the driver is regarded as braking"""
     speed_threshold: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)
     """Speed of the fastest wheel center below which all brakes are on"""
     speed_hysteresis: float = parameter(0.3, unit="m/s", minimum=0.0, maximum=10.0)

@@ -23,7 +23,7 @@ from omni_brake_assist.filter_bank.measurement import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
-LOST = "lost"  # missing, although the assistant needs readings or received some before
+LOST = "lost"  # missing, although readings are expected: see `sources`
 _NO_TWIST = (conditions.SILENCE, conditions.ABSENT, conditions.STALE)
 _GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 

@@ -243,8 +243,8 @@ def test_a_source_that_recovers_has_left_nothing_behind(
 
 
 @pytest.mark.safety(
-    RELEASED, "one faulty encoder", "gate: a wheel speed that contradicts the filters is rejected",
-    within=0.0,
+    RELEASED, "one faulty encoder, with an IMU",
+    "gate: a wheel speed that contradicts the filters is rejected", within=0.0,
 )  # fmt: skip
 def test_a_faulty_wheel_does_not_change_the_estimate(drive: Drive) -> None:
     drive.run(160, "wheel", size=20.0)

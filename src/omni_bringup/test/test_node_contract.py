@@ -117,7 +117,7 @@ def simulated(key: str, step: int = 1, lag_ns: int = 0) -> list[tuple[float, Any
     [
         ("pedal", Received(simulated("pedal"), [True, True]), "has 2 publishers"),
         ("pedal", Received(simulated("pedal"), [False]), "best effort"),
-        ("pedal", Received(simulated("pedal"), [True], silence=3.0), "any more for 3.0 s"),
+        ("pedal", Received(simulated("pedal"), [True], silence=3.0), "in the last 3.0 s"),
         ("pedal", Received([], [True]), "fewer than two messages"),
         ("wheel_states", Received(simulated("wheel_states", step=2), [True]), "must be 100 or"),
         ("wheel_states", Received(2 * simulated("wheel_states"), [True]), "do not increase"),

@@ -86,7 +86,7 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     # The second byte of the encapsulation header is odd for little endian, in every version.
     layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
     seconds, nanoseconds = layout.unpack_from(data, offset)
-    return seconds * SECOND_NS + nanoseconds if seconds >= 0 else None
+    return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1) if seconds >= 0 else None
 
 
 def stamped(kind: type[_Message], stamp_ns: int, frame: str = "") -> _Message:

@@ -191,7 +191,7 @@ class BrakeAdapterNode(Node):
                 f"only {', '.join(self._named) or 'nothing'}; correct the parameter joints"
             )
         if misconnected:
-            problems += [f"{sentence}: all brakes on" for sentence in misconnected]
+            problems += [f"all brakes on: {sentence}" for sentence in misconnected]
             pedal, enable = 1.0, np.ones(len(enable))
         speed = np.full(len(enable), math.nan) if self._silent("joints", timeout) else self._speed
         if not np.all(np.isfinite(speed)) and self._configuration.kind == TORQUE:

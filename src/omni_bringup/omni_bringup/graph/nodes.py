@@ -186,7 +186,7 @@ class Nodes:
         started = []
         if folder is not None:
             recorded = recorded_topics(self.configuration).items()
-            chosen = {topic: kind for topic, kind in recorded if lines or topic[-6:] != "/lines"}
+            chosen = {t: kind for t, kind in recorded if lines or not t.endswith("/lines")}
             started.append(self.recorder(folder, chosen=chosen))
         listeners = 1 + len(started)  # without the driver's node, which may start later
         return [

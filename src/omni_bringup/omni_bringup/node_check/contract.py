@@ -179,7 +179,7 @@ def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[
         return
     yield from _publisher_breaches(key, received.publishers)
     if received.silence > CONTRACT.longest_gap:
-        yield f"{key}: nothing is published any more for {received.silence:.1f} s"
+        yield f"{key}: no message in the last {received.silence:.1f} s"
     arrivals, messages = zip(*received.messages, strict=True)
     stamps = np.array([to_nanoseconds(message.header.stamp) for message in messages])
     if np.any(np.diff(stamps) <= 0):

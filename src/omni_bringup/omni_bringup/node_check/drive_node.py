@@ -1,4 +1,4 @@
-"""Reception of the signals of a vehicle's commissioning run until its stops are complete."""
+"""Reception of the signals of a vehicle's commissioning drive until its stops are complete."""
 
 import time
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ _DISCOVERY = 0.1  # period at which topics with a new publisher are subscribed t
 def receive_drive(
     partner: Partner, wheels: Sequence[str], timeout: float, rest: float = 2.0, least: int = 100
 ) -> Signals:
-    """Return the signals of a commissioning run as soon as the vehicle rests after a stop.
+    """Return the signals of a commissioning drive as soon as the vehicle rests after a stop.
 
     Args:
         partner: node of this process, in the namespace of the vehicle.
         wheels: names of the wheels in the order of the columns.
-        timeout: limit on the time until the run is complete [s].
+        timeout: limit on the time until the drive is complete [s].
         rest: duration at rest after which the last stop is complete [s].
         least: required number of messages on each required topic.
 

@@ -19,7 +19,7 @@ def replay_over_graph(bag: Path, plan: ReplayPlan, folder: Path, rate: float) ->
     Args:
         bag: recording to replay.
         plan: nodes and topics of the replay.
-        folder: rosbag2 folder to be created for the results and the clock.
+        folder: empty folder for the rosbag2 recording of the results and the clock.
         rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
 
     Returns:

@@ -40,7 +40,7 @@ def replay_offline(bag: Bag, plan: plans.ReplayPlan, folder: Path) -> None:
     Args:
         bag: recording to replay.
         plan: nodes and topics of the replay.
-        folder: rosbag2 folder to be created for the results.
+        folder: empty folder for the rosbag2 recording of the results.
 
     Raises:
         BagError: the recording or a message in it cannot be read.

@@ -74,7 +74,6 @@ def check_inputs(bag: Bag, plan: ReplayPlan) -> dict[str, int]:
     Returns:
         Number of recorded messages, keyed by topic.
 
-
     Raises:
         BagError: topics are missing, empty or of another type; the message lists all missing ones.
     """

@@ -87,7 +87,6 @@ class Noise:
 
     The noise is added to the layers below.
 
-
     Attributes:
         lattice: values at the nodes [gray levels], shape (nodes along y, nodes along x).
     """

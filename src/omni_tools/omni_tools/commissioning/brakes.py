@@ -1,4 +1,4 @@
-"""Tests for exchanged brakes, brakes without effect and a wrong dead time in a commissioning run.
+"""Tests for exchanged brakes, brakes without effect and a wrong dead time in a commissioning drive.
 
 The torque of each brake is estimated from slip and deceleration of its wheel. The estimate is
 compared with the demand that the brake should follow.

@@ -1,4 +1,4 @@
-"""Errors in a vehicle's file, found by hypothesis tests on a commissioning run.
+"""Errors in a vehicle's file, found by hypothesis tests on a commissioning drive.
 
 In this run, the vehicle moves forward by a known distance, to the left by a known distance, and
 counter-clockwise by a known angle. Eq. (32) predicts the angle by which each wheel turns in each
@@ -71,7 +71,7 @@ def find_mistakes(
     angle: float,
     vehicle: VehicleConfiguration,
 ) -> list[Mistake]:
-    """Return the errors in a vehicle's description that a commissioning run reveals.
+    """Return the errors in a vehicle's description that a commissioning drive reveals.
 
     Args:
         wheels: wheels as described in the vehicle's file.

@@ -1,4 +1,4 @@
-"""Signals of a recorded commissioning run: three slow motions and some stops.
+"""Signals of a recorded commissioning drive: three slow motions and some stops.
 
 The vehicle is driven forward, to the left and counter-clockwise, each time from rest to rest over a
 measured distance or angle. It is then driven and braked in several directions.
@@ -30,7 +30,7 @@ _LARGEST = 1e6
 
 
 class Signals(NamedTuple):
-    """Signals of a commissioning run at T equally spaced times, N wheels; missing values are NaN.
+    """Signals of a commissioning drive at T equally spaced times, N wheels; missing values are NaN.
 
     Attributes:
         time: times of the rows [s], shape (T,).
@@ -55,7 +55,7 @@ class Signals(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """Quantities measured in the three motions of a commissioning run, with N wheels.
+    """Quantities measured in the three motions of a commissioning drive, with N wheels.
 
     Attributes:
         angle: angle by which each wheel turned [rad], shape (3, N).
@@ -74,7 +74,7 @@ class Motions(NamedTuple):
 
 
 def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
-    """Return the signals in a recording of a commissioning run.
+    """Return the signals in a recording of a commissioning drive.
 
     Args:
         recording: rosbag2 folder.
@@ -90,7 +90,7 @@ def read_signals(recording: Path, wheels: Sequence[str]) -> Signals:
 def signals_of(
     streams: Mapping[str, Stream], wheels: Sequence[str], period: float = 0.01
 ) -> Signals:
-    """Return the signals of a commissioning run, sampled at equally spaced times.
+    """Return the signals of a commissioning drive, sampled at equally spaced times.
 
     Wheel speeds are interpolated; all other signals hold their newest value.
 

@@ -228,7 +228,6 @@ def design_speed(
 
     Without a given speed, it is the usual speed, or the highest measurable one if this is lower.
 
-
     Args:
         speed: given speed [m/s], None for the default.
         yaw_rate: yaw rate of the turning motion [rad/s].

@@ -59,7 +59,6 @@ class MotionMix(NamedTuple):
 
         Diagonal and turning motion are listed in both mirror images.
 
-
         Args:
             speed: speed of base_link [m/s].
             yaw_rate: yaw rate of the turning motion, which also moves forward [rad/s].
@@ -225,7 +224,6 @@ def closeness(sensors: Mapping[str, LineSensor]) -> tuple[float, float]:
     """Return two measures of how far a placement is from being singular.
 
     For a singular placement, at least one of both is 0.
-
 
     Returns:
         Spread angle of the axes [deg], at most 45; its squared sine is the smaller eigenvalue of

@@ -223,7 +223,6 @@ def tire_stiffness(largest_load: float, radius: float = _USUAL.radius) -> dict[s
 
     The ratio of the tire's deflection to its radius is fixed.
 
-
     Args:
         largest_load: limit on the load of the tire [N].
         radius: radius of the wheel [m].

@@ -172,7 +172,6 @@ def padded_levels(
 
     The texels are as coarse as the camera's accuracy permits.
 
-
     Args:
         sensors: cameras, keyed by name.
         texture: the ground.
