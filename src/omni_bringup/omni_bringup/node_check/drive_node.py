@@ -36,7 +36,7 @@ def receive_drive(
         ConfigurationError: the run has other wheels or motions than expected, or wheel speeds are
             missing for too long.
     """
-    seen: dict[str, list[tuple[float, Any]]] = {topic.name: [] for topic in TOPICS}
+    seen: dict[str, list[tuple[int, Any]]] = {topic.name: [] for topic in TOPICS}
     unseen, deadline = list(TOPICS), time.monotonic() + timeout
     while True:
         until = time.monotonic() + rest

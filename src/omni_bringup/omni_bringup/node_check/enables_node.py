@@ -8,6 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from omni_bringup.node_check.contract import CONTRACT
 from omni_bringup.node_check.exchange_node import Partner, Received, subscribe
 from omni_platform import topics
 from omni_platform.quantities import SECOND_NS
@@ -49,12 +50,14 @@ class Enables:
             profile = qos.RELIABLE if all(publishers) else qos.BEST_EFFORT
             seen[key] = Received(subscribe(partner, {key: topic}, profile)[key], publishers)
         end = time.monotonic() + duration
+        partner.spin(end - CONTRACT.longest_gap)
+        before = {key: len(received.messages) for key, received in seen.items()}
         partner.spin(end)
         for key, topic in watched.items():
             publishers = partner.publishers(topic.path)
             if seen[key].messages and publishers:  # a simulator that has ended is not silent
                 seen[key].publishers = publishers
-                seen[key].silence = end - seen[key].messages[-1][0]
+                seen[key].silent = len(seen[key].messages) == before[key]
         sources = [seen.pop(key) for key in ("twist", "velocity_sensor", "lines")]
         seen["twist"] = next((source for source in sources if source.messages), sources[0])
         return seen

@@ -10,6 +10,7 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,14 +71,15 @@ class Received:
     """Messages received on a topic.
 
     Attributes:
-        messages: arrival time on a monotonic clock [s] and message, in the order of arrival.
+        messages: time of publication on the publisher's clock [ns] and message, in the order of
+            arrival.
         publishers: whether each publisher is reliable, one entry for each.
-        silence: time since the last message [s], 0 if the publishers have ended.
+        silent: whether publishers are left but no message arrived lately.
     """
 
-    messages: list[tuple[float, Any]]
+    messages: list[tuple[int, Any]]
     publishers: list[bool]
-    silence: float = 0.0
+    silent: bool = False
 
 
 class Exchange:
@@ -270,22 +272,24 @@ def _exchange(
 
 def subscribe(
     partner: Partner, topics: Mapping[str, Topic], qos: QoSProfile
-) -> dict[str, list[tuple[float, Any]]]:
-    """Return lists to which each message is appended with its arrival time [s].
+) -> dict[str, list[tuple[int, Any]]]:
+    """Return lists to which each message is appended with its time of publication [ns].
+
+    Unlike the time of reception, it does not depend on how long messages wait in this process.
 
     Args:
         partner: node of this process.
         topics: topics to subscribe to, keyed by any text; the result has the same keys.
         qos: quality of service of the subscriptions.
     """
-    seen: dict[str, list[tuple[float, Any]]] = {key: [] for key in topics}
+    seen: dict[str, list[tuple[int, Any]]] = {key: [] for key in topics}
+
+    def keep(key: str, message: Any, info: dict[str, int]) -> None:
+        seen[key].append((info["source_timestamp"], message))
+
     for key, topic in topics.items():
-        partner.node.create_subscription(
-            message_class(topic.type),
-            topic.name,
-            lambda message, key=key: seen[key].append((time.monotonic(), message)),
-            qos,
-        )
+        kind = message_class(topic.type)
+        partner.node.create_subscription(kind, topic.name, partial(keep, key), qos)
     return seen
 
 
