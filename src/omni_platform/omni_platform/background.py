@@ -49,7 +49,10 @@ class _Work(Generic[_T]):
         self._under_way.release()
 
     def result(self) -> _T:
-        """Return the result; do other queued work while waiting."""
+        """Return the result of the work; while waiting for it, do other queued work.
+
+        If the work raised an exception, raise this exception.
+        """
         self.do()
         while self._queue is not None and self._under_way.locked():
             try:

@@ -67,7 +67,7 @@ class BrakeConfiguration(Configuration):
 
     @property
     def settling_time(self) -> float:
-        """Time until 86 % of a pressure change [s]: dead time plus two time constants."""
+        """Time until a pressure change is 86 % complete [s]: dead time plus two time constants."""
         return self.dead_time + 2.0 * self.time_constant
 
     @property

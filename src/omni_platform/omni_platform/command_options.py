@@ -71,7 +71,9 @@ def overrides_option(example: str = "vehicle.load.mass=400") -> Any:
 
 
 def add_options(parser: argparse.ArgumentParser, cls: type[configuration.Configuration]) -> None:
-    """Declare the parameters of `cls` as options of a parser; omitted options get no value.
+    """Declare the parameters of `cls` as options of a parser.
+
+    An option that is omitted on the command line is absent from the result of the parser.
 
     Args:
         parser: parser of the command.
@@ -158,7 +160,13 @@ def flags_of(cls: type[configuration.Configuration]) -> list[str]:
 
 
 def option_of(cls: type[configuration.Configuration], key: str) -> str:
-    """Return the option of a field as it is typed, such as ``--max-rotation``."""
+    """Return the option of a field as it is typed, such as ``--max-rotation``.
+
+    Args:
+        cls: configuration class that declares the options.
+        key: dotted path of a value in the field, such as the key of a `ConfigurationError`; it is
+            returned unchanged if `cls` has no such field.
+    """
     name = re.split(r"[.\[]", key)[0]
     for field in dataclasses.fields(cls):
         if field.name == name:

@@ -316,9 +316,9 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 def shortened(text: str, longest: int = 255) -> str:
-    """Return a text with all words shortened to at most `longest` characters.
+    """Return a text in which each word of more than `longest` characters is cut to 60 characters.
 
-    The default is the maximum length of a file name.
+    The default of `longest` is the maximum length of a file name.
     """
     return re.sub(
         rf"(\S{{60}})\S{{{longest - 59},}}",

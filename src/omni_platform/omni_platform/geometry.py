@@ -99,12 +99,15 @@ class PlatformGeometry:
 
     @cached_property
     def rim(self) -> FloatArray:
-        """Return ``R_i u_i . n_wi`` [m], (N,): rim speed along n_wi divided by wheel speed."""
+        """Return ``R_i u_i . n_wi``: rim speed along n_wi per wheel speed [m], shape (N,)."""
         return np.asarray(self.radius * np.sum(self.active * self.rolling, axis=1))
 
 
 def _directions(angle: FloatArray) -> FloatArray:
-    """Return unit vectors at angles [rad], shape (N,); they are exact along the axes."""
+    """Return unit vectors, shape (N, 2), at angles from the x axis [rad], shape (N,).
+
+    For a direction along an axis, the other component is exactly 0.
+    """
     vectors = np.column_stack((np.cos(angle), np.sin(angle)))
     vectors[np.abs(vectors) < 1e-15] = 0.0
     return vectors

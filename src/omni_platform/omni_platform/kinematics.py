@@ -19,7 +19,8 @@ from omni_platform.quantities import FloatArray
 
 # A roller axis within 0.06 deg of the wheel axis cannot transmit a useful drive force.
 _MINIMUM_COS_GAMMA = 1e-3
-# Limit on the ratio of the singular values of M, with lengths divided by the platform's radius.
+# Lower limit on the ratio of smallest to largest singular value of M, scaled as in
+# `smallest_singular_value`.
 _MINIMUM_CONDITION = 1e-6
 
 
@@ -61,7 +62,11 @@ class PlatformKinematics:
         return _laid_out(tuple(wheels.items()))
 
     def _inverse_with(self, radius: FloatArray) -> FloatArray:
-        """Return the matrix of Eqs. (30), (32), shape (N, 3), for wheels with these radii [m]."""
+        """Return the matrix from body twist to wheel speeds, Eqs. (30), (32), shape (N, 3).
+
+        Args:
+            radius: radii of the wheels [m], shape (N,).
+        """
         cos_gamma = np.cos(self.geometry.roller_angle)
         inverse: FloatArray = self.matrix / (radius * cos_gamma)[:, np.newaxis]
         return inverse
@@ -120,7 +125,14 @@ def _singular_values(matrix: FloatArray, geometry: PlatformGeometry) -> FloatArr
 
 
 def smallest_singular_value(matrix: FloatArray, geometry: PlatformGeometry) -> float:
-    """Return the smallest singular value of ``M`` with lengths divided by the platform's radius."""
+    """Return the smallest singular value of ``M``, in which lengths are divided by a radius [1].
+
+    The radius is the largest distance between a wheel and the platform's center.
+
+    Args:
+        matrix: ``M`` of Eq. (33), shape (N, 3): [1], [1], [m].
+        geometry: positions of the wheels.
+    """
     return float(_singular_values(matrix, geometry)[-1])
 
 

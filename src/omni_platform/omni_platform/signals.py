@@ -18,7 +18,7 @@ VALID, MISSING, INVALID = range(3)
 """Validity of a sample: MISSING if none has been received, INVALID if its content is malformed."""
 
 UNMEASURED_VARIANCE = 1e6
-"""Variance from which on a component is regarded as not measured [square of its unit]."""
+"""A component with at least this variance counts as not measured [square of its unit]."""
 
 
 class PedalSample(NamedTuple):

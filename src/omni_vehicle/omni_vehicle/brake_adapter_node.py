@@ -158,7 +158,11 @@ class BrakeAdapterNode(Node):
         return time.monotonic() - self._received.get(name, -math.inf) > timeout
 
     def _demand(self) -> tuple[WheelDemand, str]:
-        """Return the inputs (full braking for missing inputs), and a description of problems."""
+        """Return the inputs of the brake adapter, and a description of problems (empty if none).
+
+        A missing, late or invalid pedal position or enable is replaced by full braking, missing
+        wheel speeds by NaN, and missing commands for the drives by zero.
+        """
         timeout, enable_timeout = self._topics.pedal_timeout, self._configuration.enable_timeout
         problems = []
         pedal, enable = self._pedal, self._enable

@@ -168,7 +168,7 @@ class CountingChip:
         self.counts = [0, 0]
 
     def read(self, time: float) -> FlowSample:
-        """Return the mean velocity since the last reading."""
+        """Return the mean velocity since the last reading, without a yaw rate."""
         try:
             # A single transfer gives consistent values; the chip then counts from zero.
             burst = self._chip.spi_dev.xfer2([_Pixart.MOTION_REGISTER] + [0] * 12)
@@ -204,7 +204,11 @@ class CountingChip:
 
 @cache
 def _i2c_driver(bus: int) -> Any:
-    """Return the only driver of an I2C bus; the library never closes a driver."""
+    """Return the driver of an I2C bus from a cache, because the library never closes a driver.
+
+    Raises:
+        FlowChipError: the bus cannot be opened.
+    """
     driver = importlib.import_module("qwiic_i2c").get_i2c_driver(iBus=bus)
     if driver is None or driver.i2cbus is None:
         raise FlowChipError(f"the I2C bus {bus} cannot be opened")
@@ -226,7 +230,7 @@ class OtosChip:
         self._chip.resetTracking()
 
     def read(self, time: float) -> FlowSample:
-        """Return the present velocity along the axes of the chip."""
+        """Return the present velocity along the axes of the chip, and the yaw rate."""
         del time
         try:
             status = int(self._chip.getStatus())

@@ -65,10 +65,13 @@ class KernelCache(FunctionCache):
         return re.sub("[<>]", "", name) + "-"
 
     def _lock(self, operation: int) -> None:
-        """Lock or unlock the kernel between processes, by `fcntl.LOCK_EX` or `fcntl.LOCK_UN`.
+        """Lock the kernel against other processes, or unlock it.
 
-        A caller is locked before its callees, so processes never wait for each other. The end of a
-        process unlocks its kernels.
+        A caller is locked before its callees, so two processes never wait for each other. When a
+        process ends, its locks are released.
+
+        Args:
+            operation: `fcntl.LOCK_EX` to lock, `fcntl.LOCK_UN` to unlock.
         """
         with contextlib.suppress(OSError):  # a file system without locks
             self._impl.locator.ensure_cache_path()
@@ -76,9 +79,10 @@ class KernelCache(FunctionCache):
             fcntl.lockf(file, operation, 1, place)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return a stored kernel without loading numba's registries of types.
+        """Return the stored kernel for a signature; None if there is none.
 
-        Only compilation needs these registries.
+        Unlike the method of numba, this one does not load the registries of types, which only
+        compilation needs.
         """
         rtsys.initialize(target_context)
         return self._load_overload(sig, target_context)
@@ -120,7 +124,10 @@ def _lock_file(folder: str) -> IO[bytes]:
 
 
 def kernel_digest(dispatcher: Dispatcher) -> str:
-    """Return a digest of the code and constants of a kernel, without the types of its arguments."""
+    """Return a digest of the code and constants that a kernel uses, directly or indirectly.
+
+    The digest does not depend on the types of the kernel's arguments.
+    """
     reached: dict[FunctionType, str] = {}
     pending: list[FunctionType] = []
     root = _LINKAGE + _describe(dispatcher, pending)
@@ -159,7 +166,10 @@ def _describe_names(
 
 @functools.cache
 def _describe_fields(value: Any) -> str:
-    """Return the field names of a named tuple and of the tuples in it, in their order."""
+    """Return the field names of a named tuple, and of named tuples in its fields, as one text.
+
+    The text is empty for any other type.
+    """
     if not hasattr(value, "_fields"):
         return ""
     nested = map(_describe_fields, _annotations(value))
@@ -167,7 +177,7 @@ def _describe_fields(value: Any) -> str:
 
 
 def _annotations(value: Any) -> Iterable[Any]:
-    """Return the annotations of a function or class; those in text are evaluated."""
+    """Return the types with which a function or class is annotated; strings are evaluated."""
     found = value.__annotations__
     in_text = any(isinstance(kind, (str, ForwardRef)) for kind in found.values())
     return (get_type_hints(value) if in_text else found).values()
@@ -181,7 +191,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _describe(value: Any, callees: list[FunctionType]) -> str:  # noqa: PLR0911
-    """Return a text that changes with a value; append the functions in it to `callees`."""
+    """Return a text that differs for different values; append functions in them to `callees`."""
     if type(value) in _PLAIN:  # most constants
         return repr(value)
     if isinstance(value, Dispatcher):
