@@ -116,7 +116,17 @@ def build_faults(faults: Mapping[str, FaultConfiguration], wheels: int) -> Fault
 def _faulty_reading(  # noqa: PLR0911, PLR0912 - a line for each kind
     row: FloatArray, tau: float, y: float, held: float, delayed: float, other: float, draw: float
 ) -> float:
-    """Return the reading of a faulty axis; the module's docstring defines the symbols."""
+    """Return the reading of a faulty axis; the module's docstring defines the symbols.
+
+    Args:
+        row: row of the fault in `Faults.table`, shape (7,).
+        tau: time since the onset of the fault [s].
+        y: reading without this fault.
+        held: reading at the onset.
+        delayed: reading without this fault one period ``T`` ago.
+        other: reading of the other axis or the next wheel.
+        draw: standard normal value.
+    """
     kind: float = row[_KIND]
     a: float = row[_AMPLITUDE]
     period: float = row[_PERIOD]

@@ -92,7 +92,12 @@ class FlowSensorArray:
             self._path[name] = turned(place, -sensor.heading) * period_ns / SECOND_NS
 
     def advance(self, trajectory: FloatArray) -> None:
-        """Count the displacement along a trajectory x, y, yaw of base_link, (n + 1, >= 3)."""
+        """Add the motion along a trajectory to the displacement that each sensor has integrated.
+
+        Args:
+            trajectory: x, y [m], yaw [rad] of base_link in the world frame, then any other columns,
+                shape (n + 1, at least 3).
+        """
         yaw = trajectory[:, 2]
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         for name, sensor in self._sensors.items():

@@ -66,7 +66,11 @@ def build_instruments(configuration: SimulatorConfiguration) -> Instruments:
 
 
 def draws(wheels: int) -> int:
-    """Return how many standard normal values a stamp needs, for all sensors and faults."""
+    """Return the number of standard normal values that all readings at a stamp require.
+
+    Args:
+        wheels: number of wheels.
+    """
     return 2 * (IMU_DRAWS + wheels) + 3
 
 

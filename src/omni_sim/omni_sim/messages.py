@@ -60,12 +60,12 @@ def flow_message(name: str, flow: signals.Flow) -> TwistWithCovarianceStamped:
 
 
 def ground_truth(observation: Observation) -> Odometry:
-    """Return the simulator's true pose in `odom` and twist in `base_link`."""
+    """Return a message with the true pose of `base_link` in `odom` and its twist in `base_link`."""
     x, y, yaw = (float(value) for value in observation.pose)
     z, roll, pitch = (float(value) for value in observation.attitude)
     message = stamped(Odometry, observation.stamp_ns, WORLD_FRAME)
     message.child_frame_id = BASE_FRAME
-    _place(message.pose.pose, (x, y, z), _standing(yaw, roll, pitch))
+    _place(message.pose.pose, (x, y, z), _quaternion(yaw, roll, pitch))
     message.twist.twist.linear.x = float(observation.twist[0])
     message.twist.twist.linear.y = float(observation.twist[1])
     message.twist.twist.angular.z = float(observation.twist[2])
@@ -114,7 +114,17 @@ def _marker(
     size: tuple[float, float, float],
     pose: Sequence[float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Marker:
-    """Return a marker with a size [m] at x, y, z [m] and yaw [rad]."""
+    """Return a marker in the world frame.
+
+    Args:
+        stamp_ns: time of the marker [ns].
+        namespace: name of the group of markers.
+        index: number of the marker in this group.
+        kind: shape, such as `Marker.CUBE`.
+        color: red, green and blue, 0 to 1.
+        size: extent along the marker's own x, y and z [m].
+        pose: x, y, z [m] and yaw [rad].
+    """
     message = stamped(Marker, stamp_ns, WORLD_FRAME)
     message.ns, message.id, message.type, message.action = namespace, index, kind, Marker.ADD
     tint, scale = message.color, message.scale
@@ -136,8 +146,12 @@ def _point(coordinates: Sequence[float]) -> Point:
     return Point(x=x, y=y, z=z)
 
 
-def _standing(yaw: float, roll: float, pitch: float) -> tuple[float, float, float, float]:
-    """Return the rotation by yaw, followed by the smallest rotation that gives the tilt."""
+def _quaternion(yaw: float, roll: float, pitch: float) -> tuple[float, float, float, float]:
+    """Return the quaternion (x, y, z, w) of an attitude [rad].
+
+    The attitude results from the rotation by yaw, followed by the smallest rotation that gives the
+    tilt of roll and pitch.
+    """
     rise_x, rise_y = -math.sin(pitch), math.sin(roll) * math.cos(pitch)
     up = math.cos(roll) * math.cos(pitch)
     w = math.sqrt(0.5 * (1.0 + up))  # half the tilt angle, about (x, y, 0) in the body frame

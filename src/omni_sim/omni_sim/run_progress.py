@@ -106,7 +106,7 @@ class RunProgress:
 
     @property
     def is_news(self) -> bool:
-        """Whether the completed share has increased enough since the last report for a new one."""
+        """Whether the completed share has increased by at least 1 % since the last report."""
         return self._share - self._reported_share >= _NEWS
 
     def update(self, observation: Observation) -> None:

@@ -243,7 +243,14 @@ class Simulator:
     def _expose(
         self, lines: batches.LineExposures, trajectory: quantities.FloatArray, start_ns: int
     ) -> Mapping[str, signals.LineBatch]:
-        """Return the lines of each camera with times in (start, present stamp]."""
+        """Return the lines that each camera exposes after a start time until the present stamp.
+
+        Args:
+            lines: renderer of the lines.
+            trajectory: x, y, yaw of base_link [m, m, rad] and their time derivatives in the world
+                frame, from the start time to the present stamp, shape (n + 1, 6).
+            start_ns: start time [ns], not included; -1 to include the line at time 0.
+        """
         lines.complete()
         if self._sprung or self.vehicle.uneven:
             for camera in lines.cameras.cameras.values():

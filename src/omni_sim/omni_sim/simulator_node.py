@@ -150,7 +150,11 @@ class SimulatorNode(Node):
             self._send(self._camera_infos[name], info)
 
     def publish(self, observation: Observation) -> None:
-        """Publish one step; the pedal message is the last one, because it triggers the replies."""
+        """Publish the messages of one step.
+
+        The message of the pedal triggers the replies of other nodes, so it follows the measurements
+        that these nodes need.
+        """
         stamp_ns = observation.stamp_ns
         for name, batch in observation.line_batches.items():  # first, as matching takes longest
             image = messages.line_image(batch.stamp_ns, self._prefix + name, batch.lines)
@@ -190,7 +194,11 @@ class SimulatorNode(Node):
             self._report_limits(stamp_ns, exceeded)
 
     def limits_exceeded(self) -> dict[str, tuple[float, str]]:
-        """Return duration [s] and description for each limit of the model that is exceeded."""
+        """Return the limits of the model that the run has exceeded so far.
+
+        Returns:
+            Dictionary from ``overload`` or ``tipping`` to the total duration [s] and a description.
+        """
         exceeded = {}
         overload, tipping_time = self.simulator.overload, self.simulator.tipping_time
         if overload.time > 0.0:
@@ -204,7 +212,12 @@ class SimulatorNode(Node):
         return exceeded
 
     def _report_limits(self, stamp_ns: int, exceeded: frozenset[str]) -> None:
-        """Report when the vehicle leaves or re-enters the valid range of its model."""
+        """Report that the vehicle has left or re-entered the valid range of its model.
+
+        Args:
+            stamp_ns: time of the step [ns].
+            exceeded: limits that are exceeded in this step: ``overload``, ``tipping``, or neither.
+        """
         self._reported_limits = exceeded
         sentences = self.limits_exceeded()
         words = "; ".join(sentences[state][1] for state in sorted(exceeded))
@@ -246,7 +259,11 @@ class SimulatorNode(Node):
         return self._enable
 
     def note_silence(self, now: float) -> None:
-        """Update the time since the last message of each node; `now` is a monotonic time [s]."""
+        """Update the longest time without a message for each node that sends replies.
+
+        Args:
+            now: present time on the monotonic clock [s].
+        """
         nodes = ["brake_assist"]
         if self.configuration.simulation.render_lines:
             nodes.append("linescan_odometry")
@@ -260,7 +277,7 @@ class SimulatorNode(Node):
         return self._enable_stamp_ns == stamp_ns and (not awaited or self._has_twist(stamp_ns))
 
     def silent_node(self, stamp_ns: int) -> str:
-        """Return the name of the node whose message for this step is missing."""
+        """Return the node whose message for this step is missing, and its topic, as words."""
         if self._has_twist(stamp_ns):
             return "brake_assist (nothing on brake/enable)"
         return "linescan_odometry (nothing on odometry/twist)"

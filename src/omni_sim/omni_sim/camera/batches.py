@@ -59,7 +59,10 @@ def interpolate_poses(
 def _interpolate(
     trajectory: FloatArray, start_ns: float, step_ns: float, times_ns: FloatArray, poses: FloatArray
 ) -> bool:
-    """Write the poses; return whether all times are within the trajectory."""
+    """Write the poses, shape (m, 3); return whether all times are within the trajectory.
+
+    The other arguments are those of `interpolate_poses`.
+    """
     steps = len(trajectory) - 1
     step = step_ns * 1e-9
     for i in range(len(times_ns)):
@@ -118,7 +121,7 @@ class LineClock:
         self.period_ns = Fraction(SECOND_NS) / Fraction(line_rate)
 
     def lines_in(self, after_ns: int, until_ns: int) -> tuple[int, int]:
-        """Return the index of the first line with ``after < time <= until``, and the end index.
+        """Return the first line with ``after < time <= until``, and the first line after them.
 
         Args:
             after_ns: open end of the interval [ns]; -1 includes line 0.
@@ -127,7 +130,7 @@ class LineClock:
         return self._count_until(after_ns), self._count_until(until_ns)
 
     def stamp_ns(self, line: int) -> int:
-        """Return the time of a line with this index, rounded to whole nanoseconds [ns]."""
+        """Return the time of the line with index `line` [ns], rounded to an integer."""
         return round(line * self.period_ns)
 
     def times_ns(self, first: int, end: int) -> NDArray[np.float64]:
@@ -136,7 +139,7 @@ class LineClock:
         return np.array([line * period / divisor for line in range(first, end)], dtype=np.float64)
 
     def _count_until(self, stamp_ns: int) -> int:
-        """Return the number of lines with ``time <= stamp``."""
+        """Return the number of lines from time 0 up to and including a stamp [ns]."""
         if stamp_ns < 0:
             return 0
         return stamp_ns * self.period_ns.denominator // self.period_ns.numerator + 1
@@ -169,12 +172,17 @@ class LineExposures:
         self._batches = _Batches({}, cameras)
 
     def complete(self) -> None:
-        """Render all remaining lines; the noise of later lines depends on their number."""
+        """Render all lines of the previous call of `expose` that have not been rendered yet.
+
+        The noise of a line depends on the number of lines that were rendered before it.
+        """
         for name in self._batches:
             self._batches[name]
 
     def expose(self, trajectory: FloatArray, start_ns: int, end_ns: int) -> Mapping[str, LineBatch]:
-        """Return the lines of each camera with times in (start, end], after `complete`.
+        """Return the lines that each camera exposes after a start time until an end time.
+
+        Call `complete` before. The lines are rendered in the background or when they are read.
 
         Args:
             trajectory: trajectory from `Vehicle.advance`, shape (n + 1, 6).
@@ -197,9 +205,11 @@ class LineExposures:
 
 
 class _Batches(Mapping[str, LineBatch]):
-    """Batches of the cameras, each rendered in the background, or on access if this is earlier.
+    """Lines of each camera in one control period, keyed by the name of the camera.
 
-    The odometry can therefore process the batch of one camera while the next batch is rendered.
+    The lines of a camera are rendered in the background, or when they are read if this is earlier.
+    The odometry can therefore process the lines of one camera while the lines of the next camera
+    are rendered.
     """
 
     def __init__(self, exposures: Mapping[str, _Exposure], cameras: LineCameraArray) -> None:

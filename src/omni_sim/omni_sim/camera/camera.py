@@ -85,7 +85,10 @@ class LineCamera:
         return footprints
 
     def grays(self, poses: FloatArray, velocities: FloatArray | None = None) -> NDArray[np.float32]:
-        """Return the mean gray level of each pixel's footprint, without noise and quantization.
+        """Return the light on each pixel in gray levels, without noise and quantization.
+
+        This is the mean gray level of the pixel's footprint times the transmission of the optics
+        and the gain of the pixel, shape (m, pixels).
 
         Args:
             poses: as in `lines`.
@@ -102,7 +105,12 @@ class LineCamera:
     def ground(
         self, poses: FloatArray, velocities: FloatArray | None = None
     ) -> NDArray[np.float32]:
-        """Return `grays` without the effects of shading, dirt and unequal pixel gains."""
+        """Return the mean gray level of each pixel's footprint, shape (m, pixels).
+
+        Args:
+            poses: as in `lines`.
+            velocities: as in `lines`.
+        """
         if velocities is None or self._configuration.exposure_time == 0.0:
             return self._integrate(poses)
         return self._blurred(poses, velocities)
@@ -115,7 +123,7 @@ class LineCamera:
         )
 
     def _blurred(self, poses: FloatArray, velocities: FloatArray) -> NDArray[np.float32]:
-        """Return lines averaged over the exposure, in which the camera moves with `velocities`."""
+        """Return the result of `ground`, averaged over the motion during the exposure."""
         exposure_time = self._configuration.exposure_time
         footprints = self.footprints(poses)
         motion = velocities.copy()  # velocity of the footprint: v + Omega k x r, Eq. (23)
@@ -148,7 +156,12 @@ class LineCamera:
         return self.develop(self.ground(poses, velocities), first_line)
 
     def develop(self, ground: NDArray[np.float32], first_line: int) -> Lines:
-        """Return exposed lines for the result of `ground`; `first_line` is that of `lines`."""
+        """Return exposed lines with noise as uint8 or uint16, shape (m, pixels).
+
+        Args:
+            ground: result of `ground`, shape (m, pixels).
+            first_line: as in `lines`.
+        """
         exposure = self._configuration
         grays = ground if self._transmission is None else ground * self._transmission
         if exposure.shadow > 0.0:

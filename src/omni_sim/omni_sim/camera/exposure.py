@@ -56,7 +56,14 @@ def expose(
 
 @functools.lru_cache(maxsize=16)
 def _quantiles(deviation: float) -> NDArray[np.float32]:
-    """Return a table of equally probable values with half the variance of the noise."""
+    """Return a table of equally probable values, whose variance is half that of the noise.
+
+    Args:
+        deviation: standard deviation of the noise [gray levels of the output].
+
+    Returns:
+        Quantiles of a normal distribution [gray levels of the output], shape (4096,).
+    """
     count = 1 << _TABLE_BITS
     normal = statistics.NormalDist()
     upper = np.array([normal.inv_cdf((i + 0.5) / count) for i in range(count // 2, count)])

@@ -76,7 +76,7 @@ def transmission(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PixelFaults:
-    """Parts of the pixel values that do not come from the ground (gray levels of 8 bit).
+    """Signal of each pixel that does not come from the ground, and loss of light from the ground.
 
     Attributes:
         offset: dark signal, and light from mud on the optics [gray levels of an 8-bit scale], shape
@@ -144,7 +144,10 @@ def shade(
 
 
 def _mud(generator: np.random.Generator, sensor: LineSensor) -> FloatArray:
-    """Return the gray levels of mud with crumbs of up to a millimeter."""
+    """Return the gray levels of a line that is covered with mud, shape (pixels,).
+
+    The gray level is random at points 0.6 mm apart and is interpolated linearly between them.
+    """
     nodes = np.arange(0.0, sensor.length + 1e-3, 6e-4)
     place = (np.arange(sensor.pixels) + 0.5) * sensor.pixel_pitch
     grays = generator.normal(70.0, 20.0, len(nodes)).clip(10.0, 140.0)

@@ -54,7 +54,12 @@ class DemandInbox:
         self._pedal_required = True
 
     def take_twist(self, twist: FloatArray, now: float) -> None:
-        """Store a body twist [m/s, m/s, rad/s], shape (3,); NaN is replaced by zero."""
+        """Store a commanded body twist; a twist that is not finite is replaced by zero.
+
+        Args:
+            twist: commanded body twist [m/s, m/s, rad/s], shape (3,).
+            now: time of arrival on a monotonic clock [s].
+        """
         self._twist = np.where(np.isfinite(twist).all(), twist, 0.0)
         self._twist_time = now
 

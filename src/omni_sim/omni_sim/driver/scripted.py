@@ -133,7 +133,10 @@ class ScriptedDriver:
             self._cruise = self._row(0)[:3]
 
     def _row(self, stamp_ns: int) -> FloatArray:
-        """Return velocities and pedal of the table at a stamp, shape (4,)."""
+        """Return the demands of the table at a stamp [ns], shape (4,).
+
+        The demands are the body twist [m/s, m/s, rad/s] and the position of the pedal, 0 to 1.
+        """
         time = stamp_ns * 1e-9
         return np.array([np.interp(time, self._times, column) for column in self._rows])
 

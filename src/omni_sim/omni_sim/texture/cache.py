@@ -72,7 +72,11 @@ class TextureCache:
 
 
 def _read(path: Path, texels: int) -> NDArray[np.uint8] | None:
-    """Return the texture in a file; None if the file is missing or damaged."""
+    """Return the gray levels in a file, shape (texels, texels).
+
+    Returns:
+        Gray levels; None if the file is missing or damaged, or if its array has another shape.
+    """
     try:
         with np.load(path, allow_pickle=False) as stored:
             gray: NDArray[np.uint8] = stored["gray"]

@@ -234,7 +234,15 @@ class Studs:
 
 
 def _places(texels: int, nodes: int) -> tuple[NDArray[np.int64], Float32Array]:
-    """Return the lattice node before each texel, and the weight of the node after it [1]."""
+    """Return for each texel the lattice node before it, and the weight of the next node [1].
+
+    Args:
+        texels: number of texels per period.
+        nodes: number of lattice nodes per period.
+
+    Returns:
+        Indices of the nodes, shape (texels,); weights, shape (texels,).
+    """
     place = (np.arange(texels) + 0.5) * (nodes / texels)
     node = place.astype(np.int64)
     t = place - node
@@ -313,7 +321,14 @@ def _add_noise(
 
 @njit(cache=True, nogil=True)
 def _bent(band: Float32Array, first_row: int, profile: Float32Array, shift: Float32Array) -> None:
-    """Set each texel to the gray level of the profile at y plus its shift, both in periods."""
+    """Set each texel to the gray level that a profile has at the texel's displaced position y.
+
+    Args:
+        band: some rows of the picture, changed in place, shape (rows, texels per period).
+        first_row: index of the first of these rows in the picture.
+        profile: gray levels over one period in y, shape (p,).
+        shift: displacement of each texel along y [periods], shape (rows, texels per period).
+    """
     texels = band.shape[1]
     count = len(profile)
     for row in range(len(band)):

@@ -51,7 +51,16 @@ def read_picture(path: str, dpi: float) -> GroundTexture:
 
 
 def _square(path: Path, dot: float) -> tuple[NDArray[np.uint8], float]:
-    """Return the square in the middle of a picture, shape (n, n), and its texel size [m]."""
+    """Return the largest square in the middle of a picture.
+
+    Args:
+        path: file of the picture.
+        dot: distance between two pixels of the picture on the ground [m].
+
+    Returns:
+        Gray levels, shape (n, n), and edge length of a texel [m]. If the picture has too many
+        pixels, a texel is the mean of several pixels.
+    """
     if not path.is_file():
         raise ConfigurationError(_KEY, f"there is no file {path}")
     limit = Image.MAX_IMAGE_PIXELS
@@ -98,7 +107,7 @@ def _check_size(path: Path, width: int, height: int, dot: float) -> None:
 
 
 def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
-    """Return the picture as 8-bit gray levels."""
+    """Return the picture as 8-bit gray levels, shape (height, width)."""
     if picture.mode.startswith("I"):  # 16 bits, which some files store as 32
         values = np.asarray(picture)
         if values.min() < 0 or values.max() > np.iinfo(np.uint16).max:
@@ -117,7 +126,7 @@ def _gray(path: Path, picture: Image.Image) -> NDArray[np.uint8]:
 
 
 def _blend(gray: NDArray[np.uint8], period: int) -> None:
-    """Blend the first columns with those beyond column `period`, so that the texture repeats."""
+    """Blend the first columns with the columns from `period` on, so that the texture repeats."""
     overlap = gray.shape[1] - period
     share = ((np.arange(overlap) + 0.5) / overlap).astype(np.float32)
     after = gray[:, period:].astype(np.float32)

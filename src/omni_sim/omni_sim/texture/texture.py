@@ -25,7 +25,7 @@ INCH = 0.0254
 """Length of an inch [m]."""
 
 BLOCK = 32
-"""Number by which the default number of texels per period is divisible, for merging in blocks."""
+"""Divisor of the number of texels per period that follows from dpi, for merging in blocks."""
 
 MOST_TEXELS = 20480
 """Limit on the number of texels per period, which limits the memory."""

@@ -92,7 +92,16 @@ def _combined_forces(
     contacts: tuple[FloatArray, ...],
     force: FloatArray,
 ) -> None:
-    """Compute the forces of wheels with slips (1), (2) [1], loads [N] and ``mu/mu_0`` [1]."""
+    """Compute the steady forces of n wheels under combined slip.
+
+    Args:
+        x: constants of the longitudinal direction.
+        y: constants of the lateral direction.
+        largest_load: load to which higher loads are limited [N].
+        contacts: longitudinal slip (1) [1], lateral slip (2) [1], wheel load [N] and ``mu/mu_0``
+            [1], each of shape (n,).
+        force: output, longitudinal and lateral forces [N], shape (n, 2).
+    """
     slip_x, slip_y, load, friction = contacts
     for i in range(load.size):
         clamped = min(max(load[i], 0.0), largest_load)

@@ -124,7 +124,11 @@ class TireModel:
 
 
 def plain_mapping(*keys: str) -> Callable[[FloatArray, float], dict[str, Any]]:
-    """Return a `FitRecipe.mapping` for a model with ``largest_load`` and some scalar values."""
+    """Return a `FitRecipe.mapping` for a model whose parameters are numbers.
+
+    Args:
+        *keys: names of the fitted parameters; the model also has the parameter ``largest_load``.
+    """
     return lambda values, largest_load: {
         "largest_load": float(largest_load),
         **dict(zip(keys, values.tolist(), strict=True)),

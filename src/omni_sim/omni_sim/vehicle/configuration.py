@@ -177,7 +177,10 @@ class VehicleConfiguration(Configuration):
                 )
 
     def _check_heights(self) -> None:
-        """Check that a vehicle without suspension has no mounting heights."""
+        """Check that mounting heights and gaps between rollers are used only where they can be.
+
+        Both require a suspension. Gaps also require a model with moving contact points.
+        """
         for place, has in (
             ("conditions", self.by_wheel("mounted").any()),
             ("rollers.gap", self.rollers.gap),

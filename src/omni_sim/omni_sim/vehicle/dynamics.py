@@ -188,7 +188,7 @@ def base_motion(body: layout.Record, center: Pair, motion: FloatArray) -> None:
 
 @lean
 def _write_pose(plant: layout.Plant, body: layout.Record, row: FloatArray) -> None:
-    """Write pose and velocity of base_link in the world frame, shape (6,)."""
+    """Write pose and velocity of base_link in the world frame [m, rad, m/s, rad/s], shape (6,)."""
     cos, sin = math.cos(body.yaw), math.sin(body.yaw)
     c_x, c_y = plant.center
     g_x, g_y = cos * c_x - sin * c_y, sin * c_x + cos * c_y
@@ -277,7 +277,10 @@ def _follow_ground(state: layout.State, body: layout.Record) -> tuple[float, Pai
 
 @lean_inline
 def _resultant(state: layout.State, rollers: layout.Rollers | None) -> Triple:
-    """Return the sums of the wheels' forces in the body frame [N] and of their moments [N m]."""
+    """Return the total force of the wheels along x and y of the body frame [N] and its moment.
+
+    The moment is about the center of gravity [N m].
+    """
     wheels, losses = state.wheels, state.losses
     pull_x, pull_y, turn = 0.0, 0.0, 0.0
     for i in range(wheels.shape[0]):
@@ -376,7 +379,15 @@ def _step_wheels(
 
 @lean_inline
 def _step_wheel(state: layout.State, step: Step, i: int, brake: float, drive: Drive) -> None:
-    """Advance a wheel under its load by one step; see `wheel_step`."""
+    """Advance a single-roller wheel by one step; see `wheel_step`.
+
+    Args:
+        state: state of the vehicle; the record of this wheel contains its load.
+        step: quantities common to all wheels.
+        i: index of the wheel.
+        brake: torque that the brake can exert [N m].
+        drive: drive of the wheel.
+    """
     plant, wheel, contact = state.plant, state.wheels[i], state.contacts[i]
     dt, ahead = plant.dt, step.ahead
     cos, sin = step.heading

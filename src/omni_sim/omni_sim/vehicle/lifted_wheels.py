@@ -19,7 +19,10 @@ _MAXIMUM_ITERATIONS = 100
 def stand_on_edge(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> bool:
-    """Place the weight on the nearest edge if the zero-moment point is outside the polygon."""
+    """Write the loads if the zero-moment point is outside the polygon; return whether it is.
+
+    The two wheels of the nearest edge then carry the whole weight.
+    """
     outside = False
     nearest = np.inf
     first, second, share = 0, 0, 0.0
@@ -44,7 +47,7 @@ def stand_on_edge(
 def _spring_energy(
     position: FloatArray, z_x: float, z_y: float, a: float, b: float, c: float
 ) -> float:
-    """Return the potential energy of wheel springs of stiffness 1, which is smallest in balance.
+    """Return the potential energy of wheels on springs of stiffness 1; it is smallest in balance.
 
     The energy is half the sum of the squared loads, minus the work of a unit weight at the
     zero-moment point.
@@ -153,7 +156,10 @@ def stand_on_some(
 def stand_on_triangle(
     position: FloatArray, hull: IntArray, weight: float, z_x: float, z_y: float, loads: FloatArray
 ) -> None:
-    """Distribute the weight over three wheels of the polygon around the zero-moment point."""
+    """Write the loads of three wheels of the polygon whose triangle contains the zero-moment point.
+
+    All other wheels have no load.
+    """
     loads[:] = 0.0
     o = hull[0]
     best = -np.inf

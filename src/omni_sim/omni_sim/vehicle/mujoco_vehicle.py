@@ -346,7 +346,10 @@ def _rollers(
 
 
 def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
-    """Generate the load, and the chassis without its wheels, each of mass `wheel_mass` [kg]."""
+    """Generate the elements of the chassis and its load.
+
+    The mass of the chassis does not include the wheels, of which each has `wheel_mass` [kg].
+    """
     body, load = vehicle.body, vehicle.load
     # The body of the planar vehicle includes the wheels' mass and moment about the vertical axis.
     reach = sum(mount.x**2 + mount.y**2 for mount in vehicle.wheels.values())
@@ -376,7 +379,7 @@ def _drives(n: int, limit: float) -> str:
 
 
 def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
-    """Return a vector, rotated about a unit axis (Rodrigues' formula)."""
+    """Return a vector, rotated about a unit axis by an angle [rad] (Rodrigues' formula)."""
     cos, sin = math.cos(angle), math.sin(angle)
     along = float(axis @ vector) * (1.0 - cos) * axis
     return np.asarray(cos * vector + sin * np.cross(axis, vector) + along, dtype=np.float64)

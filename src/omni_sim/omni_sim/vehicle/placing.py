@@ -61,14 +61,29 @@ def rolling_radius(state: State) -> FloatArray:
 
 
 def along_active(state: State, twist: FloatArray) -> FloatArray:
-    """Return the contact velocities along ``n_w`` at a twist of the center of gravity [m/s]."""
+    """Return the velocities of the contacts along ``n_w`` [m/s], shape (N,).
+
+    Args:
+        state: state of the vehicle.
+        twist: velocity of the center of gravity and yaw rate in the body frame [m/s, m/s, rad/s],
+            shape (3,).
+    """
     contacts = state.contacts
     columns = np.column_stack((contacts["n_x"], contacts["n_y"], contacts["moment"]))
     return np.asarray(columns @ twist, dtype=np.float64)
 
 
 def _rolling_speed(state: State, velocity: FloatArray, yaw_rate: float) -> FloatArray:
-    """Update the contacts for the wheel angles; return the speeds of rolling wheels, Eq. (16)."""
+    """Move the contacts to the rollers at the wheel angles; return speeds without slip, Eq. (16).
+
+    Args:
+        state: state of the vehicle, changed in place.
+        velocity: velocity of the center of gravity in the body frame [m/s], shape (2,).
+        yaw_rate: yaw rate [rad/s].
+
+    Returns:
+        Wheel speeds [rad/s], shape (N,).
+    """
     state.wheels["speed"] = 0.0
     roller_dynamics.displace_contacts(state.plant, state.wheels, state.contacts)
     hub = along_active(state, np.array([*velocity, yaw_rate]))
@@ -101,7 +116,11 @@ def _place_rollers(state: State) -> None:
 
 
 def _lean_on_ground(state: State, x: float, y: float) -> None:
-    """Find the path plane for a position of base_link by iteration over the wheel positions."""
+    """Write tilt and center of gravity of a vehicle whose base_link is at x, y [m] on the ground.
+
+    The tilt depends on the positions of the wheels, which in turn depend on the tilt, so both are
+    computed by iteration.
+    """
     body = state.body[0]
     g_x, g_y = body["x"] - x, body["y"] - y
     for _ in range(_PLACEMENTS if len(state.terrain.parts) else 0):

@@ -183,7 +183,8 @@ def _mobility(
 ) -> FloatArray:
     """Return the sum of absolute values in each row of the mobility matrix [1/kg], shape (N,).
 
-    If the contacts move, the result is an upper bound of this sum.
+    Element (i, j) of this matrix is the acceleration of wheel i along its active direction per
+    force of wheel j. If the contacts move, the result is an upper bound of the sum.
 
     Args:
         configuration: configuration of the vehicle.

@@ -159,7 +159,13 @@ def _store(roller: Record, load: float, lever: Pair, after: RollerStep) -> None:
 
 @lean
 def _lift(rollers: Structured, first: int, second: int) -> None:
-    """Set deflection and force of rollers above the ground to zero; they keep their spin."""
+    """Set deflection and force of all rollers above the ground to zero; they keep their spin.
+
+    Args:
+        rollers: `state.ROLLER` of one wheel, shape (n,).
+        first: index of the lowest roller.
+        second: index of the other roller on the ground; equal to `first` if there is none.
+    """
     for k in range(rollers.shape[0]):
         roller = rollers[k]
         if k not in (first, second) and roller.load != 0.0:

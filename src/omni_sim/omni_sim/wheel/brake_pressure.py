@@ -32,7 +32,8 @@ class BrakePressure(NamedTuple):
         demanded: demanded torque of each brake, from pedal and valve [N m], shape (N,).
         torque: torque that each brake can exert at the end of the step [N m], shape (N,).
         acting: torque that each brake can exert on average over the step [N m], shape (N,).
-        delayed: demanded torques of the last D steps, D being the longer delay [N m], shape (D, N).
+        delayed: demanded torques of the last D steps, where D is the longer of the two dead times
+            of applying and releasing [N m], shape (D, N).
         oldest: row of `delayed` that takes effect next, shape (1,).
         open: smallest share of the pressure that each valve passes [1], shape (N,).
         stuck: torque of each brake independent of pedal and valve [N m], shape (N,).
@@ -114,7 +115,10 @@ def set_demand(pressure: BrakePressure, demand: float, enable: FloatArray) -> No
 
 @lean_inline
 def press(pressure: BrakePressure) -> None:
-    """Advance the pressure by a physics step, and write the mean available torques to `acting`."""
+    """Advance the pressure by a physics step.
+
+    The mean torques over the step that the brakes can exert are written to `acting`.
+    """
     delay = pressure.delayed.shape[0]
     row = pressure.oldest[0]
     for i in range(pressure.demanded.size):

@@ -93,7 +93,16 @@ class WheelStep(NamedTuple):
 def _rolling(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a wheel without brake under the angular impulse of further torques [N m s]."""
+    """Advance a wheel without brake by one step.
+
+    Args:
+        tire: constants.
+        curve: force-slip curve of the tire.
+        patch: contact patch of the tire at the start of the step.
+        hub: coupling of force and motion.
+        spin: spin of the wheel at the start of the step; its brake is ignored.
+        impulse: angular impulse of all torques on the wheel except that of the tire [N m s].
+    """
     free_speed = spin.speed + 1.0 / spin.inertia * impulse
     turn = tire.dt / spin.inertia * hub.lever
     force, deflection, velocity, sliding = tire_force(
@@ -106,7 +115,10 @@ def _rolling(
 def _braked(
     tire: TireConstants, curve: Curve, patch: Patch, hub: Hub, spin: Spin, impulse: float
 ) -> WheelStep:
-    """Advance a wheel under its brake, turning or locked; arguments as in `_rolling`."""
+    """Advance a wheel, whose brake may lock it, by one step; arguments as in `_rolling`.
+
+    The impulse does not include the torque of the brake.
+    """
     if spin.brake <= 0.0:
         return _rolling(tire, curve, patch, hub, spin, impulse)
     if spin.speed != 0.0:
@@ -130,7 +142,10 @@ def _braked(
 
 @lean_inline
 def limited(torque: float, speed: float, power: float) -> float:
-    """Return a torque [N m] that is limited to the power `power` [W] at a given speed [rad/s]."""
+    """Return a torque [N m], reduced if its power at a speed [rad/s] exceeds `power` [W].
+
+    The torque must not be negative.
+    """
     return power / abs(speed) if torque * abs(speed) > power else torque
 
 

@@ -132,7 +132,7 @@ def _deflected(tire: TireConstants, deflection: Pair, force: Pair, effective: fl
         tire: constants of the tread.
         deflection: deflection at the start of the step [m].
         force: force on the vehicle [N].
-        effective: damping of the tread with its stiffness over a step [N s/m].
+        effective: damping of the tread plus its stiffness times the length of a step [N s/m].
     """
     share = tire.dt / effective
     return (

@@ -36,7 +36,7 @@ roller angle at the ground ``(sin delta, -cos delta)`` [1], distance ``d`` [m]."
 
 @lean
 def nearest_roller(angle: float, pitch: float) -> float:
-    """Return the number of the lowest roller [1], which keeps counting after a full turn.
+    """Return the number of the lowest roller [1]; after a full turn, roller 0 has the number n.
 
     Args:
         angle: angle of the wheel, 0 with roller 0 lowest [rad].

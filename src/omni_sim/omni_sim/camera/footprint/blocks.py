@@ -54,7 +54,13 @@ def add_four_between(
 
 
 def _adding(sums: Any, texture: Any, tuples: list[Any]) -> Intrinsic:
-    """Return the signature and the LLVM code of an addition with offsets and optional bounds."""
+    """Return the signature of an addition, and the function that generates its LLVM code.
+
+    Args:
+        sums: type of the array of sums.
+        texture: type of the array of texels.
+        tuples: types of the offsets and, optionally, of the bounds.
+    """
     signature = types.void(sums, types.intp, texture, *tuples)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -99,6 +105,6 @@ def _spread(builder: Any, number: Any) -> Any:
 
 
 def _address(context: Any, builder: Any, kind: Any, array: Any, at: Any, content: Any) -> Any:
-    """Return a pointer to an element of an array."""
+    """Return an LLVM pointer to element `at` of an array, for a value of the type `content`."""
     data = cgutils.create_struct_proxy(kind)(context, builder, value=array).data
     return builder.bitcast(builder.gep(data, [at]), content.as_pointer())

@@ -98,7 +98,7 @@ def refine(cells: Int32Array, refined: Int32Array, n: int, height: int) -> None:
 
 @njit(cache=True, nogil=True)
 def sum_cells(cells: Int32Array, count: int, integral: FloatArray) -> None:
-    """Set ``integral[q, c]`` to the sum of all cells before cell q of column c.
+    """Set ``integral[q, c]`` to the sum of all cells before cell q of column c, for c < `count`.
 
     All sums are integers, even if they are stored as doubles, so they are the same on every
     processor.
@@ -122,6 +122,12 @@ def read_pixels(integral: FloatArray, edges: Edges, values: FloatArray, line: Fl
     An edge that is not perpendicular to the rows of texels smooths the integral by a box as wide as
     the shift of the edge along its length. The mean of two values, one standard deviation on either
     side, has the same second moment.
+
+    Args:
+        integral: result of `sum_cells`, shape (4, columns).
+        edges: positions of the pixel edges.
+        values: buffer for the integral at the edges, shape (pixels + 1,).
+        line: output, the gray levels of the pixels, shape (pixels,).
     """
     start, step, slant, scale, middle = edges
     first = math.floor((start - slant) * ONE + 0.5)

@@ -121,7 +121,13 @@ def _integrate(
 
 @njit(cache=True, nogil=True)
 def _scratch(half_length: float, half_width: float, pixels: int) -> _Scratch:
-    """Return buffers for footprints with half this length and half this width [texels]."""
+    """Return the buffers for one line whose footprint has a given half length and half width.
+
+    Args:
+        half_length: half the length of the footprint [texels].
+        half_width: half the width of the footprint [texels].
+        pixels: number of pixels per line.
+    """
     room = math.ceil(2.0 * half_length * math.sqrt(2.0)) + 2 * _MARGIN
     room = (-(-room // BLOCK) + 2) * BLOCK
     sums = np.empty(room + BLOCK, np.int16)
@@ -213,7 +219,16 @@ def _add_rows(
     counts: tuple[int, int],
     scratch: _Scratch,
 ) -> None:
-    """Add the rows to the totals of the classes; `counts` are numbers of rows and columns."""
+    """Add the rows of texels under a line to the totals of the classes, `scratch.totals`.
+
+    Args:
+        ground: texels.
+        texture: rows or columns of the ground.
+        placement: placement of the rows.
+        cover: rows that each column covers.
+        counts: number of rows and number of columns.
+        scratch: scratch buffers.
+    """
     row_count, count = counts
     room = scratch.rows
     placed = Rows(

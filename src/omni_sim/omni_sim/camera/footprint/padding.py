@@ -159,7 +159,7 @@ class PaddedTexture(NamedTuple):
 
 
 def _room(texels: int, stride: int) -> NDArray[np.int8]:
-    """Return an empty array for padded rows; each row is aligned to a cache line."""
+    """Return an uninitialized array, shape (texels, stride), with rows aligned to cache lines."""
     room = np.empty(texels * stride + _CACHE_LINE, np.int8)
     first = -room.ctypes.data % _CACHE_LINE
     return room[first : first + texels * stride].reshape(texels, stride)
@@ -215,7 +215,7 @@ def check_footprints(sensors: Mapping[str, LineSensor], texture: GroundTexture) 
 
 
 def _texels(sensor: LineSensor, texture: GroundTexture) -> int:
-    """Return the texels per period that a sensor needs.
+    """Return the number of texels per period that the texture for a camera must have.
 
     A coarse texel loses the distribution of gray levels within it. This loss matters only where the
     edge of a pixel cuts the texel. The error there is a share of the texel's internal contrast. On

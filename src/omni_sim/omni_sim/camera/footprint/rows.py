@@ -94,7 +94,14 @@ class Rows(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def place_rows(texels: int, stride: int, placement: Placement, rows: Rows) -> None:
-    """Write for each row the texture index of column 0 and the class of the fractional shift."""
+    """Write for each row the texture index of column 0 and the class of the fractional shift.
+
+    Args:
+        texels: number of texels per period.
+        stride: number of texels in a padded row.
+        placement: placement of the rows.
+        rows: rows, of which `offsets` and `classes` are written.
+    """
     row_0, downwards, origin, ahead, ahead_per_row = placement
     offsets, classes = rows.offsets[: len(rows.classes)], rows.classes
     row = row_0 % texels
@@ -189,7 +196,15 @@ def list_rows(count: int, rows: Rows) -> None:
 def add_rows(
     texture: Int8Array, rows: Rows, cls: int, sums: Int16Array, totals: Int32Array
 ) -> None:
-    """Write the sum of the rows of a class, scaled by 2^WEIGHT_BITS, to `totals`."""
+    """Write the sum of the rows of a class in each column, scaled by 2^WEIGHT_BITS, to `totals`.
+
+    Args:
+        texture: texels.
+        rows: rows from `list_rows`.
+        cls: number of the class.
+        sums: buffer for the sums of up to 252 rows.
+        totals: output, one number for each column.
+    """
     listed, used = rows.listed[cls], rows.used[cls]
     sums[:] = 0
     for place in range(0, min(used, _SPILL), GROUP):
@@ -208,7 +223,10 @@ def add_rows(
 def _add_four_rows(
     texture: Int8Array, rows: Rows, listed: IntArray, count: int, sums: Int16Array
 ) -> None:
-    """Add four rows: whole blocks of their common columns, with masked ends."""
+    """Add the first four listed rows to `sums`, in blocks of columns.
+
+    In the blocks at the two ends, the columns that a row does not cover completely are masked.
+    """
     offsets = _four(rows.offsets, listed)
     starts = _four(rows.starts, listed)
     ends = _four(rows.ends, listed)
@@ -227,7 +245,7 @@ def _add_four_rows(
 
 @njit(cache=True, nogil=True, inline="always")
 def _four(numbers: IntArray, listed: IntArray) -> tuple[int, int, int, int]:
-    """Return the values of the first four listed rows."""
+    """Return the entries of `numbers` for the first four listed rows."""
     return (
         numbers[np.uint64(listed[_0])],
         numbers[np.uint64(listed[_1])],

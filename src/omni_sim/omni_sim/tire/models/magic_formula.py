@@ -107,7 +107,13 @@ class MagicFormulaCurve(NamedTuple):
 
 @lean
 def unit_curve(shape: float, curvature: float, x: float) -> tuple[float, float]:
-    """Return the unit curve ``F / D`` and its derivative with respect to ``x = B s`` [1]."""
+    """Return ``F / D`` [1] and its derivative with respect to ``x = B s`` [1].
+
+    Args:
+        shape: C [1].
+        curvature: E [1].
+        x: slip in the scale of the unit curve, ``B s`` [1].
+    """
     bend = math.atan(x)
     inner = x - curvature * (x - bend)
     angle = shape * math.atan(inner)
@@ -142,7 +148,7 @@ def force_at(curve: MagicFormulaCurve, slip: float) -> tuple[float, float]:
 
 
 def _solve(curvature: float, place: float) -> float:
-    """Return the ``x`` where ``x - E (x - atan x)`` reaches `place`, by bisection."""
+    """Return the ``x`` at which ``x - E (x - atan x)`` equals `place` [1], with E = `curvature`."""
     low, high = 0.0, 1.0
     while high - curvature * (high - math.atan(high)) < place:
         high *= 2.0

@@ -315,9 +315,10 @@ def _start(seen: Landmarks) -> FloatArray:
 
 
 def _values(unknowns: FloatArray) -> FloatArray:
-    """Return parameters from the unknowns of a fit, in the order of `_FITTED`.
+    """Return the parameters of a curve for the unknowns of a fit, in the order of `_FITTED`.
 
-    The unknowns contain slip and force of sliding, divided by slip and force of the peak.
+    Instead of slip and force of sliding, the unknowns contain their ratios to slip and force of the
+    peak.
     """
     values = np.copy(unknowns)
     values[6:8] *= values[2:4]
