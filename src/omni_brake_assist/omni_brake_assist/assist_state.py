@@ -91,7 +91,7 @@ class Memory(NamedTuple):
         laws: state of the law `allocation`; the other built-in law has no state.
         bank: state of the filter bank, see `filter_bank`.
         effect: state of the effect monitor, see `effect_monitor`, shape (1,).
-        brakes: state of the brake monitor, see `brake_monitor`, shape (N + 1,).
+        brakes: state of the brake monitor, see `brake_monitor.brake_memory`, shape (2 N + 1,).
         law_speeds: wheel speeds given to the law [rad/s], NaN where faulty or unknown, shape (N,).
         commanded: brake enables of the last step [1], shape (N,).
         answer: twist at the present time that the filter bank estimates [m/s, m/s, rad/s], shape

@@ -80,7 +80,7 @@ def receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool,
 
 @inlined
 def _receive(constants: Constants, memory: Memory, inputs: Inputs) -> tuple[bool, Motion]:
-    """Return whether a law may act in this step, and the motion that is its input."""
+    """Check the inputs and estimate the motion; arguments and result are those of `receive`."""
     step, line, feedback = memory.step[0], memory.line[0], inputs.feedback
     braking = inputs.pedal >= constants.pedal_threshold
     weighed = _read_sensors(constants, memory, inputs) and constants.fault_detection
@@ -158,7 +158,7 @@ def _read_sensors(constants: Constants, memory: Memory, inputs: Inputs) -> bool:
 
 @lean
 def _is_recent(now_ns: int, timeout_ns: int, validity: int, stamp_ns: int) -> bool:
-    """Return whether a reading is valid and recent enough to use."""
+    """Return whether a reading is valid and its stamp is within a timeout of `now_ns` [ns]."""
     return bool(validity == VALID and abs(since(now_ns, stamp_ns)) <= timeout_ns)
 
 
@@ -171,7 +171,19 @@ def _estimate_motion(
     pedal: float,
     dt: float,
 ) -> int:
-    """Estimate the present motion; update the effect monitor with the last step of `dt` [s]."""
+    """Update effect monitor and filter bank; write the estimated twist to `memory.answer`.
+
+    Args:
+        constants: constants of the assistant.
+        memory: memory of the assistant, changed in place.
+        inputs: inputs of this step.
+        received: whether a valid twist has been received.
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
+        dt: time since the previous step [s].
+
+    Returns:
+        Number of the most probable hypothesis of the filter bank, or NO_ESTIMATE.
+    """
     step, feedback = memory.step[0], inputs.feedback
     speeds, inertial, variance = memory.speeds, memory.workspace[0], memory.workspace[1]
     released = False
@@ -202,7 +214,15 @@ def _watch(
     dt: float,
     twist: tuple[float, float, float],
 ) -> None:
-    """Update the brake monitor with the last step, whose length is `dt` [s]."""
+    """Update the brake monitor, and store the wheel whose brake it finds to have failed.
+
+    Args:
+        constants: constants of the assistant.
+        memory: memory of the assistant, changed in place.
+        pedal: the driver's brake demand, 0 while the pedal is up [1].
+        dt: time since the previous step [s].
+        twist: body twist [m/s, m/s, rad/s].
+    """
     step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
         memory.commanded, memory.speeds, memory.bank.record[0].scale
@@ -299,8 +319,12 @@ def _outcome(
 def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
     """Return the first fault in the order of `conditions.CONDITIONS`; GOOD without a fault.
 
-    If `replans` is true, a failed brake gives the condition REPLANNED, because `allocation`
-    controls the rest of the stop; otherwise it gives FAILED_BRAKE.
+    Args:
+        step: flags of this step, the record `Memory.step`.
+        cause: condition that closed the gate; GOOD while the gate is open.
+        outside: see `Inputs.outside`.
+        replans: whether `allocation` controls the rest of a stop after a brake has failed. If so, a
+            failed brake gives the condition REPLANNED, otherwise FAILED_BRAKE.
     """
     fault = min(outside, cause)
     if step.no_effect:
@@ -312,7 +336,17 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
 
 @lean
 def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
-    """Store the law's output, or restore the last output if the law was not called in this step."""
+    """Store the law's output, or restore the last output if the law was not called in this step.
+
+    Args:
+        memory: memory of the assistant, changed in place.
+        answer: result of the law; HELD if it was not called.
+        error: error of each wheel [m/s], shape (N,); overwritten if the law was not called.
+        enable: enable of each brake [1], shape (N,); overwritten if the law was not called.
+
+    Returns:
+        Result of the law in its last call.
+    """
     step, held = memory.step[0], memory.held
     if answer != HELD:
         step.answer = answer
@@ -325,7 +359,7 @@ def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) ->
 
 @lean
 def _is_any_on(enable: FloatArray, failed: int) -> bool:
-    """Return whether at least one working brake is on."""
+    """Return whether at least one brake is on, without counting the brake of wheel `failed`."""
     on = False
     for i in range(enable.size):
         on |= enable[i] > 0.0 and i != failed
@@ -342,7 +376,11 @@ def _are_shares(error: FloatArray, enable: FloatArray) -> bool:
 
 @lean
 def _is_slow(constants: Constants, step: Any, motion: Motion) -> bool:
-    """Return whether the speed of the fastest wheel center, Eq. (38), is below the threshold."""
+    """Return whether the fastest wheel center, Eq. (38), is slower than the speed threshold.
+
+    If it was slower in the last step, the threshold is higher by the hysteresis. During dead
+    reckoning, the threshold is higher by a share of the initial speed.
+    """
     limit = constants.speed_threshold
     if step.slow:
         limit += constants.speed_hysteresis

@@ -165,7 +165,11 @@ class BrakeAssist:
         return Decision(self._stamp_ns, enable, error, state, reason, present)
 
     def _step(self, inputs: Inputs) -> tuple[int, FloatArray, FloatArray]:
-        """Run one step; return the condition, the enables [1] and the errors [m/s]."""
+        """Run one step of the assistant.
+
+        Returns:
+            Row of `conditions.CONDITIONS`, enables [1] and errors [m/s], shape (N,) each.
+        """
         constants, memory = self._constants, self._memory
         error, enable = np.zeros(self._wheels), np.ones(self._wheels)
         if self._law is None:
@@ -200,7 +204,16 @@ class BrakeAssist:
         shapes: dict[str, tuple[int, ...]],
         words: dict[str, str],
     ) -> tuple[int, int, list[FloatArray]]:
-        """Return whether a sample is valid, its stamp [ns], and copies of its arrays."""
+        """Return the validity of a sample, its stamp [ns], and copies of its fields as arrays.
+
+        Args:
+            signal: the sample; None if none has been received.
+            shapes: required shape of each field, keyed by the name of the field.
+            words: names of fields in error messages, where they differ from those in `shapes`.
+
+        Returns:
+            VALID, MISSING or INVALID; stamp [ns]; an array for each field, NaN unless valid.
+        """
         missing = [np.full(shape, np.nan) for shape in shapes.values()]
         if signal is None:
             return MISSING, 0, missing
@@ -257,7 +270,12 @@ class BrakeAssist:
         return words
 
     def _all_on(self, check: int, fault: Fault) -> Decision:
-        """Return a decision with all brakes on because of a fault; restart the recovery count."""
+        """Return a decision with all brakes on because of a fault; restart the recovery count.
+
+        Args:
+            check: condition of the fault, a row of `conditions.CONDITIONS`.
+            fault: state and reason for the decision.
+        """
         self._faults[check] = fault
         memory = self._memory
         fail_safe.close_gate(memory.gate[0], check, 0.0, 0.0, 0.0)

@@ -85,7 +85,12 @@ class Limits(NamedTuple):
 
 
 def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits:
-    """Return the limits of a configuration for the kernel; `Limits` explains `reach` [m]."""
+    """Return the limits of a configuration for the kernel.
+
+    Args:
+        configuration: configuration of the assistant.
+        reach: distance of the farthest wheel from the platform center [m].
+    """
     same = {
         name: getattr(configuration, name)
         for name in Limits._fields
@@ -211,7 +216,11 @@ def _is_finite(gate: Any, sample: TwistSample) -> bool:
 
 @lean
 def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
-    """Return whether a stamp is recent enough, not in the future, and not before the last stamp."""
+    """Return whether the stamp of a twist [ns] is valid at the time of a demand, `now_ns`.
+
+    The stamp must differ from this time by the timeout at most. It must not be earlier than that of
+    the last valid twist.
+    """
     age, timeout = since(now_ns, stamp_ns), limits.timeout_ns
     if age > timeout:
         close_gate(gate, conditions.STALE, age / 1e9, timeout / 1e9, 0.0)
@@ -227,7 +236,7 @@ def _is_fresh(limits: Limits, gate: Any, now_ns: int, stamp_ns: int) -> bool:
 
 @lean
 def _worst_variance(covariance: FloatArray) -> float:
-    """Return the largest variance of the velocity over all directions."""
+    """Return the variance of the velocity in the direction in which it is largest [m^2/s^2]."""
     xx, yy = covariance[0, 0], covariance[1, 1]
     across = covariance[0, 1] / 2 + covariance[1, 0] / 2
     return float(xx / 2 + yy / 2 + math.hypot(xx / 2 - yy / 2, across))
@@ -269,7 +278,10 @@ def _is_same(gate: Any, twist: FloatArray) -> bool:
 
 @lean
 def _follows(limits: Limits, gate: Any, sample: TwistSample, braking: bool) -> bool:
-    """Return whether a twist is physically possible after the last valid twist."""
+    """Return whether a twist is physically possible after the last valid twist.
+
+    If the driver brakes (`braking`), a twist that has not changed for too long is not possible.
+    """
     stamp_ns, twist = sample.stamp_ns, sample.value
     if not gate.known:
         return True
@@ -332,7 +344,7 @@ def checked_stamp(value: Any) -> int:
 
 
 def real_array(value: Any, shape: tuple[int, ...], name: str) -> FloatArray:
-    """Return a copy of a sequence of numbers as an array.
+    """Return a copy of a sequence of numbers as an array; `name` is its name in error messages.
 
     Raises:
         ValueError: the values are not real numbers or have another shape.

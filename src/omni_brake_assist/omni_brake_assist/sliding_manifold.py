@@ -38,10 +38,10 @@ class Manifold(NamedTuple):
     """Constants of the error functions of N wheels.
 
     Attributes:
-        r_x: wheel positions ``r_i`` [m], shape (N,).
-        r_y: wheel positions in y [m], shape (N,).
-        n_x: active directions ``n_wi`` [1], shape (N,).
-        n_y: active directions in y [1], shape (N,).
+        r_x: wheel positions ``r_i``, x component [m], shape (N,).
+        r_y: wheel positions ``r_i``, y component [m], shape (N,).
+        n_x: active directions ``n_wi``, x component [1], shape (N,).
+        n_y: active directions ``n_wi``, y component [1], shape (N,).
         lever: lever arm of the active directions, ``cross(r_i, n_wi)`` [m], shape (N,).
         weighting: number of the weighting, see `weighting.psi`.
         k: tuning constant of the weighting [1].

@@ -45,7 +45,10 @@ class StepPairing:
         return int(max(sample.stamp_ns for sample in samples))
 
     def take(self, sample: Sample) -> BrakeDemand | None:
-        """Store a sample; return the demand of a step once all inputs of the step are known."""
+        """Store a sample; return the demand of its step if all inputs of this step are now known.
+
+        Each demand is returned once.
+        """
         self._newest[type(sample)] = sample
         pedal, twist = self.newest(PedalSample), self.newest(TwistSample)
         if pedal is None or twist is None:

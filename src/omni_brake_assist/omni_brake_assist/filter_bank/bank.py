@@ -78,9 +78,10 @@ def estimate(
 
 @lean
 def _restart(memory: BankMemory, now_ns: int) -> None:
-    """Restart the filter that uses all sources from the best filter after a time without agreement.
+    """Restart the filter of all sources from the best filter if a source has long been isolated.
 
-    A recovered source then agrees with the estimate made without it and counts as fault-free again.
+    If the source has recovered, it agrees with the estimate made without it, and the hypothesis
+    that no source is faulty becomes the most probable one again.
     """
     record = memory.record[0]
     if record.best in (bank.ALL, bank.NO_ESTIMATE):
@@ -92,7 +93,7 @@ def _restart(memory: BankMemory, now_ns: int) -> None:
 
 @lean
 def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
-    """Store the readings of this step."""
+    """Store the readings of this step in the ring buffer `memory.rows`."""
     row = (memory.newest[0] + 1) % bank.READINGS
     memory.newest[0] = row
     memory.stamps[row] = now_ns
@@ -107,7 +108,7 @@ def _store(memory: BankMemory, now_ns: int, readings: bank.Readings) -> None:
 
 @lean
 def _force(row: FloatArray) -> tuple[bool, float, float]:
-    """Return whether a stored specific force is valid, and its components [m/s^2]."""
+    """Return whether the specific force in a stored row is valid, and its x and y [m/s^2]."""
     f_x, f_y = row[bank.ROW_IMU + 1], row[bank.ROW_IMU + 2]
     return math.isfinite(f_x + f_y), f_x, f_y
 
@@ -184,7 +185,10 @@ def _update_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def _mix(memory: BankMemory, best: int) -> None:
-    """Average each filter with the best filter, so that no filter drifts while the pedal is up."""
+    """Mix each filter with the best filter, so that no filter drifts while the pedal is up.
+
+    The best filter has the weight `_MIXING` in the mean and in the covariance of the mixture.
+    """
     there, p_there = memory.state[best], memory.covariance[best]
     for k in range(bank.FILTERS):
         if k == best:
@@ -204,7 +208,7 @@ def _mix(memory: BankMemory, best: int) -> None:
 def _keep_precise(
     constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
 ) -> None:
-    """Replace the components of the estimate for which the fused, current twist has less variance.
+    """Replace each component of the estimate whose variance is larger than that of the twist.
 
     Both variances describe the motion of base_link. A precise twist is better used directly, as the
     filter would only add its model errors. The twist is used directly only if its innovations are
@@ -224,7 +228,11 @@ def _keep_precise(
 
 @lean
 def _answer(constants: BankConstants, memory: BankMemory, best: int, answer: FloatArray) -> int:
-    """Predict the best estimate to the present time; return NO_ESTIMATE if it is too uncertain."""
+    """Predict the best estimate to the present time, and write the twist of base_link to `answer`.
+
+    Returns:
+        `best`, or NO_ESTIMATE if the estimate is too uncertain.
+    """
     covariance, record, state = memory.covariance[best], memory.record[0], memory.gain
     for i in range(STATES):
         state[i] = memory.state[best, i]

@@ -61,7 +61,14 @@ class _Wheel(NamedTuple):
 
 @lean
 def fuse_gyro(constants: BankConstants, memory: BankMemory, dt: float, rate: float) -> None:
-    """Correct the filters that use the gyro, with the yaw rate that it measures [rad/s]."""
+    """Correct the filters that use the gyro, and update the likelihoods of all hypotheses.
+
+    Args:
+        constants: constants of the vehicle.
+        memory: memory of the bank, changed in place.
+        dt: time since the last reading [s].
+        rate: yaw rate that the gyro measures [rad/s].
+    """
     record, h = memory.record[0], memory.h
     own = constants.gyro**2 + (bank.SHARE * rate) ** 2
     change = rate - record.gyro
@@ -228,7 +235,11 @@ def fuse_wheels(
 
 @lean
 def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
-    """Return the assumed slip of the driven wheels [m/s]; `push` as in `fuse_wheels`."""
+    """Return the standard deviation of the slip of driven wheels [m/s].
+
+    It is 0 once no wheel is driven, because the driver brakes. The argument `push` is that of
+    `fuse_wheels`.
+    """
     # After the clutch has opened, a driven wheel takes as long to roll as a released one.
     if memory.record[0].braked >= constants.spin_up:
         return 0.0
@@ -256,8 +267,8 @@ def _mixture(
         i: number of the wheel.
         step: length of the step [s], whether the pedal is down, and whether the brake of this wheel
             acts.
-        speeds: change of the speed of the rim since the last step, assumed slip of driven wheels,
-            and span of the speeds of a faulty encoder [m/s].
+        speeds: change of the speed of the rim since the last step, standard deviation of the slip
+            of driven wheels, and width of the range of readings of a faulty encoder [m/s].
     """
     (dt, braking, held), (change, slip, span) = step, speeds
     own = bank.WHEEL**2 + slip**2 + (16.0 * change**2 if math.isfinite(change) else 0.0)
@@ -332,7 +343,9 @@ def _update_encoder(constants: BankConstants, faults: FloatArray, i: int, odds: 
 
 @lean
 def weigh_braking(constants: BankConstants, memory: BankMemory, now_ns: int, pedal: float) -> None:
-    """Reduce the likelihoods of filters whose deceleration is too large for the brakes and tires.
+    """Reduce the likelihoods of filters whose deceleration is too small or too large in a stop.
+
+    The lower limit is the deceleration on slippery ground, the upper limit is that of the tires.
 
     Args:
         constants: constants of the vehicle.

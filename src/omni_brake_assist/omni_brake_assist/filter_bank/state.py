@@ -311,7 +311,7 @@ def reset_posterior(constants: BankConstants, memory: BankMemory) -> None:
 
 @lean
 def reset(memory: BankMemory, k: int, best: int) -> None:
-    """Restart a filter, with its probabilities of faulty encoders, from the most probable one."""
+    """Copy state, covariance and encoder probabilities of filter `best` to filter `k`."""
     for i in range(memory.rim.size):
         memory.faulty[k, i] = memory.faulty[best, i]
     for i in range(STATES):

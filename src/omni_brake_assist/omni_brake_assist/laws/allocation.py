@@ -109,7 +109,7 @@ def _start(law: Constants, memory: Memory) -> None:
 
 @lean
 def _read_wheels(law: Constants, memory: Memory, motion: Motion, error: FloatArray) -> None:
-    """Compute the state and the error of each wheel."""
+    """Write the state of each wheel to `memory.wheel`, and its error [m/s] to `error`."""
     limit = law.locked_share * math.hypot(motion.v_x, motion.v_y)
     for i in range(error.size):
         wheel = memory.wheel[i]

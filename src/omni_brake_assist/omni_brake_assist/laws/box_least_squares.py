@@ -33,7 +33,7 @@ class Box(NamedTuple):
         linear: ``p``, shape (M,).
         upper: ``u >= 0``, shape (M,).
         solution: initial value, then the solution, shape (M,).
-        place: whether each unknown is free, at the lower bound or at the upper bound, shape (M,).
+        place: state of each unknown: free, at the lower bound or at the upper bound, shape (M,).
         slope: gradient of the cost, shape (M,).
         step: step from the solution to the minimum, shape (M,).
         matrix: Cholesky factor in the space of the rows, shape (R, R).
@@ -117,7 +117,11 @@ def _find_slope(box: Box) -> None:
 
 @lean
 def _release(box: Box) -> bool:
-    """Free the unknown with the most negative multiplier, if any; return whether one was freed."""
+    """Free the unknown whose bound has the most negative Lagrange multiplier.
+
+    Returns:
+        Whether an unknown was freed; False if no multiplier is negative.
+    """
     worst, loosest = -_TOLERANCE, -1
     for i in range(box.slope.size):
         multiplier = box.slope[i] if box.place[i] == _LOW else -box.slope[i]

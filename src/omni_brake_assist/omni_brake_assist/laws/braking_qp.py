@@ -46,7 +46,10 @@ def new_qp(wheels: int) -> Box:
 
 @lean
 def allocate(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Solve the quadratic program; the result is the share of each wheel's capacity to be used."""
+    """Write the quadratic program of this step to `memory.qp`, and solve it.
+
+    The solution begins with the friction force of each wheel as a share of the wheel's capacity.
+    """
     body, wheel, qp, n = memory.body[0], memory.wheel, memory.qp, law.rim.size
     total = wheel["capacity"].sum()
     per = body.force / body.deceleration / total  # share per acceleration [s^2/m]

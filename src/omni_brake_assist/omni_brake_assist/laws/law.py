@@ -84,7 +84,7 @@ _reported: set[type] = set()  # laws whose first error has been printed
 def call_law(
     law: Law, motion: Motion, error: FloatArray, enable: FloatArray, *, enabled: bool = True
 ) -> tuple[int, str]:
-    """Call a user's law; return its result, and an error message if the law raised an exception.
+    """Call a user's law; return its result, and an error message, which is empty without an error.
 
     If the law may release brakes (`enabled`), this function prints the first exception to standard
     error, with the lines of the law's file at which it occurred.

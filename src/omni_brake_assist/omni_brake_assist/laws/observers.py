@@ -58,8 +58,9 @@ def observe_friction(law: Constants, memory: Memory) -> None:
     The force is then a lower bound of the capacity, even if the wheel slides.
     A wheel without a speed reading has the largest capacity of the other wheels, which limits its
     force.
-    During the lag of the brakes, an error of the nominal lag appears as friction; while the force
-    rises so fast, the capacity therefore follows it with the time constant of the lag.
+    While the brake force builds up, an error of the nominal lag appears as friction. While the
+    friction force rises this fast, the capacity therefore follows it with the time constant of the
+    lag.
     """
     dt = memory.body[0].dt
     gain, largest = 1.0 - math.exp(-dt / law.observer_time), 0.0
@@ -93,7 +94,7 @@ def observe_friction(law: Constants, memory: Memory) -> None:
 
 @lean
 def observe_body(law: Constants, memory: Memory, motion: Motion) -> None:
-    """Update the estimates of heading, mass and disturbances with the motion in the last period."""
+    """Update heading, mass estimate and disturbances with motion and forces of the last period."""
     body, dt = memory.body[0], memory.body[0].dt
     f_x = f_y = moment = 0.0
     for i in range(law.rim.size):

@@ -23,7 +23,7 @@ _LEAST_ENABLE = 0.01  # enable of one brake if all others are released [1]
 
 @lean
 def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatArray) -> None:
-    """Compute the brake enables of all wheels, and write them to `enable`."""
+    """Write the brake enables of all wheels [1], shape (N,), to `enable`."""
     body, share, valves = memory.body[0], memory.qp.solution, law.brake.pressure_step >= 1.0
     times = body.dt, law.observer_time
     slowing = body.deceleration / (math.hypot(motion.v_x, motion.v_y) + 1e-3)  # [1/s]
@@ -61,7 +61,14 @@ def control_slip(law: Constants, memory: Memory, motion: Motion, enable: FloatAr
 
 @lean
 def _at_effect(law: Constants, memory: Memory, slowing: float, i: int) -> tuple[BrakedWheel, Rim]:
-    """Return the model of wheel `i`, and the wheel's state when a new command begins to act."""
+    """Return the model of a wheel, and the wheel's state when a new command begins to act.
+
+    Args:
+        law: constants of the law.
+        memory: memory of the law.
+        slowing: deceleration of the vehicle divided by its speed [1/s].
+        i: index of the wheel.
+    """
     body, wheel = memory.body[0], memory.wheel[i]
     newest, delay = body.steps - 1, body.dead_time / body.dt
     hub = wheel.hub / (1.0 + slowing * body.dead_time)

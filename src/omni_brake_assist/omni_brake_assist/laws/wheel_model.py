@@ -99,7 +99,14 @@ def lagged(brake: NominalBrake, force: float, command: float, dt: float) -> tupl
 
 @lean
 def command_for(brake: NominalBrake, force: float, wanted: float, dt: float) -> float:
-    """Return the command with which the force of a brake equals `wanted` after a step [N]."""
+    """Return the command with which a brake reaches a wanted force after one step [N].
+
+    Args:
+        brake: nominal lag of the brake; its dead time has passed.
+        force: brake force before the step [N].
+        wanted: brake force after the step [N].
+        dt: length of the step [s].
+    """
     if brake.time_constant <= 0.0:
         return wanted
     return force - (wanted - force) / math.expm1(-dt / brake.time_constant)
@@ -158,7 +165,7 @@ def advance(
 def predict_share(
     brake: NominalBrake, wheel: BrakedWheel, rim: Rim, command: float, dt: float, time: float
 ) -> float:
-    """Return the share of a wheel's capacity that is used after a brake command of one period.
+    """Return the friction force after a brake command of one period as a share of the capacity [1].
 
     For a brake with a lag, the prediction continues for one time constant with a command of 0. The
     friction force is low-passed like the measured one. A force that alternates between periods

@@ -82,9 +82,9 @@ def brake_memory(wheels: int) -> FloatArray:
     """Return the initial memory of the brake monitor, shape (2 N + 1,).
 
     The first N entries are the cumulative sums of the wheels [s]; a sum rises by the duration of
-    the step if a braked wheel rolls exactly. The next N entries are the times for which the brakes
-    were commanded to act, minus the times for which they were then released, at least 0 [s]. The
-    last entry is the time since any wheel slid [s].
+    the step if a braked wheel rolls without slip. The next N entries are the times for which the
+    brakes were commanded to act, minus the times for which they were then released, at least 0 [s].
+    The last entry is the time since any wheel slid [s].
     """
     memory = np.zeros(2 * wheels + 1)
     memory[-1] = _SLIDE_VALIDITY
