@@ -49,7 +49,7 @@ class LineChain:
         self._late = 0.0
 
     def take(self, batch: LineBatch, restart: Callable[[], None]) -> Lines:
-        """Check a batch; return at least two consecutive lines, oldest first, as `join` does.
+        """Check a batch, and return the result of `join`: at least two consecutive lines.
 
         Args:
             batch: batch of the camera; batches must be given in the order of delivery.
@@ -148,7 +148,11 @@ class LineChain:
         return not again and count > 1 and late < _WHOLE * count
 
     def _keep(self, lines: Lines, *, joined: bool) -> None:
-        """Store the lines from row 1 on; if `joined`, row 0 receives the previous last line."""
+        """Store lines in the buffer from row 1 on.
+
+        If the lines follow those of the previous batch without a gap (`joined`), the last line of
+        the previous batch is stored in row 0.
+        """
         count = len(lines)
         last = self._buffer[self._last_row].copy() if joined else None
         if self._buffer.dtype != lines.dtype or len(self._buffer) < count + 1:

@@ -178,7 +178,7 @@ class LineScanOdometry:
         return FlowReading.unmeasured(stale) if stale else reading
 
     def _stale(self, batch: LineBatch | Flow) -> str:
-        """Return a text on how much older a batch is than the newest one; empty if it is recent."""
+        """Return how much older a batch is than the newest one, as a text; empty if recent."""
         age = 1e-9 * (self._stamp_ns - batch.stamp_ns)
         too_old = age > self._configuration.skew
         return f"stale: {1e3 * age:.3g} ms older than the newest line" if too_old else ""
@@ -186,7 +186,10 @@ class LineScanOdometry:
     def _estimate(
         self, readings: dict[str, SensorReading], flows: dict[str, FlowReading]
     ) -> TwistEstimate:
-        """Return the twist after exclusion of faulty sensors."""
+        """Return the twist of all sensors that measured and are not found to be faulty.
+
+        A reading that this method excludes is marked as unmeasured in the result.
+        """
         while True:
             solution = self._solve(readings, flows)
             if solution is None:
@@ -217,7 +220,7 @@ class LineScanOdometry:
     def _solve(
         self, readings: Mapping[str, SensorReading], flows: Mapping[str, FlowReading]
     ) -> _Solution | None:
-        """Return the twist of the sensors that measured; None if they do not determine it."""
+        """Return the twist estimated from all valid readings; None if they do not determine it."""
         each: list[SensorReading | FlowReading] = [*readings.values(), *flows.values()]
         measured = tuple(reading.measured for reading in each)
         velocity = np.array([r.velocity for r in readings.values()])
@@ -257,7 +260,18 @@ class LineScanOdometry:
         )
 
     def _contradicting(self, solution: _Solution, names: Sequence[str]) -> tuple[str, str] | None:
-        """Return the sensor with the largest residual, and a description, if it can be isolated."""
+        """Return the name of a faulty sensor and a description of its contradiction.
+
+        The sensor is the one with the largest residual.
+
+        Args:
+            solution: twist of all sensors, with their residuals.
+            names: names of the sensors, in the order of the residuals.
+
+        Returns:
+            Name and description; None if no residual exceeds the limit, or if the faulty sensor
+            cannot be isolated.
+        """
         limit = self._configuration.contradiction_limit
         worst = int(np.argmax(solution.scores))
         score = float(solution.scores[worst])
@@ -292,7 +306,11 @@ class LineScanOdometry:
         readings: Mapping[str, SensorReading],
         flows: Mapping[str, FlowReading],
     ) -> TwistEstimate:
-        """Return the twist; contradictions increase its covariance or cause a skid warning."""
+        """Return the twist of a solution after a check of its residuals.
+
+        If the sensors contradict each other, the covariance is increased. If they contradict the
+        kinematic constraint, the estimate contains a description of the skid.
+        """
         limit = self._configuration.contradiction_limit
         score = float(solution.scores.max())
         # If the faulty sensor cannot be isolated, the covariance is increased until it includes the

@@ -189,7 +189,7 @@ class BatchCollector:
         return group
 
     def _choice(self, name: str, from_ns: int, newest_ns: int, until_ns: int) -> Flow | None:
-        """Return the flow measurement that belongs to a group of batches, or None.
+        """Return the flow measurement that belongs to a group of batches; None if there is none.
 
         This is the last measurement up to the newest batch, or else the first later measurement.
 
@@ -224,7 +224,15 @@ class OdometryPort:
     def take(
         self, sensor: str, batch: LineBatch | Flow
     ) -> Iterator[tuple[TwistEstimate, dict[str, SideslipEstimate]]]:
-        """Process an input; yield each twist that is now complete, with the sideslip of wheels."""
+        """Process an input, and yield the estimates whose inputs are now complete.
+
+        Args:
+            sensor: name of a camera or flow sensor.
+            batch: lines of a camera, or measurement of a flow sensor.
+
+        Yields:
+            Twist, and sideslip of each configured wheel, keyed by wheel name.
+        """
         if isinstance(batch, LineBatch):
             self._odometry.match(sensor, batch)
         for batches in self._collector.add(sensor, batch):

@@ -128,7 +128,16 @@ class SensorOdometry:
             return nothing.reading
 
     def _reading(self, stamp_ns: int, lines: Lines, displacement: Displacement) -> SensorReading:
-        """Return a displacement as a velocity reading."""
+        """Return the reading for a displacement: its velocity, and comparisons of the lines.
+
+        Args:
+            stamp_ns: time of exposure of the newest line [ns].
+            lines: consecutive lines, oldest first, shape (m + 1, n).
+            displacement: displacement estimated from these lines.
+
+        Raises:
+            Unmeasured: the stamps contradict the number of lines.
+        """
         velocity = displacement.value * self._scale
         if self._chain.stretch > _LONGEST_STRETCH:
             raise Unmeasured(self._chain.remark)

@@ -216,12 +216,7 @@ def _watch(
 ) -> None:
     """Update the brake monitor, and store the wheel whose brake it finds to have failed.
 
-    Args:
-        constants: constants of the assistant.
-        memory: memory of the assistant, changed in place.
-        pedal: the driver's brake demand, 0 while the pedal is up [1].
-        dt: time since the previous step [s].
-        twist: body twist [m/s, m/s, rad/s].
+    The arguments are those of `brake_monitor.watch_brakes`.
     """
     step = memory.step[0]
     wheels = brake_monitor.BrakedWheels(
@@ -336,16 +331,10 @@ def _first_fault(step: Any, cause: int, outside: int, replans: bool) -> int:
 
 @lean
 def _hold(memory: Memory, answer: int, error: FloatArray, enable: FloatArray) -> int:
-    """Store the law's output, or restore the last output if the law was not called in this step.
-
-    Args:
-        memory: memory of the assistant, changed in place.
-        answer: result of the law; HELD if it was not called.
-        error: error of each wheel [m/s], shape (N,); overwritten if the law was not called.
-        enable: enable of each brake [1], shape (N,); overwritten if the law was not called.
+    """Store the law's output, or restore its last output if the law was not called (HELD).
 
     Returns:
-        Result of the law in its last call.
+        Result of the law in its last call, such as ASSIST.
     """
     step, held = memory.step[0], memory.held
     if answer != HELD:

@@ -80,7 +80,10 @@ class CameraNode(Node):
         self._send(self._assembler.finish())
 
     def _read(self) -> None:
-        """Store frames with their arrival times; any other work here could cause lost frames."""
+        """Read frames in the background thread, and store them with their arrival times.
+
+        Any other work in this thread could cause lost frames.
+        """
         try:
             begin_ns = 0
             while not self._stop.is_set() and not self._source.ended:

@@ -68,7 +68,11 @@ def row_range(text: str, key: str) -> tuple[int, int] | None:
 
 
 def _whole(rows: NDArray[Any]) -> Lines:
-    """Return gray levels as 8 or 16 bit integers."""
+    """Return gray levels, rounded to 8-bit or 16-bit integers, in the shape of `rows`.
+
+    Raises:
+        FrameError: a gray level is outside 0 to 65535.
+    """
     if rows.dtype in (np.uint8, np.uint16):
         return np.ascontiguousarray(rows)
     low, high = float(np.min(rows, initial=0)), float(np.max(rows, initial=0))

@@ -35,7 +35,7 @@ _LAGS = 4  # number of line spacings that are correlated
 
 @kernel
 def lags(lines: int) -> NDArray[np.int64]:
-    """Return the line spacings to correlate, from 1 to a third of all lines, shape (4,)."""
+    """Return the four line spacings at which lines are correlated, 1 to lines / 3, shape (4,)."""
     distance = np.empty(_LAGS, np.int64)
     for which in range(_LAGS):
         distance[which] = max(1, round((lines / 3.0) ** (which / (_LAGS - 1.0))))
@@ -77,7 +77,7 @@ class Products(NamedTuple):
 
 
 def band_pass(size: int, count: int) -> Floats:
-    """Return the weight of each frequency in the sum over line spacings [1], shape (count,)."""
+    """Return the weight of the first `count` frequencies in the slant stack [1], shape (count,)."""
     f = np.arange(count) / size
     weight: Doubles = -np.expm1(-((_COARSEST * f) ** 2)) * np.cos(0.5 * np.pi * f / HIGHEST) ** 2
     return weight.astype(np.float32)
@@ -185,7 +185,10 @@ def find(
 
 @kernel
 def farthest(displacement: float, layout: Layout) -> int:
-    """Return the index of the largest spacing in `lags` at which two lines overlap sufficiently."""
+    """Return the index in `lags` of the largest spacing at which two lines still overlap enough.
+
+    The displacement per line is in [px].
+    """
     distances = lags(layout.lines)
     for which in range(_LAGS - 1, 0, -1):
         lag = distances[which]
@@ -196,7 +199,7 @@ def farthest(displacement: float, layout: Layout) -> int:
 
 @kernel
 def _refined(correlation: Floats, peak: int, layout: Layout) -> float:
-    """Refine a peak of the correlation, summed over line spacings, to a fraction of a pixel.
+    """Return the displacement per line [px] at a peak of the slant stack, to a fraction of a pixel.
 
     The sum contains all spacings at which lines overlap enough. The largest spacing resolves the
     displacement best, but its lines may show different ground if the camera moves across its axis.
@@ -336,9 +339,9 @@ def rate(rest: Remainder, layout: Layout, found: Doubles) -> Doubles:
 def scatter(
     rest: Remainder, layout: Layout, displacement: float, limits: tuple[float, float]
 ) -> float:
-    """Return the variance of a displacement due to nearly equally likely displacements [px^2].
+    """Return the variance of a displacement due to rivals, which are nearly as likely [px^2].
 
-    These rivals are zero displacement, and displacements that differ from the given displacement by
+    The rivals are zero displacement, and displacements that differ from the given displacement by
     1 px to `APART` px. In each direction, they end before the first displacement that is too
     unlikely. On smooth ground, zero displacement is nearly as likely as slow motion, and the
     likelihood has many small maxima on one peak that is several pixels wide. The curvature at the

@@ -178,6 +178,14 @@ class JointEstimator:
         The mean of the batch contains everything that is fixed in the view. Without this mean, the
         lines of a static scene are noise. A motion that explains the remaining lines therefore
         excludes rest.
+
+        Args:
+            products: correlations between the lines.
+            remainder: these correlations without the mean of the batch.
+            layout: sizes of the batch.
+            known: spectrum of the present estimate of the fixed pattern, shape (F,).
+            found: candidates [px], shape (c,).
+            last: displacement per line in the previous batch [px]; NaN without a previous batch.
         """
         evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
@@ -202,7 +210,14 @@ class JointEstimator:
         return _Choice(float(found[best]), True, "ambiguous" if ambiguous else "")
 
     def _learn(self, information: spectra.Spectrum, precision: spectra.Doubles) -> None:
-        """Update the pattern with a batch; the weight of earlier batches decays."""
+        """Update the fixed pattern with the pattern that was estimated from one batch.
+
+        The weight of earlier batches decays exponentially.
+
+        Args:
+            information: precision times mean of the pattern in this batch, shape (F,).
+            precision: precision of this mean, shape (F,).
+        """
         kept = np.float32(1.0 - 1.0 / _MEMORY)
         before = self.pattern
         self.pattern = FixedPattern(

@@ -54,7 +54,11 @@ class Fit(NamedTuple):
 
 @summing
 def _shared(cut: Cut) -> float:
-    """Return the energy of the gradients that neighboring lines share, relative to `_gain`."""
+    """Return the energy of the gradients that neighboring lines have in common, see `_gain`.
+
+    The energy is the mean over pairs of lines of the sum of ``f^2 Re(new conj(old))``, where f is
+    the index of the frequency.
+    """
     total, number = 0.0, 0
     for block in range(len(cut.first) - 1):
         for r in range(cut.first[block] + 1, cut.first[block + 1]):
@@ -67,7 +71,7 @@ def _shared(cut: Cut) -> float:
 
 @kernel
 def _gain(cut: Cut) -> float:
-    """Return the energy of the gradients of white noise of variance 1."""
+    """Return the energy, as in `_shared`, of the gradients of white noise with the variance 1."""
     taper = window(cut.length)
     own = 0.0
     for i in range(len(taper)):
@@ -80,7 +84,7 @@ def _gain(cut: Cut) -> float:
 
 @kernel
 def _noise(lines: Floats) -> float:
-    """Return the noise variance of the pixels, the median over all pixels of the line.
+    """Return the median of the pixels' noise variances, estimated from lines of shape (m, n).
 
     Differences between lines contain no fixed pattern. Their third differences along the line
     contain hardly any ground texture, because the optics blur it.
@@ -135,7 +139,9 @@ def assess(lines: Floats, here: Expansion) -> Fit:
 
 @kernel
 def _sandwich(parts: Doubles, inverse: Doubles) -> float:
-    """Return the variance of the displacement [px^2]; infinite if <= 2 segments have all energy.
+    """Return the variance of the displacement [px^2].
+
+    It is infinite if the coherent energy is concentrated in effectively two segments or fewer.
 
     Args:
         parts: properties of the p segments from `_places`, shape (p, 5).

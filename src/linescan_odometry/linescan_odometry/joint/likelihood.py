@@ -209,7 +209,12 @@ def _marginalize(
 
 @kernel
 def _turned(cut: Cut, paths: Doubles) -> Spectrum:
-    """Return the vector u of `_marginalize` for each row, shape (t, F)."""
+    """Return the vector u of `_marginalize` for each row of the cut lines, shape (t, F).
+
+    Args:
+        cut: cut lines.
+        paths: displacement of each line [px], shape (m,).
+    """
     shift = paths[cut.line]
     for block in range(len(cut.first) - 1):
         i, j = cut.first[block], cut.first[block + 1]
@@ -220,10 +225,11 @@ def _turned(cut: Cut, paths: Doubles) -> Spectrum:
 
 @kernel
 def _slopes(cut: Cut, model: _Model, turn: Spectrum) -> tuple[Spectrum, Doubles]:
-    """Return the lines times T^-1, shape (t, F), and the gradient of the log-likelihood.
+    """Return T^-1 times the lines, shape (t, F), and the gradient of the log-likelihood.
 
-    The part of the pattern that is still unknown is subtracted from the lines, see `_marginalize`.
-    `turn` is from `_turned`.
+    The gradient contains the derivatives with respect to d and a, shape (2,). The part of the
+    pattern that is still unknown is subtracted from the lines, see `_marginalize`. `turn` is from
+    `_turned`.
     """
     rows, count = cut.spectra.shape
     white = np.zeros((rows, count), np.complex64)
@@ -288,7 +294,7 @@ def _information(cut: Cut, model: _Model, turn: Spectrum) -> Doubles:
 
 @kernel
 def _inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the inner product of both arrays in each column, shape (B,)."""
+    """Return the inner product of each column of `one` with that of `other`, shape (B,)."""
     product: NDArray[np.complex128] = (np.conj(one) * other).sum(axis=0)
     return product
 

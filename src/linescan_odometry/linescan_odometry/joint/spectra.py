@@ -72,7 +72,7 @@ def bands(size: int) -> NDArray[np.int64]:
 
 @_fast
 def smoothed(values: Doubles) -> Doubles:
-    """Return the running mean of a spectrum over neighboring frequencies."""
+    """Return the mean of a spectrum over each frequency and its neighbors, shape (F,)."""
     count = len(values)
     total = np.zeros(count + 1)
     for i in range(count):
@@ -85,7 +85,10 @@ def smoothed(values: Doubles) -> Doubles:
 
 
 def log_table(depth: int) -> Floats:
-    """Return the logarithm of each gray level at a bit depth; level 0 counts as level 1."""
+    """Return the logarithm of each gray level at a bit depth, shape (2^depth,).
+
+    Level 0 counts as level 1.
+    """
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
@@ -172,16 +175,16 @@ def phases(paths: Doubles, size: int, count: int) -> Spectrum:
 def _products(
     real: Floats, first: NDArray[np.int64], far: int, size: int
 ) -> tuple[Floats, Doubles]:
-    """Return sums of products of lines in the same block, and their number, at three lags.
+    """Return sums of the products of two lines in the same block, at three line spacings.
 
     Args:
         real: real and imaginary parts of the spectra in the ground frame, shape (t, 2 F).
         first: as in `covariance`.
-        far: longest of the lags 0, 1 and `far` [lines].
+        far: largest of the spacings 0, 1 and `far` [lines].
         size: number of columns of `real` that are used.
 
     Returns:
-        Sums, shape (3, size), and number of products, shape (3,).
+        Sums, shape (3, size), and number of products in each sum, shape (3,).
     """
     sums, number = np.zeros((3, size), np.float32), np.zeros(3)
     for block in range(len(first) - 1):
@@ -257,7 +260,7 @@ def covariance(
 
 @_fast
 def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Floats:
-    """Return the effective number of independent pairs of lines at each spacing, shape (D, F).
+    """Return the effective number of independent pairs of lines at D line spacings, shape (D, F).
 
     Texture that remains in view contributes the same product of two lines to several pairs. By
     Bartlett's formula (1946), N pairs count as ``N / (1 + 2 sum_j (1 - j / N) gamma_j^2)``, where
@@ -265,7 +268,7 @@ def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Flo
 
     Args:
         square: square of the coherence at each spacing, shape (D, F).
-        distances: spacings, shape (D,).
+        distances: the line spacings [lines], shape (D,).
         lines: number of lines m.
     """
     last = len(distances) - 1
@@ -360,7 +363,7 @@ def correlated(rho: Doubles, values: NDArray[np.complex128]) -> NDArray[np.compl
 
 @_fast
 def whiten(spectra: Spectrum, edges: NDArray[np.int64], model: Doubles, white: Spectrum) -> None:
-    """Multiply the lines of one block by T^-1; the cost is proportional to the number of lines.
+    """Multiply the lines of one block by T^-1, at a cost proportional to the number of lines.
 
     The covariance of the lines is ``T = A + N``: an autoregressive part A, and white noise of power
     N. The inverse of A is tridiagonal, and ``T^-1 = (1 - (1 + N A^-1)^-1) / N``.

@@ -68,7 +68,7 @@ class _Batch(NamedTuple):
 
 
 class _Range(NamedTuple):
-    """Range of shifts to search, from low to high [px], with a prior.
+    """Range of shifts to search, with a prior that favors shifts near the last displacement.
 
     Attributes:
         low: the smallest shift [px].
@@ -123,7 +123,10 @@ class DirectSearch:
 
 
 def _order(lines: Lines) -> tuple[Lines, int]:
-    """Return the rank of each gray level among the occurring levels, and the number of levels."""
+    """Return each gray level's rank among the levels that occur, shape (m, n), and their number.
+
+    8-bit lines are returned unchanged, with the number 256.
+    """
     if lines.dtype == np.uint8:
         return lines, 256
     values, places = np.unique(lines, return_inverse=True)
@@ -177,7 +180,15 @@ def _match(
 
 @njit(cache=True)
 def _best(batch: _Batch, pair: int, within: _Range) -> int:
-    """Return the shift with the smallest distance; if several are equal, the smallest shift."""
+    """Return the shift of a line pair with the smallest distance [px].
+
+    Of several shifts with equal distances, the one closest to 0 is returned.
+
+    Args:
+        batch: lines to compare.
+        pair: number of the pair.
+        within: shifts to search, with the prior.
+    """
     low, high, prior, pull = within
     best, best_shift = _UNDEFINED, min(max(0, low), high)
     nearest = max(0, low, -high)
@@ -247,7 +258,10 @@ def correlation(
 
 @njit(cache=True)
 def _product(x: Lines, y: Lines) -> int:
-    """Return the sum of products of pixels; for 8-bit lines, 32-bit sums suffice and are faster."""
+    """Return the sum of ``x_i y_i`` over the pixels i of two parts of lines, shape (N,) each.
+
+    For 8-bit lines, 32-bit sums suffice and are faster.
+    """
     if x.itemsize == 1:
         narrow = np.int32(0)
         for i in range(x.shape[0]):
@@ -261,7 +275,10 @@ def _product(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _differences(x: Lines, y: Lines) -> int:
-    """Return the sum of absolute differences; 32 bits suffice for 16384 px of 16 bits."""
+    """Return the sum of ``|x_i - y_i|`` over the pixels i of two parts of lines, shape (N,) each.
+
+    32 bits suffice for 16384 px of 16 bits.
+    """
     total = np.int32(0)
     for i in range(x.shape[0]):
         total = np.int32(total + abs(np.int32(x[i]) - np.int32(y[i])))
@@ -270,7 +287,13 @@ def _differences(x: Lines, y: Lines) -> int:
 
 @njit(cache=True)
 def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
-    """Return the rank correlation of two parts of lines, which are given as codes (`_Batch`)."""
+    """Return the rank correlation of two parts of lines.
+
+    Args:
+        x: `_Batch.codes` of one part, shape (N,).
+        y: `_Batch.codes` of the other part, shape (N,).
+        ranks: working memory, shape (2, levels).
+    """
     count = np.int64(x.shape[0])
     # Ranks are doubled, so that tied ranks are integers; their mean is count + 1.
     variance_x = _rank(x, ranks[0])
@@ -285,7 +308,15 @@ def _rank_correlation(x: Lines, y: Lines, ranks: NDArray[np.int64]) -> float:
 
 @njit(cache=True)
 def _rank(part: Lines, ranks: NDArray[np.int64]) -> int:
-    """Write twice the centered mean rank of each code; return the sum of squares over the part."""
+    """Write twice the difference between the mean rank of each code and the mean of all ranks.
+
+    Args:
+        part: `_Batch.codes` of the part, shape (N,).
+        ranks: output, shape (levels,).
+
+    Returns:
+        Sum of the squares of these numbers over the pixels of the part.
+    """
     count = part.shape[0]
     ranks[:] = 0
     for i in range(count):

@@ -83,7 +83,15 @@ def _match(
     shift: NDArray[np.int64],
     similarity: NDArray[np.float64],
 ) -> None:
-    """Compare each of these lines with the previous one; see `search.ShiftSearch`."""
+    """Compare each of these lines with the previous one; see `search.ShiftSearch`.
+
+    Args:
+        lines: m + 1 lines, oldest first, shape (m + 1, n).
+        limit: limit on the shift [px].
+        length: length of the Fourier transform [px].
+        shift: output, best shift of each pair [px], shape (m,).
+        similarity: output, correlation at this shift [1], shape (m,).
+    """
     sums = running_sums(lines)
     padded, shape = np.zeros((len(lines), length), np.float32), (len(lines), 2, limit + 1)
     ends = _Ends(
@@ -108,7 +116,14 @@ def _match(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _prepare(lines: Lines, sums: NDArray[np.int64], padded: Floats, ends: _Ends) -> None:
-    """Center each line; compute sum and scale of its first and last n - s pixels for each s."""
+    """Write each line, minus its mean, to `padded`, and sums over its ends to `ends`.
+
+    Args:
+        lines: gray levels, shape (lines, n).
+        sums: result of `running_sums`.
+        padded: output, centered lines followed by zeros, shape (lines, length).
+        ends: output.
+    """
     pixels = lines.shape[1]
     for row in range(len(lines)):
         line, total, squares = lines[row], sums[0, row], sums[1, row]
@@ -153,7 +168,7 @@ def _bound(product: Floats, ends: _Ends, pair: int, pixels: int, upper: Floats) 
         ends: sums over the overlapping parts of the lines.
         pair: number of the pair.
         pixels: number of pixels n of a line.
-        upper: receives the bounds at shifts s and -s, shape (2, shifts).
+        upper: output, upper bounds of the correlation at the shifts s and -s, shape (2, shifts).
     """
     slack = np.float32(_ROUNDING) * ends.norm[pair] * ends.norm[pair + 1]
     reach = _UNDEFINED

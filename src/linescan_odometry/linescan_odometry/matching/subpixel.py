@@ -116,7 +116,7 @@ def _refine(
 
 @njit(nogil=True, error_model="numpy", fastmath=_REORDER)
 def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
-    """Copy part of a line, scaled to mean 0 and variance 1; write zeros if it is constant."""
+    """Write part of a line to `out`, scaled to mean 0 and variance 1; zeros if it is constant."""
     mean, squares = part.mean(), 0.0
     for i in range(len(part)):
         squares += (part[i] - mean) ** 2
@@ -127,7 +127,13 @@ def _equalize(part: Lines, out: NDArray[np.float32]) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -> None:
-    """Write smoothing and derivative filters for the new and then the old line, shape (4, taps)."""
+    """Write the smoothing and the derivative filter of the new line, then those of the old line.
+
+    Args:
+        fraction: fraction f of the shift [px].
+        sigma: standard deviation of the smoothing kernel [px].
+        filters: output, the weights, shape (4, taps).
+    """
     for side in range(2):
         offset = fraction * (side - 0.5)
         for k in range(_TAPS):
@@ -140,7 +146,13 @@ def _make_filters(fraction: float, sigma: float, filters: NDArray[np.float32]) -
 def _filter(
     both: NDArray[np.float32], filters: NDArray[np.float32], filtered: NDArray[np.float32]
 ) -> None:
-    """Apply two filters to each line, shape (4, N)."""
+    """Apply two filters to each of two lines.
+
+    Args:
+        both: new and old line, shape (2, at least N + taps - 1).
+        filters: filters from `_make_filters`, shape (4, taps).
+        filtered: output, the filtered lines in the order of the filters, shape (4, N).
+    """
     for which in range(4):
         weight, own, out = filters[which], both[which // 2], filtered[which]
         for i in range(len(out)):
@@ -155,7 +167,8 @@ def _step(filtered: NDArray[np.float32], errors: NDArray[np.float64]) -> float:
     """Return a Gauss-Newton step [px], infinite without a gradient; write the parts of its error.
 
     Args:
-        filtered: both lines, smoothed and differentiated, shape (4, N).
+        filtered: result of `_filter`: new line, its derivative, old line, its derivative,
+            shape (4, N).
         errors: output, error of the step from each part of the overlap [px], shape (parts,).
     """
     new, new_slope, old, old_slope = filtered

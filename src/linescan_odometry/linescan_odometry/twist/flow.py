@@ -33,7 +33,7 @@ class FlowMonitor:
         self._last: Flow | None = None
 
     def read(self, flow: Flow) -> FlowReading:
-        """Return a measurement as a reading; if a check rejects it, the reading is unmeasured."""
+        """Return the reading for a measurement, marked as unmeasured if a check rejects it."""
         velocity = np.asarray(flow.velocity, np.float64)
         covariance = np.asarray(flow.covariance, np.float64)
         covariance = 0.5 * (covariance + covariance.T)

@@ -160,7 +160,12 @@ class TwistSolver:
         return twist, covariance
 
     def _systematic(self, twist: FloatArray, dimensions: int) -> FloatArray:
-        """Return the variance (R,) or covariance (R, R) of the errors that calibration causes."""
+        """Return the variance of the velocities due to the remaining calibration errors.
+
+        Args:
+            twist: (v_x, v_y, yaw rate) [m/s, m/s, rad/s], shape (3,).
+            dimensions: 1 for variances, shape (R,); 2 for a covariance, shape (R, R) [m^2/s^2].
+        """
         along = self._matrix @ (twist / self._unit)
         motion = np.column_stack(
             (along, self._across @ twist, np.full(len(along), float(twist[2])))
@@ -179,7 +184,10 @@ class TwistSolver:
     def _least_squares(
         self, velocity: FloatArray, variance: FloatArray, measured: tuple[bool, ...]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the weighted least-squares twist and its covariance."""
+        """Return the weighted least-squares twist and its covariance; arguments as in `solve`.
+
+        The covariance includes the calibration errors only if `variance` includes them.
+        """
         use = self.rows(measured)
         rows = self._matrix[use]
         if variance.ndim == 1:
@@ -235,9 +243,8 @@ class TwistSolver:
             Residual of each sensor, and of the axle, divided by its standard deviation [1], shape
             (S,) or (S + 1,). The value is 0 for a sensor that has not measured, or that the
             remaining sensors cannot check. With four line cameras all four values are equal, so a
-            fault can be
-            detected but not isolated. A flow sensor has one value: the root of the sum of squares
-            of its two residuals.
+            fault can be detected but not isolated. A flow sensor has one value: the root of the sum
+            of squares of its two residuals.
         """
         rows = self._matrix / self._unit
         if self._calibrated:
@@ -270,7 +277,10 @@ def _rows(sensors: Mapping[str, Mount], axle: float | None) -> FloatArray:
 
 
 def _problem(sensors: Mapping[str, Mount], minimum_lever: float, axle: float | None = None) -> str:
-    """Return the reason why a placement is unusable; empty for a usable placement."""
+    """Return why a placement of sensors does not determine the twist; empty if it does.
+
+    The arguments are those of `check_placement`.
+    """
     names = ", ".join(sensors) or "none"
     matrix = _rows(sensors, axle)
     if axle is None and len(matrix) < 3:

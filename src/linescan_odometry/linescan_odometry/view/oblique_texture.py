@@ -59,7 +59,7 @@ class Keyframe:
     def compare(
         self, stamp_ns: int, period_ns: float, lines: Lines | Floats, displacement: float
     ) -> tuple[float, float]:
-        """Compare the newest line with the stored line; return age and correlation.
+        """Compare the newest line with the stored line, which is replaced if it is not comparable.
 
         Args:
             stamp_ns: stamp of the newest line [ns].
@@ -247,9 +247,15 @@ class ObliqueTextures:
         self._stamps.append(stamp_ns)
 
     def _path_across(self, name: str, stamp_ns: int, age: float, across: float) -> float:
-        """Return how far a camera has moved across its axis in the last `age` seconds [m].
+        """Return the distance that a camera has moved across its axis during the last `age` [m].
 
         Before the first stored twist, the motion is assumed to be zero.
+
+        Args:
+            name: name of the camera.
+            stamp_ns: present time [ns].
+            age: duration of the motion [s].
+            across: present velocity across the axis [m/s].
         """
         since = stamp_ns - round(1e9 * age)
         if not self._stamps or since >= self._stamps[-1]:
