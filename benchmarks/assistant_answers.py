@@ -34,11 +34,12 @@ SPEED_UP = 3.0  # [s] duration of the acceleration between two stops
 
 
 class Vehicle(Node):
-    """Publishes the signals of stops to the assistant and records when it answers.
+    """Publishes the signals of a vehicle, and measures when the assistant answers with enables.
 
     Args:
         wheels: names of the wheels.
-        frames: pedal, twist (3), wheel speeds (N), specific force (2) of each step, shape (K, 6+N).
+        frames: signals of K steps, shape (K, 6 + N): brake demand [1], body twist (3) [m/s, m/s,
+            rad/s], wheel speeds (N) [rad/s], specific force along x and y (2) [m/s^2].
     """
 
     def __init__(self, wheels: tuple[str, ...], frames: FloatArray) -> None:
@@ -111,7 +112,7 @@ def main() -> None:
 
 
 def stop_and_go(run: FastRun) -> FloatArray:
-    """Return the frames of a stop and of the acceleration back to its initial speed."""
+    """Return the frames (see `Vehicle`) of a stop and of an acceleration to the initial speed."""
     moving = np.column_stack([run.twist, run.wheel_speed])
     share = np.arange(0.0, 1.0, PERIOD / SPEED_UP)[:, np.newaxis]
     moving = np.vstack([moving, moving[-1] + share * (moving[0] - moving[-1])])
@@ -121,7 +122,7 @@ def stop_and_go(run: FastRun) -> FloatArray:
 
 
 def drive(vehicle: Vehicle, duration: float) -> None:
-    """Publish the signals of one step in every period, for a duration [s]."""
+    """Publish the signals of one step every `PERIOD`, for a duration [s], and receive the answers."""
     executor = EventsExecutor()
     executor.add_node(vehicle)
     while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:

@@ -19,7 +19,7 @@ _COLD = "OMNI_COLD_CACHE"  # set in the process with an empty cache
 
 
 def compile_all() -> Counter[tuple[str, str]]:
-    """Compile every kernel, one after the other; return the CPU time of each [s]."""
+    """Compile every kernel; return the CPU time of each [s], keyed by module and function name."""
     from numba.core import event
 
     from omni_bringup import warm_up

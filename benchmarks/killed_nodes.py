@@ -73,12 +73,12 @@ def trial(
         folder: folder of the recording; must not exist.
         node: one of `NODES`.
         action: one of `ACTIONS`.
-        share: share of the recording at which the node is disturbed, 0..1.
+        share: progress of the run at which the node is disturbed, as a share of `size`, 0 to 1.
         real_time: whether the run is in real time instead of lockstep.
-        size: size of a whole recording [B].
+        size: approximate size of the recording of a whole run [B].
 
     Returns:
-        Outcome of the run, None if the run had ended before the disturbance.
+        Outcome of the run; None if the run had ended before the disturbance.
     """
     process = started(folder, *(["--real-time"] if real_time else []), stderr=subprocess.PIPE)
     try:
@@ -99,7 +99,7 @@ def trial(
 
 
 def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.Popen[str]:
-    """Start a run of the experiment that records into a folder."""
+    """Start a run of `EXPERIMENT` that records into a folder; `words` are further options."""
     given = ("--variant", "assisted", "--json", "--out", str(folder), *words)
     return subprocess.Popen(
         omni_command(["run", EXPERIMENT, *given]),
@@ -111,7 +111,7 @@ def started(folder: Path, *words: str, stderr: int | None = None) -> subprocess.
 
 
 def undisturbed(folder: Path, *words: str) -> tuple[float, float]:
-    """Run the experiment to its end and return distance and rotation, see `stop_of`."""
+    """Run `EXPERIMENT` to its end; return distance [m] and rotation [deg], see `stop_of`."""
     if started(folder, *words).wait() != 0:
         raise RuntimeError(f"the undisturbed run {folder} failed")
     return stop_of(folder / "assisted")

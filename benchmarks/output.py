@@ -17,7 +17,13 @@ Metrics = dict[str, tuple[Any, ...]]
 
 
 def options(words: str | None, **defaults: Any) -> argparse.Namespace:
-    """Return the parsed command line: ``--json`` and an option per default (False: a flag)."""
+    """Return the options that are given on the command line.
+
+    Args:
+        words: docstring of the benchmark, whose first line becomes the help text.
+        **defaults: default of each option besides ``--json``, keyed by its name; an option with the
+            default False takes no value.
+    """
     parser = argparse.ArgumentParser(description=(words or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     for name, default in defaults.items():
@@ -32,7 +38,7 @@ def load(experiment: str, variant: str, *changes: str) -> ExperimentConfiguratio
 
 
 def fastest(action: Callable[[], object], repeats: int) -> float:
-    """Return the shortest CPU time of an action over several repeats [s]."""
+    """Run an action several times, and return the shortest CPU time of one run [s]."""
 
     def spent() -> float:
         begun = time.process_time()

@@ -22,7 +22,7 @@ problems: list[Box] = []  # copies of the solved QPs of the stop
 
 
 class Recorded:
-    """The law `allocation`, extended by storing its QPs with their solutions."""
+    """The law `allocation`, which also appends each QP with its solution to `problems`."""
 
     def __init__(self, *made_of: Any) -> None:
         self._constants = allocation.make_constants(*made_of)
@@ -45,7 +45,7 @@ def solve_often(box: Box, start: Any, times: int) -> None:
 
 
 def dense(box: Box) -> tuple[Any, ...]:
-    """Return Hessian, gradient at zero and upper bounds of a QP."""
+    """Return the Hessian, the gradient at the origin and the upper bounds of a QP."""
     weighted = box.rows.T * box.weights
     h, f = weighted @ box.rows + np.diag(box.damping), box.linear - weighted @ box.goals
     return h, f, np.nan_to_num(box.upper, posinf=1e3)  # quadprog accepts no infinite bound

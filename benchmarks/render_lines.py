@@ -38,7 +38,15 @@ SPEED = 10.0  # [m/s]
 
 
 def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
-    """Return poses at 2500 lines/s along x at 10 m/s with a yaw rate `turn` [rad/s]."""
+    """Return the poses x, y, yaw [m, m, rad] of `count` lines at 2500 lines/s, shape (count, 3).
+
+    The velocity is 10 m/s along x and 1 m/s along y.
+
+    Args:
+        count: number of lines.
+        heading: yaw at the first line [rad].
+        turn: yaw rate [rad/s].
+    """
     elapsed = np.arange(count) / 2500.0
     return np.column_stack((SPEED * elapsed, 0.1 * SPEED * elapsed, heading + turn * elapsed))
 
@@ -46,7 +54,7 @@ def path(count: int, heading: float, turn: float) -> NDArray[np.float64]:
 def throughput(
     sensor: LineSensor, texture: GroundTexture, heading: float, lines: int = 200
 ) -> tuple[float, float]:
-    """Return lines per second of CPU time (best of several runs) and RMS error [gray levels]."""
+    """Return the rendered lines per second of CPU time, and their RMS error [gray levels]."""
     seed = np.random.SeedSequence(1)
     array = LineCameraArray({"one": sensor}, texture, CameraConfiguration(), seed)
     poses = path(lines, heading, 0.0)
@@ -79,7 +87,7 @@ def turn_around(kind: str, names: list[str]) -> float:
 
 
 def peak_memory(kind: str, names: list[str]) -> float:
-    """Return the result of `turn_around` in a new process."""
+    """Return the peak memory of a new process that only runs `turn_around` [GB]."""
     command = [sys.executable, __file__, "--ground", kind, "--turn-around", ",".join(names)]
     for _ in range(2):  # the first process generates the ground and compiles, if necessary
         done = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -87,7 +95,7 @@ def peak_memory(kind: str, names: list[str]) -> float:
 
 
 def measure(kind: str, texels: int, dpi: float) -> output.Metrics:
-    """Return all metrics by name."""
+    """Return all metrics, keyed by name."""
     metrics: output.Metrics = {}
     for name in KINDS:  # a small first measurement compiles the kernels
         generate_texture(TextureConfiguration(kind=name, texels=256))

@@ -39,7 +39,10 @@ Lines = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def record(pixels: int, lines: int, dtype: type) -> Lines:
-    """Return noisy lines of a fine random ground, which moves 4 mm per line; n px are 50 mm."""
+    """Return noisy lines of a fine random ground, shape (lines, pixels).
+
+    The field of view is 50 mm long, and the ground moves by 4 mm from line to line.
+    """
     generator = np.random.default_rng(1)
     step = 4e-3 / (0.05 / pixels)
     grains = 4 * int(step * lines + pixels + 4)
@@ -53,7 +56,7 @@ def record(pixels: int, lines: int, dtype: type) -> Lines:
 
 
 def median_times(repetitions: int, *actions: Callable[[], object]) -> list[float]:
-    """Return the median durations [s] of actions that take turns, without the first turn."""
+    """Return the median duration of each action [s]; the actions run in turns, first not counted."""
     durations = []
     for _ in range(repetitions + 1):
         times = [time.perf_counter()]
@@ -65,7 +68,7 @@ def median_times(repetitions: int, *actions: Callable[[], object]) -> list[float
 
 
 def measure(repetitions: int) -> output.Metrics:
-    """Return the metrics by name."""
+    """Return all metrics, keyed by name."""
     metrics: output.Metrics = {}
     for dtype, bits in ((np.uint8, 8), (np.uint16, 16)):
         for pixels in (1024, 335, 128):

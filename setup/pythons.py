@@ -24,7 +24,7 @@ def say(text: str) -> None:
 
 
 def find_python(versions: "tuple[tuple[int, int], ...]") -> "str | None":
-    """Return the path of the first Python of `versions` that starts, or None."""
+    """Return the path of the first Python of `versions` that starts; None if none starts."""
     for version in versions:
         name = "python{}.{}".format(*version)
         path = shutil.which(name)

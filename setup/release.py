@@ -20,7 +20,7 @@ def version() -> str:
 
 
 def outdated() -> "dict[Path, str]":
-    """Return the files with another version, and the text that each should have."""
+    """Return the text that each file with another version should have, keyed by path."""
     found = {}
     for pattern, place in _PLACES:
         for file in sorted(_ROOT.glob(pattern)):

@@ -72,7 +72,7 @@ def start(words: Sequence[str], root: Path, usage: str) -> int:
 
 
 def make_ready(workspace: places.Workspace, lock: int | None) -> None:
-    """Bring environment and build up to date; on return the lock is shared.
+    """Bring environment and build up to date; on return, this process holds the lock as shared.
 
     Commands keep the lock shared while they run, so that no other start rebuilds the packages
     under a running experiment.

@@ -94,7 +94,11 @@ def without(value: str, folders: Sequence[str]) -> list[str]:
 
 
 def base_environment(environ: Mapping[str, str], workspace: Workspace) -> dict[str, str]:
-    """Return `environ` without the entries of other environments and of this one."""
+    """Return the user's environment variables without the settings of other installations.
+
+    Paths in the workspace, in other ROS workspaces and in an active Python environment are removed
+    from lists of folders.
+    """
     environment = {name: environ[name] for name in environ if name not in FOREIGN_VARIABLES}
     foreign = [str(workspace.root)]
     kept = workspace.ros.prefixes if workspace.ros else ()

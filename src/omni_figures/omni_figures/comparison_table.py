@@ -102,7 +102,7 @@ def _table(
 
 
 def _wrapped(name: str, width: int) -> Text:
-    """Return a heading, broken between its parts into lines of at most `width` characters."""
+    """Return a heading in lines of at most `width` characters, broken only between `_NAME_PART`s."""
     lines = [""]
     for part in _NAME_PART.findall(name):
         if len(lines[-1]) + len(part) > width:
@@ -112,7 +112,7 @@ def _wrapped(name: str, width: int) -> Text:
 
 
 def in_small_units(entries: Sequence[Metric | None]) -> tuple[str, list[Metric | None]]:
-    """Return unit and entries of a row; if all entries are short lengths, they are converted to mm.
+    """Return the unit and the entries of a row, in millimeters if all are lengths below 0.2 m.
 
     Args:
         entries: entry of each column; None if the variant of the column does not have the quantity.

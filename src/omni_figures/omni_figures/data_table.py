@@ -48,7 +48,9 @@ def write_cases(path: Path, head: str, cases: Mapping[str, Mapping[str, Any]]) -
 
 
 def write_lines(path: Path, figure: Figure) -> Path:
-    """Write the finite points of a figure's lines; unlabeled lines of two points are omitted.
+    """Write the finite points of all lines of a figure as a table, and return its path.
+
+    Unlabeled lines with at most two finite points, such as axes and limits, are omitted.
 
     Args:
         path: path of the file.

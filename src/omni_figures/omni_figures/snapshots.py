@@ -132,7 +132,13 @@ def _span(history: RunHistory) -> _Span:
 
 
 def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
-    """Return up to `count` times, multiples of `step` [s], about equally spaced along a path."""
+    """Return times that divide the path of a run into about equal distances [s].
+
+    Args:
+        span: the run from the start of braking to rest.
+        count: limit on the number of times.
+        step: the times are rounded to multiples of this time [s].
+    """
     traveled = span.traveled
     wanted = traveled[-1] * np.arange(1, count + 1) / (count + 1)
     stamps = span.start + np.searchsorted(traveled, wanted)
@@ -142,7 +148,15 @@ def _equal_distances(span: _Span, count: int, step: float) -> list[float]:
 def _free_instants(
     scene: Scene, span: _Span, instants: Iterable[float], step: float, arrow_scale: float
 ) -> list[float]:
-    """Return times at or near `instants` at which no snapshots overlap, in order."""
+    """Return times at which snapshots neither overlap each other nor the first and last one [s].
+
+    Args:
+        scene: the vehicle.
+        span: the run from the start of braking to rest.
+        instants: preferred times [s]; each is shifted by up to two steps or omitted.
+        step: step of the shifts [s].
+        arrow_scale: length of a velocity arrow per speed [m / (m/s)].
+    """
     last = len(span.history.stamp_ns) - 1
     taken = [snapshot_outlines(scene, span.history, i, arrow_scale) for i in (span.start, last)]
     free = []

@@ -90,7 +90,7 @@ def note(
 
 
 def time_label(histories: Iterable[RunHistory]) -> str:
-    """Return the axis label that states what the time of these runs is counted from."""
+    """Return the label of the time axis: since braking, or since the start if no run brakes."""
     braking = any(history.brake_start is not None for history in histories)
     return "time since braking" if braking else "time since the start"
 

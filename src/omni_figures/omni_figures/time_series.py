@@ -138,14 +138,17 @@ def _scale_row(
     share: float = 0.125,
     least: float = 1e-3,
 ) -> None:
-    """Set a common scale, and labeled scales for panels that would be unreadable with it.
+    """Set one scale for all panels of a row; a panel with much smaller values gets its own scale.
+
+    A scale of its own is labeled in the panel.
 
     Args:
         row: panels of one quantity.
         shown: values that each panel must show.
         noisy: values of each panel whose outliers may be cut off.
         share: share of the common scale below which a panel gets its own scale [1].
-        least: range of values below which a panel keeps the common scale [m/s] or [rad/s].
+        least: range of values below which a panel shows a flat line with the common scale [m/s] or
+            [rad/s].
     """
     common = _limits(shown, noisy)
     whole = common[1] - common[0]
@@ -167,7 +170,12 @@ def _scale_row(
 
 
 def _limits(shown: Sequence[FloatArray], noisy: Sequence[FloatArray] = ()) -> Limits:
-    """Return limits that include zero, all of `shown`, and `noisy` except its outliers."""
+    """Return the limits of an axis, which include zero.
+
+    Args:
+        shown: arrays of values, all of which are within the limits.
+        noisy: arrays of values; those from the 1st to the 99th percentile are within the limits.
+    """
     values = [np.zeros(1), *(rows[np.isfinite(rows)] for rows in shown)]
     for rows in noisy:
         known = rows[np.isfinite(rows)]

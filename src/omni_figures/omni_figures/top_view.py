@@ -116,7 +116,7 @@ def _draw_wheels(
 
 
 def _share(history: RunHistory, index: int, wheel: str) -> float:
-    """Return the share of the pedal's pressure at a wheel's brake [1]."""
+    """Return the share of the demanded brake pressure that acts on a wheel [1]; 0 without demand."""
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
         return 0.0
     share = float(history.enable[index, history.wheel_names.index(wheel)])
@@ -125,7 +125,7 @@ def _share(history: RunHistory, index: int, wheel: str) -> float:
 
 
 def _tinted(color: str, share: float) -> tuple[float, ...]:
-    """Return a mixture of white and a color, with the given share of the color [0 to 1]."""
+    """Return the RGB values of a mixture of white and `color`, whose share is 0 to 1."""
     return tuple(1.0 - share * (1.0 - part) for part in to_rgb(color))
 
 
@@ -303,7 +303,15 @@ def _label_snapshots(
     view: _View,
     points: float = 9.0,
 ) -> None:
-    """Write each label next to its snapshot without overlap, with font size `points`."""
+    """Write each label next to its snapshot; omit a label for which there is no free place.
+
+    Args:
+        axes: axes to draw on.
+        covered: outlines of each snapshot in `odom` [m], the chassis first.
+        labels: label of each snapshot.
+        view: area that the axes show.
+        points: font size [points].
+    """
     line = points / 72.0 / view.inches_per_meter  # [m]
     outlines = [outline for snapshot in covered for outline in snapshot]
     taken: list[Bbox] = []
@@ -325,7 +333,13 @@ def _label_snapshots(
 
 
 def _label_places(chassis: FloatArray, size: FloatArray, beside: bool) -> Iterator[FloatArray]:
-    """Yield center positions for a label of `size` [m] next to a chassis, best first."""
+    """Yield possible centers of a label next to a chassis in `odom` [m], shape (2,), best first.
+
+    Args:
+        chassis: corners of the chassis in `odom` [m], shape (4, 2).
+        size: width and height of the label [m].
+        beside: whether places to the left and right are better than those above and below.
+    """
     low, high = np.min(chassis, axis=0), np.max(chassis, axis=0)
     # Next to the path, which points up the page if panels are side by side.
     sides = [(-1, 0), (1, 0)] if beside else [(0, 1), (0, -1)]

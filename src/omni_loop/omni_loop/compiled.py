@@ -35,7 +35,10 @@ _CHUNK = 512  # number of stamps per call and per chunk of noise
 
 
 class _Record(NamedTuple):
-    """Time histories of a run in progress, up to T control stamps and N wheels; see `FastRun`."""
+    """Arrays that a run fills stamp by stamp, for at most T control stamps and N wheels.
+
+    Fields without a comment have the quantities and units of `FastRun`.
+    """
 
     # x, y, yaw of `base_link` in `odom` [m, m, rad] and its true twist in the body frame [m/s, m/s,
     # rad/s], (T, 6).
@@ -231,7 +234,7 @@ def _sensors(configuration: ExperimentConfiguration, stamps: int, wheels: int) -
 
 
 class _Scratch(NamedTuple):
-    """Buffers for one stamp, N wheels."""
+    """Buffers for the values of one control stamp, for N wheels."""
 
     covariance: FloatArray  # (3, 3)
     imu: FloatArray  # (3,)
@@ -250,7 +253,15 @@ def _new_scratch(wheels: int, steps: int) -> _Scratch:
 
 @inlined
 def _advance(state: State, loop: _Loop, scratch: _Scratch, stamp: int, yaw: float) -> None:
-    """Advance the vehicle by one control period, as `Simulator.advance` does."""
+    """Advance the vehicle by one control period, as `Simulator.advance` does.
+
+    Args:
+        state: state of the vehicle, changed in place.
+        loop: inputs; with `hold_world`, the command of this stamp is rotated in place.
+        scratch: buffers, which contain the enables of this stamp.
+        stamp: index of the control stamp.
+        yaw: present heading of the vehicle in `odom` [rad].
+    """
     pedal, twist = loop.pedal[stamp], loop.command[stamp]
     if loop.hold_world:
         twist[0], twist[1] = in_turned_frame(twist[0], twist[1], yaw - loop.start_yaw)
@@ -273,8 +284,8 @@ class _Run(NamedTuple):
 
 
 @inlined
-def _listen(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the inputs of the assistant at a stamp; record the motion and the feedback."""
+def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
+    """Simulate the sensors at a stamp, record motion and feedback, return the assistant's inputs."""
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns
@@ -306,7 +317,7 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
         Next stamp; outcome of the run, see `run_progress.run_outcome`.
     """
     for stamp in range(first, last):
-        inputs = _listen(run, stamp)
+        inputs = _sense(run, stamp)
         assist_step.assist_step(
             run.assist, run.memory, inputs, run.scratch.error, run.scratch.enable
         )
@@ -318,12 +329,15 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the inputs of the assistant for a law in Python; see `_listen`."""
-    return _listen(run, stamp)
+    """Return the result of `_sense`; Python code can call this function, unlike an inlined one."""
+    return _sense(run, stamp)
 
 
 def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
-    """Run a stop like `_run_part`, with a user's law between the compiled halves of a step."""
+    """Do the same as `_run_part`, but with a user's law in Python.
+
+    The law is called between the two compiled halves of a step, `receive` and `act`.
+    """
     error, enable = run.scratch.error, run.scratch.enable
     for stamp in range(first, last):
         inputs = _inputs(run, stamp)
@@ -340,7 +354,11 @@ def _run_own(law: Law, run: _Run, first: int, last: int) -> tuple[int, int]:
 
 @inlined
 def _record_and_advance(run: _Run, stamp: int) -> int:
-    """Record a stamp, advance the vehicle unless the run has ended, and return the outcome."""
+    """Record the state at a stamp, and advance the vehicle unless the run has ended.
+
+    Returns:
+        Outcome of the run, see `run_progress.run_outcome`.
+    """
     state, loop, scratch, record = run.state, run.loop, run.scratch, run.record
     record.valid[stamp] = not run.memory.step[0].faulty
     stored = energies(state)

@@ -23,10 +23,10 @@ _SHORT = f"the path is shorter than {DELTA:g} m"
 
 
 def odometry_path(history: RunHistory) -> FloatArray:
-    """Return the path that results from the odometry: x, y, yaw [m, m, rad], shape (T, 3).
+    """Return the integral of the measured twists: x, y, yaw [m, m, rad], shape (T, 3).
 
-    The path begins at the true pose. An unmeasured twist is integrated as zero, as in the node.
-
+    The path begins at the true pose. As in the odometry node, a twist that was not measured is
+    integrated as zero.
     """
     integrator = PoseIntegrator()
     unknown = np.zeros((3, 3))
@@ -72,14 +72,20 @@ def relative_error(truth: FloatArray, path: FloatArray, delta: float = DELTA) ->
 
 
 def _between(path: FloatArray, first: int, last: int) -> FloatArray:
-    """Return pose `last` of a path in the frame of pose `first`, shape (3,)."""
+    """Return one pose of a path relative to an earlier one: x, y, yaw [m, m, rad], shape (3,).
+
+    Args:
+        path: poses x, y, yaw in the world [m, m, rad], shape (T, 3).
+        first: index of the pose whose frame is used.
+        last: index of the pose to convert.
+    """
     d_x, d_y, turn = path[last] - path[first]
     cosine, sine = math.cos(path[first, 2]), math.sin(path[first, 2])
     return np.array([cosine * d_x + sine * d_y, cosine * d_y - sine * d_x, turn])
 
 
 def drift_metrics(history: RunHistory) -> dict[str, Metric]:
-    """Return absolute and relative error of the odometry, `odometry_ate`, `odometry_rpe` [m]."""
+    """Return the metrics `odometry_ate` and `odometry_rpe`: absolute and relative error [m]."""
     absolute, relative, notes = math.nan, math.nan, (_NO_ODOMETRY, _NO_ODOMETRY)
     if np.any(history.measured):
         path = odometry_path(history)

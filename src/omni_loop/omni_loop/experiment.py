@@ -353,14 +353,26 @@ def short_name(path: str | Path) -> str:
 
 
 def _nearest(name: str, near: Path | None) -> str:
-    """Resolve a path relative to the file that contains it; return other names unchanged."""
+    """Return the path of a YAML file that is given relative to the folder `near`.
+
+    A name is returned unchanged if `near` is None or does not contain such a file.
+    """
     if near is not None and name.endswith(".yaml") and isfile(near / name):
         return str(near / name)
     return name
 
 
 def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Check that a vehicle defines all values that have no sensible default."""
+    """Check that a vehicle defines all values that have no sensible default (`_REQUIRED`).
+
+    Args:
+        vehicle: nested values of the vehicle.
+        key: dotted key of the vehicle, for the error message.
+        name: name or file of the vehicle, for the error message.
+
+    Raises:
+        ConfigurationError: a value is missing.
+    """
     for required in _REQUIRED:
         value: Any = vehicle
         for part in required.split("."):
@@ -376,7 +388,13 @@ def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
-    """Return a layer without the names of parts (`_PARTS`), which are stored in `named`."""
+    """Return the values of a layer except the names of files for parts (`_PARTS`).
+
+    Args:
+        layer: nested values of an experiment, a variant or an override.
+        named: file names found, keyed by the dotted key of the part; changed in place.
+        prefix: dotted key of `layer` in the experiment.
+    """
     rest: dict[str, Any] = {}
     for key, value in layer.items():
         path = declared.join_key(prefix, str(key))

@@ -73,7 +73,9 @@ def prepare_grounds(configurations: Iterable[ExperimentConfiguration], cache: Te
 
 
 def is_picture(ground: str) -> bool:
-    """Return whether a ground has an image suffix, or is an existing file that is not YAML.
+    """Return whether a ground is given as a picture.
+
+    It is one if it has the suffix of an image file, or is an existing file that is not YAML.
 
     Args:
         ground: name of a ground or path of a file.

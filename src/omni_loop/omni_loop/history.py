@@ -101,7 +101,7 @@ class RunHistory:
 
         Args:
             pose: x, y, yaw of `base_link` in `odom` [m, m, rad], shape (T, 3).
-            **samples: the other arguments of `from_quaternions`.
+            **samples: arguments of `from_quaternions` except `position` and `orientation`.
         """
         rows = np.array(pose, dtype=np.float64).reshape(-1, 3)
         orientation = [quaternion_from_yaw(yaw) for yaw in rows[:, 2].tolist()]

@@ -125,7 +125,7 @@ def run_closed_loop(
 def _until_over(
     configuration: experiment.ExperimentConfiguration, moments: Iterable[Moment]
 ) -> Iterator[tuple[Moment, signals.TwistSample | None]]:
-    """Yield the moments of a run, each with the twist of the odometry (None without cameras)."""
+    """Yield the moments until the run ends, each with the odometry's twist (None without cameras)."""
     progress = RunProgress(configuration)
     # The assistant does not use this odometry; its estimate is only recorded.
     recorded: Estimator | None = None

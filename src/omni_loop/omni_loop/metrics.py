@@ -92,7 +92,7 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
-    provided that the later rocking stays below larger limits. At a deceleration a, this stamp
+    provided that it never exceeds `_ROCKING_SPEED` and `_ROCKING_YAW_RATE` afterwards. At a deceleration a, this stamp
     precedes the time of zero speed by `REST_SPEED` / a. A simulation cannot foresee later rocking
     and therefore ends by another rule (`omni_sim.run_progress.run_outcome`): the vehicle must have
     been at rest for some time.
@@ -228,7 +228,7 @@ def _fail_safe_share(states: tuple[str, ...]) -> Metric:
 
 
 def _switchings(enable: FloatArray) -> FloatArray:
-    """Return how often each wheel's enable changes, shape (N,); NaN without enables.
+    """Return how often the enable of each wheel changes [1], shape (N,); NaN without enables.
 
     Args:
         enable: brake enables [1], shape (T, N).

@@ -136,7 +136,13 @@ def _to_history(streams: Mapping[str, Stream], assistant: str) -> RunHistory:
     wheels = len(wheel_names)
 
     def sampled(topic: str, width: int, values: Callable[[Any], Any]) -> FloatArray:
-        """Return one row of values per control stamp, NaN where there is no message."""
+        """Return the values of a topic at each control stamp, shape (T, width); NaN if unknown.
+
+        Args:
+            topic: name of the topic.
+            width: number of values per message.
+            values: function that returns the values of a message.
+        """
         rows = np.full((len(stamps), width), np.nan)
         if topic in streams:
             # t_{k-1} < stamp <= t_k; of several messages in one period, the last one is used.
@@ -182,7 +188,10 @@ def _true_motion(truth: Stream) -> dict[str, Any]:
 
 
 def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
-    """Return the motion at the stamps of the wheel speeds, by integration of the measured twist.
+    """Return the motion that results from integrating the measured twist, without ground truth.
+
+    It is sampled at the stamps of the wheel speeds, starts at the origin, and is keyed by the
+    arguments of `RunHistory.from_quaternions`.
 
     Raises:
         ValueError: the twist is never measured.
@@ -208,7 +217,13 @@ def _integrated(streams: Mapping[str, Stream]) -> dict[str, Any]:
 
 
 def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: str) -> list[str]:
-    """Return the assistant's state at each control stamp; a state is held until the next report."""
+    """Return the state of the brake assistant at each control stamp; empty before the first report.
+
+    Args:
+        stamps: control stamps [ns], shape (T,).
+        stream: messages on `/diagnostics`; None if there are none.
+        assistant: name of the assistant's status in these messages.
+    """
     states = [""] * len(stamps)
     for stamp_ns, message in zip(stream.stamp_ns, stream.messages, strict=True) if stream else ():
         for status in message.status:
@@ -220,7 +235,11 @@ def _assist_states(stamps: NDArray[np.int64], stream: Stream | None, assistant: 
 
 
 def ordered(message: Any, field: str, wheel_names: Sequence[str]) -> FloatArray:
-    """Return a field of a JointState in the order of `wheel_names`."""
+    """Return a field of a JointState with its N values in the order of `wheel_names`, shape (N,).
+
+    Raises:
+        ValueError: the message has other wheels, or another number of values.
+    """
     values: FloatArray = getattr(message, field)
     if list(message.name) == list(wheel_names):
         if len(values) != len(wheel_names):
@@ -280,7 +299,7 @@ def _moves(history: RunHistory, index: int, least: float = 0.2) -> bool:
 
 
 def _spans(history: RunHistory) -> list[tuple[int, int]]:
-    """Return the first and last index of each stop."""
+    """Return the indices of the first and last stamp of each stop's history, see `stops_of`."""
     stamps = history.stamp_ns
     pressed = np.concatenate(([False], history.pedal > 0.0, [False]))
     downs = np.flatnonzero(pressed[1:] & ~pressed[:-1])

@@ -79,7 +79,7 @@ def bag_information(
 
 
 def qos_information(qos: RecordedQos) -> list[dict[str, Any]]:
-    """Return the list of the QoS profiles offered for a topic, which has one publisher."""
+    """Return the QoS profile of a topic's only publisher, as a list in the format of rosbag2."""
     return [
         {
             "history": qos.history,

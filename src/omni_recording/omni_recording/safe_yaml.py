@@ -26,7 +26,12 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
         self._counts: dict[yaml.Node, int] = {}  # number of values of each complete node
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node; reject an alias of a node that contains it, and too many values."""
+        """Return the next node of the document.
+
+        Raises:
+            yaml.composer.ComposerError: a value contains an alias of itself, or the document has
+                more than `LARGEST_YAML` values.
+        """
         event: Any = self.peek_event()
         mark, before = event.start_mark, self._count
         alias = isinstance(event, yaml.AliasEvent)
@@ -42,7 +47,7 @@ class SafeLoader(yaml.composer.Composer, yaml.CSafeLoader):
         return node
 
     def construct_document(self, node: yaml.Node) -> Any:
-        """Construct all values; an error names the place in the text at which its value stands."""
+        """Construct all values at once; an error then names the position of the invalid value."""
         return self.construct_object(node, deep=True)
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:

@@ -205,9 +205,9 @@ class Rosbag2Writer:
         return channels
 
     def _commit(self) -> None:
-        """Store the end of the last complete chunk.
+        """Remember the present end of the file as the end of its last complete chunk.
 
-        A chunk counts as complete only if the disk also has space for the file's end after it.
+        A chunk is complete only if the disk also has space for the end of an MCAP file after it.
         """
         self._file.flush()
         descriptor, end = self._file.fileno(), self._file.tell()

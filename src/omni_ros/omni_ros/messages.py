@@ -90,10 +90,10 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
 
 
 def stamped(kind: type[_Message], stamp_ns: int, frame: str = "") -> _Message:
-    """Return a message of a type with a header, with a stamp [ns] and a frame.
+    """Return a new message of a type that has a header, with a stamp [ns] and a frame in it.
 
-    The header that the message has is filled in, because a message first creates each of its parts,
-    even if it is given one.
+    A new message always creates its own header. Filling in this header is faster than creating a
+    second one and passing it to the message.
     """
     message = kind()
     head: Header = message.header  # type: ignore[attr-defined]
@@ -110,7 +110,15 @@ def joint_state(
     velocity: FloatArray | None = None,
     effort: FloatArray | None = None,
 ) -> JointState:
-    """Return values of named joints as a `JointState`; quantities given as None stay empty."""
+    """Return a `JointState` message for K named joints.
+
+    Args:
+        stamp_ns: stamp [ns].
+        names: names of the joints.
+        position: positions, shape (K,); None leaves the field empty. The unit is that of the topic.
+        velocity: velocities, shape (K,); None leaves the field empty.
+        effort: efforts, shape (K,); None leaves the field empty.
+    """
     message = stamped(JointState, stamp_ns)
     message.name = names
     if position is not None:
@@ -198,7 +206,7 @@ def fixed_transform(frame: str, pose: FloatArray) -> geometry.TransformStamped:
 
 
 def planar_twist_of(message: geometry.TwistWithCovarianceStamped) -> tuple[FloatArray, FloatArray]:
-    """Return body twist [m/s, m/s, rad/s], shape (3,), and covariance, (3, 3), of a message."""
+    """Return the body twist (3,) [m/s, m/s, rad/s] in a message, and its covariance (3, 3)."""
     twist = message.twist.twist
     values = np.array([twist.linear.x, twist.linear.y, twist.angular.z])
     return values, np.asarray(message.twist.covariance, dtype=np.float64)[_PLANAR]
@@ -272,7 +280,14 @@ def read_line_image(wire: bytes) -> LineImage | Image:
 
 
 def _text_at(wire: bytes, start: int, length: int, gap: bool = True) -> tuple[str, int]:
-    """Return a zero-terminated text and the byte offset of the next field."""
+    """Return a text in a serialized message, and the byte offset of the field that follows it.
+
+    Args:
+        wire: the serialized message.
+        start: byte offset of the text.
+        length: number of bytes of the text with its terminating zero.
+        gap: whether the next field is aligned to a multiple of four bytes.
+    """
     end = start + length
     return wire[start : end - 1].decode(errors="replace"), end + (-end % 4 if gap else 0)
 
@@ -371,10 +386,10 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a planar covariance (3, 3) as the 6 x 6 covariance of messages, shape (36,).
+    """Return a covariance of (x, y, yaw) quantities, shape (3, 3), in a message's form, shape (36,).
 
-    The other three axes are marked as unmeasured, because a node that fuses the message, such as
-    `robot_localization`, would treat a variance of zero as an exact measurement.
+    The other three axes get the variance of unmeasured values. A node that fuses the message, such
+    as `robot_localization`, would treat a variance of zero as an exact measurement.
     """
     values = _UNMEASURED.flatten()
     values[_PLANAR] = covariance

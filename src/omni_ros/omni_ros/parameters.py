@@ -71,9 +71,9 @@ def _given(node: Node) -> Mapping[str, Parameter]:
 
 
 def _whole_numbers_as_doubles(given: Parameter | None, kind: Any) -> Any:
-    """Convert integers given for a double or a list of doubles; return None for other values.
+    """Return integers that are given for a parameter of doubles as doubles; None for other values.
 
-    ROS would reject an integer such as 1 for a double.
+    Without this conversion, ROS would reject an integer such as 1 for a double.
     """
     if given is not None:
         if kind is float and given.type_ == Parameter.Type.INTEGER:

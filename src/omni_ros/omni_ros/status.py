@@ -71,7 +71,13 @@ class StatusReporter:
             node.create_timer(period, self._repeat, clock=steady_clock())
 
     def update(self, stamp_ns: int, key: Hashable, status: Status) -> None:
-        """Set the status at a stamp [ns]; publish it if `key` has changed, or once a second."""
+        """Set the status, and publish it if it has changed or was last published a second ago.
+
+        Args:
+            stamp_ns: stamp of the status [ns].
+            key: value whose change means that the status has changed.
+            status: the status.
+        """
         self._updated = time.monotonic()
         age_ns = stamp_ns - self._published_ns
         changed = key != self._key or self._published_ns < 0

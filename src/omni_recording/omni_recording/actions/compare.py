@@ -65,7 +65,11 @@ def compare_topics(
 
 
 def _compare(first: Path, second: Path, topic: str) -> TopicComparison:
-    """Return the comparison of a topic; the recordings are merged by stamp in bounded memory."""
+    """Return the comparison of a topic in two recordings.
+
+    The messages of both recordings are read side by side in the order of their stamps, so that only
+    one message of each recording is in memory.
+    """
     decoder = decode.MessageDecoder()
     result = TopicComparison(topic)
     streams = _stamped(decoder, first, topic), _stamped(decoder, second, topic)

@@ -89,7 +89,13 @@ def _whole_messages(
     problems: list[str],
     channels: list[mcap.RecordedChannel],
 ) -> Iterator[mcap.RecordedMessage]:
-    """Yield the readable messages of every file; append to `problems` and `channels`."""
+    """Yield the readable messages of every file.
+
+    Args:
+        files: MCAP files of the recording.
+        problems: list to which the defects of the files are added.
+        channels: list to which the channels of each completely yielded file are added.
+    """
     for file in files:
 
         def note(problem: str, name: str = file.name) -> None:
@@ -125,7 +131,11 @@ def _topic(path: Path, channel: mcap.RecordedChannel) -> RecordedTopic:
 
 
 def _qos(metadata: Mapping[str, str]) -> RecordedQos:
-    """Return the QoS that the publisher offered; rosbag2's default if the recording lacks it."""
+    """Return the QoS that the publisher of a channel offered.
+
+    Args:
+        metadata: metadata of the channel; without a valid QoS, rosbag2's default is returned.
+    """
     text = metadata.get("offered_qos_profiles", "")
     try:
         profile = read_plain_yaml(text)[0] if len(text) <= LIMITS.qos else {}
