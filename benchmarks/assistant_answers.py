@@ -122,7 +122,7 @@ def stop_and_go(run: FastRun) -> FloatArray:
 
 
 def drive(vehicle: Vehicle, duration: float) -> None:
-    """Publish the signals of one step every `PERIOD`, for a duration [s], and receive the answers."""
+    """Publish one step of signals every `PERIOD` for a duration [s], and receive the answers."""
     executor = EventsExecutor()
     executor.add_node(vehicle)
     while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from omni_process import WORKSPACE
 
-from omni_bringup.cli import main, understand
+from omni_bringup.cli import main, parse_command_line
 
 PAGES = (
     "README.md",
@@ -90,7 +90,7 @@ QUICK = list(
 
 @pytest.mark.parametrize(("page", "line"), ALL, ids=[f"{page}: {line}" for page, line in ALL])
 def test_a_command_of_a_page_is_understood(page: str, line: str) -> None:
-    program, _, _ = understand(shlex.split(line))
+    program, _, _ = parse_command_line(shlex.split(line))
     assert program.split()[1:] == line.split()[: len(program.split()) - 1], page
 
 
@@ -106,7 +106,7 @@ def inline_commands() -> Iterator[tuple[str, str]]:
 def misunderstood(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Return why a command line is rejected; empty if it is accepted or asks for help."""
     try:
-        understand(words)
+        parse_command_line(words)
     except SystemExit as ended:
         said = capsys.readouterr().err
         return said if ended.code else ""

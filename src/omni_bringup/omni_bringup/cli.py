@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
-def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
-    """Return program name (such as ``omni bag info``), module and options of a command line.
+def parse_command_line(words: Sequence[str]) -> tuple[str, Any, Any]:
+    """Return the program name (such as ``omni bag info``), the command and its parsed options.
 
     Raises:
         InputError: the value of an option is invalid.
@@ -68,7 +68,7 @@ def understand(words: Sequence[str]) -> tuple[str, Any, Any]:
 
 
 def _run(words: Sequence[str]) -> int:
-    program, command, options = understand(words)
+    program, command, options = parse_command_line(words)
     as_json = getattr(options, "json", False)
     work = at_work(program, command.WORK) if hasattr(command, "WORK") else nullcontext()
     try:
@@ -186,7 +186,10 @@ def _version() -> str:
 
 
 def _introduction(words: Any) -> str:
-    """Return the second paragraph of a docstring, or the first line of a single paragraph."""
+    """Return the introduction of a help text from a docstring, or from the docstring of a module.
+
+    It is the second paragraph for a command, and the first line for any other docstring.
+    """
     words = words if isinstance(words, str) else words.__doc__
     paragraphs = words.strip().split("\n\n")
     if words.startswith("``") and len(paragraphs) > 1:

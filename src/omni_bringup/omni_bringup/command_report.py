@@ -67,7 +67,14 @@ def in_words(row: Mapping[str, tuple[float, str]]) -> str:
 
 
 def estimate(value: float, unit: str, error: float, *, bounded: bool = False) -> dict[str, Any]:
-    """Return the metric of an estimated quantity, with a note if the estimate is at a bound."""
+    """Return the metric of an estimated quantity.
+
+    Args:
+        value: estimate, in `unit`.
+        unit: unit of the quantity.
+        error: standard error of the estimate, in `unit`; NaN if unknown.
+        bounded: whether the estimate is at a bound of the search, which a note then states.
+    """
     known = None if math.isnan(error) else float(error)
     entry = {"value": float(value), "unit": unit, "standard_error": known}
     return entry | ({"note": "on its bound"} if bounded else {})
@@ -107,7 +114,7 @@ def make_folder(folder: Path) -> Path:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text file atomically, with its folder if missing, and return its absolute path."""
+    """Write a text file atomically, create its folder if missing, and return its absolute path."""
     path.parent.mkdir(parents=True, exist_ok=True)
     scratch = path.with_name(f".{path.name}.part")
     try:

@@ -25,7 +25,17 @@ STATUSES = {
 
 
 class Row(NamedTuple):
-    """One item of the dissertation: place, content, status, module, command, remark and number."""
+    """One item of the dissertation, such as an equation, figure, table or claim.
+
+    Attributes:
+        place: equation, figure, table or section of the dissertation.
+        what: content of the item.
+        status: status in this project, a key of `STATUSES`.
+        module: module that implements the item; may be empty.
+        command: command or test that shows the item; may be empty.
+        remark: explanation of the status; may be empty.
+        number: value in this project; may be empty.
+    """
 
     place: str
     what: str

@@ -102,7 +102,7 @@ def _table(
 
 
 def _wrapped(name: str, width: int) -> Text:
-    """Return a heading in lines of at most `width` characters, broken only between `_NAME_PART`s."""
+    """Return a heading with line breaks between its parts, at most `width` characters per line."""
     lines = [""]
     for part in _NAME_PART.findall(name):
         if len(lines[-1]) + len(part) > width:

@@ -116,7 +116,7 @@ def _draw_wheels(
 
 
 def _share(history: RunHistory, index: int, wheel: str) -> float:
-    """Return the share of the demanded brake pressure that acts on a wheel [1]; 0 without demand."""
+    """Return the share of the demanded brake pressure that acts on a wheel, 0 to 1."""
     if wheel not in history.wheel_names or not history.pedal[index] > 0.0:
         return 0.0
     share = float(history.enable[index, history.wheel_names.index(wheel)])

@@ -125,7 +125,10 @@ def run_closed_loop(
 def _until_over(
     configuration: experiment.ExperimentConfiguration, moments: Iterable[Moment]
 ) -> Iterator[tuple[Moment, signals.TwistSample | None]]:
-    """Yield the moments until the run ends, each with the odometry's twist (None without cameras)."""
+    """Yield the moments of a run until its end.
+
+    Each moment comes with the twist of the odometry, or with None if no lines are rendered.
+    """
     progress = RunProgress(configuration)
     # The assistant does not use this odometry; its estimate is only recorded.
     recorded: Estimator | None = None

@@ -92,8 +92,10 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
 
     The tires are elastic, so a stopping vehicle rocks back and forth for a moment. The vehicle
     comes to rest at the first stamp at which it is no faster than `REST_SPEED` and `REST_YAW_RATE`,
-    provided that it never exceeds `_ROCKING_SPEED` and `_ROCKING_YAW_RATE` afterwards. At a deceleration a, this stamp
-    precedes the time of zero speed by `REST_SPEED` / a. A simulation cannot foresee later rocking
+    provided that it never exceeds `_ROCKING_SPEED` and `_ROCKING_YAW_RATE` afterwards. At a
+    deceleration a, this stamp precedes the time of zero speed by `REST_SPEED` / a.
+
+    A simulation cannot foresee later rocking
     and therefore ends by another rule (`omni_sim.run_progress.run_outcome`): the vehicle must have
     been at rest for some time.
 

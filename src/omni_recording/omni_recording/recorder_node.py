@@ -89,7 +89,7 @@ class RecorderNode(Node):
         return RecordedTransforms(odometry, configuration.fixed_frames, configuration.fixed_poses)
 
     def check_publishers(self) -> None:
-        """Raise a `NodeError` if a topic has a second publisher, which may belong to another run."""
+        """Raise `NodeError` if a topic has a second publisher, which may belong to another run."""
         if self._strict and self.failure is None:
             problem = self._recording.problem or self._guard.second()
             if problem is not None:

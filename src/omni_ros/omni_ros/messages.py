@@ -386,9 +386,9 @@ def _doubles(values: FloatArray) -> array[float]:
 
 
 def _spatial(covariance: FloatArray) -> FloatArray:
-    """Return a covariance of (x, y, yaw) quantities, shape (3, 3), in a message's form, shape (36,).
+    """Return a planar covariance, shape (3, 3), as the 6 x 6 covariance of a message, shape (36,).
 
-    The other three axes get the variance of unmeasured values. A node that fuses the message, such
+    The planar axes are x, y and rotation about z. The other three axes get the variance of unmeasured values. A node that fuses the message, such
     as `robot_localization`, would treat a variance of zero as an exact measurement.
     """
     values = _UNMEASURED.flatten()

@@ -82,7 +82,10 @@ def _text(
 
 
 def _use(vehicle: str, placement: Path) -> str:
-    """Return the command line that uses a placement, which is valid only for this vehicle."""
+    """Return a sentence with the command that runs a vehicle with a placement of its sensors.
+
+    The command names the vehicle, because the placement is valid only for this vehicle.
+    """
     if vehicle.endswith(".yaml"):
         vehicle = str(Path(vehicle).resolve())
     parts = (f"vehicle={vehicle}", f"sensors={placement}")

@@ -128,7 +128,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the parameters of the driver's node that list the choices on its page."""
+    """Return the parameters of the driver node for the choices that its page offers, keyed by name."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {
@@ -169,7 +169,10 @@ def _compose(
 
 
 def _at_full_stick(configuration: ExperimentConfiguration, speed: float) -> ExperimentConfiguration:
-    """Return the configuration for motion at full stick, forward and then sideways."""
+    """Return the configuration with a scripted motion at `speed` [m/s], forward and then sideways.
+
+    It is used to find implausible values: full deflection of the stick demands this speed.
+    """
     from omni_sim.driver.scripted import DemandConfiguration, ManeuverConfiguration
 
     demands = DemandConfiguration(

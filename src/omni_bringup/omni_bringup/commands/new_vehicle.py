@@ -113,7 +113,14 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value that the user enters on the terminal; without an entry, the usual value.
+    """Return a value that the user enters on the terminal, or the usual value if nothing is entered.
+
+    Args:
+        flag: option for this value, for error messages.
+        words: description of the value, with its unit.
+        kind: type of the value.
+        choices: permitted values; None for any value.
+        usual: value if nothing is entered; None if a value must be entered.
 
     Raises:
         ConfigurationError: there is no terminal and no usual value.

@@ -63,7 +63,13 @@ def run(options: Options, _workspace: Workspace) -> Report:
 
 
 def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
-    """Return a PNG of the lines around the start of braking, if the recording contains lines."""
+    """Return a PNG picture of the camera lines around the start of braking, keyed by run name.
+
+    Args:
+        path: the recording; without lines in it, the result is empty.
+        run: the run of this recording.
+        shown: duration of the lines in the picture [s].
+    """
     from omni_bringup.replay.lines import read_batches, recorded_cameras
     from omni_figures.style import picture_of
     from omni_recording.folder import open_vehicle
@@ -84,7 +90,7 @@ def _seen(path: Path, run: ReportedRun, shown: float = 0.2) -> dict[str, bytes]:
 
 
 def _title(runs: Sequence[ReportedRun]) -> str:
-    """Return the descriptions of the runs, or the names of runs without a description."""
+    """Return the title of the page: all descriptions, or all names if no run has a description."""
     words = [run.configuration.description for run in runs if run.configuration is not None]
     title = " | ".join(dict.fromkeys(filter(None, words))) or ", ".join(run.name for run in runs)
     return title[:200]  # characters

@@ -162,7 +162,10 @@ def _run_variants(
 
 
 def _runs_at_once(options: Options) -> int:
-    """Return the number of simultaneous runs; with 2, nodes start while another variant runs."""
+    """Return how many variants run at once: 2, unless the options or the environment require 1.
+
+    With 2, the nodes of a variant start while another variant runs.
+    """
     from omni_ros.environment import chosen_domain
 
     alone = options.real_time or options.replace or chosen_domain(os.environ) is not None

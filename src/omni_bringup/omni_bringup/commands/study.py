@@ -67,7 +67,10 @@ class _StudyCommand:
 
 
 def _text(result: StudyResult) -> Iterator[Any]:
-    """Yield a table of the metrics, grouped by quantity so that long names fit, and findings."""
+    """Yield a table of the metrics, the findings, and the number of limits and claims that are met.
+
+    The table is grouped by quantity, so that long names of metrics fit.
+    """
     from rich import box
     from rich.table import Table
     from rich.text import Text

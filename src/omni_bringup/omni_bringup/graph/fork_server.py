@@ -114,7 +114,7 @@ def serve(connection: socket.socket) -> None:
 
 @functools.cache
 def node_module(executable: Path) -> str | None:
-    """Return the module of a node's executable; None if no node of this workspace has it."""
+    """Return the module that an executable runs; None if it is no node of this workspace."""
     for entry in entry_points(group=NODES, name=executable.name):
         installed = Path(str(entry.dist.locate_file(""))) if entry.dist else Path()
         if installed.is_relative_to(executable.parents[2]):

@@ -81,7 +81,8 @@ class HardwareNode:
 
     Attributes:
         package: package of the node.
-        executable: name of the executable in the package, which is also the name of the node.
+        executable: name of the executable in the package.
+        name: name of the node.
         files: parameter files; later files override earlier ones.
         remappings: pairs of a topic's name in the node and its new name.
         ros_arguments: further arguments after ``--ros-args``.
@@ -134,7 +135,7 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether the launch arguments `given` require a restart after this exit code."""
+    """Return whether a node is restarted after this exit code, with the launch arguments `given`."""
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 

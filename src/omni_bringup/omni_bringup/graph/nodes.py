@@ -92,7 +92,11 @@ class Nodes:
         return self._node("recorder", "omni_recording", parameters)
 
     def odometry(self, listeners: int = 0) -> process_group.NodeProcess:
-        """Return the process of the line-scan odometry, which waits for `listeners` subscribers."""
+        """Return the process of the odometry node.
+
+        Args:
+            listeners: number of subscribers for which the node waits; 0 for those of a run.
+        """
         listeners = listeners or _RECORDER + 1 + self.configuration.uses_lines
         parameters = _flat(self.configuration.odometry) | self._timing() | _listeners(listeners)
         own = self.configuration.own_odometry
@@ -102,7 +106,7 @@ class Nodes:
         return self._node(name, name, parameters, executable="odometry", own_code=bool(own))
 
     def brake_assist(self, listeners: int = _RECORDER) -> process_group.NodeProcess:
-        """Return the process of the brake assistant."""
+        """Return the process of the assistant's node, which waits for `listeners` subscribers."""
         configuration = self.configuration
         parameters = _flat(configuration.brake_assist) | self._timing() | _listeners(listeners)
         parameters |= {
@@ -118,7 +122,13 @@ class Nodes:
     def simulator(
         self, *, driven: bool = False, lines_recorded: bool = True, listeners: int = _RECORDER + 1
     ) -> process_group.NodeProcess:
-        """Return the process of the simulator, either scripted or `driven` by the driver node."""
+        """Return the process of the simulator node.
+
+        Args:
+            driven: whether the driver node sends the demands; otherwise they are scripted.
+            lines_recorded: whether the recorder subscribes to the lines of the cameras.
+            listeners: number of subscribers for which the node waits.
+        """
         configuration = self.configuration
         parameters = _flat(configuration, SimulatorConfiguration) | _listeners(listeners)
         rendered = configuration.simulation.render_lines
@@ -148,7 +158,14 @@ class Nodes:
     def player(
         self, bag: Path, inputs: Mapping[str, str], outputs: Mapping[str, str], rate: float
     ) -> process_group.NodeProcess:
-        """Return the process that publishes recorded inputs and receives the outputs."""
+        """Return the process that publishes recorded inputs and receives the outputs.
+
+        Args:
+            bag: the recording.
+            inputs: message type of each topic to publish, keyed by topic.
+            outputs: message type of each topic of results, keyed by topic.
+            rate: speed as a multiple of the recorded one; 0 for as fast as the nodes can follow.
+        """
         parameters = {
             "bag": str(bag),
             "inputs": list(inputs),
@@ -198,7 +215,7 @@ class Nodes:
         ]
 
     def _timing(self) -> dict[str, Any]:
-        """Return the parameters that determine the timing, for lockstep or for simulated time."""
+        """Return the parameters for the timing of a node, in lockstep or with simulated time."""
         return {"diagnostics_period": 0.0} if self.lockstep else {"use_sim_time": True}
 
     def _node(

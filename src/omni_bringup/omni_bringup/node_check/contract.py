@@ -19,14 +19,15 @@ class Contract:
     Attributes:
         largest_age: limit on the age of the messages [s], keyed by node. The assistant rejects an
             older twist, and a vehicle without newer enables applies all brakes.
-        least_rate: rate of a simulator's messages by topic, a tenth less is tolerated [1/s].
+        least_rate: required rate of a simulator's messages [1/s], keyed by topic; a rate that is
+            lower by a tenth is tolerated.
         least_answered: minimum share of the inputs that the node must answer [1].
         warm_up: time after the start in which a node may load its kernels [s].
         silence: time after which an assistant without inputs must not release a brake [s].
         recovery: limit on the time from the end of a fault to the next valid answer [s].
         longest_gap: time without a message after which a simulator counts as silent [s].
         clock_error: limit on the median difference between a simulator's stamps and /clock [s].
-        largest_variance: variance below which a velocity counts as measured [m^2/s^2].
+        largest_variance: limit on all three variances of a measured twist [m^2/s^2, rad^2/s^2].
     """
 
     largest_age: Mapping[str, float]
@@ -47,7 +48,10 @@ CONTRACT = Contract(
 
 
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
-    """Return share of answered inputs, 99th percentile of the answers' age, number of answers."""
+    """Return metrics of the answers as pairs (value, unit), keyed by ``quantity.phase``.
+
+    They are the share of answered inputs, the 99th percentile of the age, and the number.
+    """
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
     answered = len({one.stamp_ns for one in first} & set(sent)) / max(len(sent), 1)
@@ -63,7 +67,13 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations that concern publishers, rate, age or stamps of the messages of any node."""
+    """Yield violations that any node can commit: in publishers, rate, age or stamps of its messages.
+
+    Args:
+        exchange: sent inputs and received answers.
+        node: kind of the node, ``odometry`` or ``brake_assist``.
+        topic: topic of the answers.
+    """
     yield from _publisher_breaches(topic, exchange.publishers)
     for path, why in exchange.incompatible:
         yield f"a subscription to {path} receives nothing: {why}"
@@ -173,7 +183,13 @@ def _publisher_breaches(topic: str, publishers: Sequence[bool]) -> Iterator[str]
 
 
 def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[str]:
-    """Yield violations in publishers, number, stamps and rate of the messages on a topic."""
+    """Yield violations in publishers, number, stamps and rate of the messages on a topic.
+
+    Args:
+        key: name of the topic, a key of `Contract.least_rate`.
+        received: messages of the topic.
+        clock: messages of `/clock`.
+    """
     if len(received.messages) < 2:
         yield f"{key}: fewer than two messages are published"
         return
@@ -198,7 +214,7 @@ def _stream_breaches(key: str, received: Received, clock: Received) -> Iterator[
 
 
 def _after(exchange: Exchange, phase: str) -> list[Answer]:
-    """Return the answers to those inputs of a phase that follow its fault and the recovery time."""
+    """Return the answers with stamps after the recovery time that follows the fault of a phase."""
     limit = exchange.faults[phase][1] + round(CONTRACT.recovery * SECOND_NS)
     return [one for one in exchange.answers if one.phase == phase and one.stamp_ns > limit]
 

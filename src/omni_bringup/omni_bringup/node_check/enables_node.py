@@ -34,7 +34,10 @@ class Enables:
         node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
     def watch(self, partner: Partner, duration: float) -> dict[str, Received]:
-        """Return the simulator's messages within `duration` [s] by topic."""
+        """Receive messages of the simulator for `duration` [s]; return them keyed by topic.
+
+        The key ``twist`` has the messages of the first source of the twist that publishes any.
+        """
         watched = {
             "clock": topics.CLOCK,
             "wheel_states": topics.WHEEL_STATES,

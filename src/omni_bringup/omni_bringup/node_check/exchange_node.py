@@ -119,7 +119,12 @@ class Exchange:
         self._last = self._arrivals[stamp] = time.monotonic()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
-        """Start a phase; return the list for the stamps of the inputs that require an answer."""
+        """Start a phase; return an empty list for the stamps of the inputs that require an answer.
+
+        Args:
+            phase: one of `PHASES`.
+            fault: first and last stamp of the fault of this phase [ns].
+        """
         self._phase = phase
         self._arrivals.clear()
         self.faults[phase] = fault
@@ -275,7 +280,8 @@ def subscribe(
 ) -> dict[str, list[tuple[int, Any]]]:
     """Return lists to which each message is appended with its time of publication [ns].
 
-    Unlike the time of reception, it does not depend on how long messages wait in this process.
+    Unlike the time of reception, the time of publication does not depend on how long messages wait
+    in this process.
 
     Args:
         partner: node of this process.
@@ -294,7 +300,7 @@ def subscribe(
 
 
 def _incompatible(node: Node, topic: str) -> Iterator[tuple[str, str]]:
-    """Yield topic and reason for each subscription that cannot receive from its publishers."""
+    """Yield topic and reason for each subscription whose QoS does not match that of a publisher."""
     for publisher in node.get_publishers_info_by_topic(topic):
         for subscription in node.get_subscriptions_info_by_topic(topic):
             pair = publisher.qos_profile, subscription.qos_profile

@@ -147,7 +147,15 @@ def _publish_all(node: PlayerNode, spinner: process.Spinner) -> int:
 
 
 def _await_result(node: PlayerNode, spinner: process.Spinner, ahead: int) -> int:
-    """Wait until fewer than `ahead` rounds lack a result; return `ahead`, increased on a timeout.
+    """Wait until fewer than `ahead` sent rounds lack a result.
+
+    Args:
+        node: the player.
+        spinner: spinner, which runs the callbacks of received results.
+        ahead: number of rounds without a result at which no further round is sent.
+
+    Returns:
+        Number for the next call: `ahead`, or one more if the wait ended by a timeout.
 
     Raises:
         NodeError: no result has arrived within the timeout.

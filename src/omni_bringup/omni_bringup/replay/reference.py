@@ -68,7 +68,16 @@ def read_reference(
 
 
 def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return times [s] and mean twists between poses; short shocks have little effect on means."""
+    """Return the mean twists between successive poses, on which short shocks have little effect.
+
+    Args:
+        time: times of the poses [s], shape (K,).
+        pose: x, y, yaw in the world [m, m, rad], shape (K, 3).
+
+    Returns:
+        Middle of each interval [s], shape (J,) with J < K; twists v_x, v_y, yaw rate in the body
+        frame [m/s, m/s, rad/s], shape (J, 3).
+    """
     elapsed = np.diff(time)
     moving = elapsed > 0.0
     place = np.diff(pose[:, :2], axis=0)
@@ -83,7 +92,13 @@ def _means(time: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _accelerating(time: FloatArray, twist: FloatArray, steady: float = 1.0) -> NDArray[np.bool_]:
-    """Mark the samples with an acceleration above `steady` [m/s^2, rad/s^2], as wheels may slip."""
+    """Return whether the acceleration at each sample is so large that wheels may slip, shape (K,).
+
+    Args:
+        time: times [s], shape (K,).
+        twist: twists [m/s, m/s, rad/s], shape (K, 3).
+        steady: limit on the acceleration [m/s^2, rad/s^2].
+    """
     padded = np.pad(twist, ((_SPREAD, _SPREAD), (0, 0)), mode="edge")
     span = np.pad(time, _SPREAD, mode="edge")
     elapsed = np.maximum(span[2 * _SPREAD :] - span[: -2 * _SPREAD], 1e-9)

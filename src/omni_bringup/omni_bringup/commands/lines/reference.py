@@ -93,7 +93,17 @@ def run(options: Options, workspace: Workspace) -> Report:
 
 
 def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None) -> References:
-    """Return the correction tables of a camera from dark or white lines; None for missing lines."""
+    """Return the correction tables of a camera from dark and white lines.
+
+    Args:
+        name: name of the camera, for error messages.
+        pixels: number n of pixels of the camera.
+        dark: lines with the lens covered, shape (m, n); None if there are none.
+        white: lines of an evenly lit surface, shape (k, n); None if there are none.
+
+    Raises:
+        ConfigurationError: the lines do not fit the camera.
+    """
     from linescan_odometry.references import References
     from omni_platform.signals import LineBatchError
 
@@ -109,7 +119,14 @@ def _references(name: str, pixels: int, dark: Lines | None, white: Lines | None)
 def _pattern_of(
     odometry: OdometryConfiguration, name: str, batches: Sequence[LineBatch], tables: Path
 ) -> FixedPattern | None:
-    """Return the fixed pattern of a camera, which the odometry estimates from a recorded motion."""
+    """Return the fixed pattern that the odometry estimates from a recorded motion; None if unknown.
+
+    Args:
+        odometry: configuration of the odometry.
+        name: name of the camera.
+        batches: recorded lines of this camera, oldest first.
+        tables: folder of the correction tables.
+    """
     from linescan_odometry.sensor import SensorOdometry
 
     camera = SensorOdometry(odometry.sensors[name], odometry, tables)
