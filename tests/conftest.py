@@ -40,7 +40,7 @@ RunExperiment = Callable[..., FinishedRun]
 
 @pytest.fixture(scope="session", autouse=True)
 def _kernels() -> None:
-    """Compile changed kernels in one process before the tests, which have timeouts for nodes."""
+    """Compile changed kernels before the tests, whose timeouts for nodes do not include this."""
     cache = Path(os.environ["NUMBA_CACHE_DIR"])
     modules = WORKSPACE.glob("src/*/*/**/*.py")
     changed = max(module.stat().st_ctime for module in modules)

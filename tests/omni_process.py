@@ -58,7 +58,7 @@ def drive_process(recording: Path | None = None) -> Iterator[subprocess.Popen[st
 
 
 def node_processes(session_of: int) -> list[int]:
-    """Return the processes that have the mark of a bring-up process."""
+    """Return the IDs of the processes that the bring-up process `session_of` has started."""
     mark = f"OMNI_PARENT_PID={session_of}".encode()
     found = []
     for entry in Path("/proc").iterdir():
@@ -71,7 +71,7 @@ def node_processes(session_of: int) -> list[int]:
 
 
 def wait_until(condition: Callable[[], bool], timeout: float = RUN_TIMEOUT) -> None:
-    """Poll until the condition holds."""
+    """Poll until the condition holds; fail after `timeout` [s]."""
     deadline = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < deadline, "timed out"
@@ -84,7 +84,13 @@ def recorded_bytes(folder: Path) -> int:
 
 
 def processes_of(package: str, session_of: int, executable: str = "") -> list[int]:
-    """Return the processes of a bring-up that run an executable of a package, or any if None."""
+    """Return the IDs of the processes of a bring-up that run an executable of a package.
+
+    Args:
+        package: package of the executable.
+        session_of: ID of the bring-up process.
+        executable: start of the file name; empty for every executable of the package.
+    """
     return [
         pid
         for pid in node_processes(session_of)

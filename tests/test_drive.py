@@ -137,7 +137,7 @@ class Onlooker(Bystander):
         return f"pedal {self.pedal}, speed {self.speed}"
 
     def wait_saying(self, command: TwistStamped, condition: Callable[[], bool]) -> None:
-        """Command the vehicle until the condition holds."""
+        """Publish a command repeatedly until the condition holds."""
 
         def holds() -> bool:
             held = condition()

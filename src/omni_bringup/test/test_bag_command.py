@@ -41,7 +41,7 @@ def clock(k: int) -> bytes:
 
 
 def killed(folder: Path, steps: int, **options: Any) -> Records:
-    """Leave a recording as a killed recorder does, and return the messages written."""
+    """Write an unfinished recording, as a killed recorder leaves it; return its messages."""
     writer = Rosbag2Writer(folder, TOPICS, chunk_size=1000, **options)
     messages = [(CLOCK, k * 10**9, clock(k)) for k in range(steps)]
     for topic, stamp_ns, data in messages:

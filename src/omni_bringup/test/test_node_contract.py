@@ -107,7 +107,13 @@ MESSAGES: dict[str, Callable[[int], Any]] = {
 
 
 def simulated(key: str, step: int = 1, lag_ns: int = 0) -> list[tuple[int, Any]]:
-    """Return time of publication [ns] and message of each `step`-th period within 1 s."""
+    """Return messages of 100 periods on a topic, each with its time of publication [ns].
+
+    Args:
+        key: name of the topic.
+        step: number of periods from one message to the next.
+        lag_ns: time of publication minus stamp [ns].
+    """
     stamps = range(0, 100 * PERIOD_NS, step * PERIOD_NS)
     return [(stamp_ns, MESSAGES[key](stamp_ns - lag_ns)) for stamp_ns in stamps]
 

@@ -46,12 +46,18 @@ def workspace(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def is_published(message: RecordedMessage) -> bool:
-    """Separate the nodes' topics from the transforms, which the recorder adds."""
+    """Return whether a node published the message; the recorder itself adds the transforms."""
     return not message.channel.topic.startswith("/tf")
 
 
 def copy(folder: Path, change: Change, *, configured: bool = True) -> Path:
-    """Copy the sample message by message; a change to None omits a message."""
+    """Copy the sample, with changed messages, to a new recording and return its path.
+
+    Args:
+        folder: folder of the new recording.
+        change: function that returns the bytes of a message; None to omit the message.
+        configured: whether to copy the configuration too.
+    """
     bag = open_bag(SAMPLE)
     messages = [m for m in bag_messages(bag) if is_published(m)]
     channels = {m.channel.topic: m.channel for m in messages}

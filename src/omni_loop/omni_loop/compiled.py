@@ -285,7 +285,10 @@ class _Run(NamedTuple):
 
 @inlined
 def _sense(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Simulate the sensors at a stamp, record motion and feedback, and return the assistant's inputs."""
+    """Return the inputs of the assistant at a stamp.
+
+    The sensors are simulated, and the motion and the feedback are recorded.
+    """
     state, sensors, loop, scratch = run.state, run.sensors, run.loop, run.scratch
     motion, feedback = run.record.motion[stamp], run.record.feedback[stamp]
     now_ns = stamp * loop.period_ns

@@ -95,9 +95,8 @@ def rest_stamp(twist: FloatArray, start: int = 0) -> int | None:
     provided that it never exceeds `_ROCKING_SPEED` and `_ROCKING_YAW_RATE` afterwards. At a
     deceleration a, this stamp precedes the time of zero speed by `REST_SPEED` / a.
 
-    A simulation cannot foresee later rocking
-    and therefore ends by another rule (`omni_sim.run_progress.run_outcome`): the vehicle must have
-    been at rest for some time.
+    A simulation cannot foresee later rocking and therefore ends by another rule
+    (`omni_sim.run_progress.run_outcome`): the vehicle must have been at rest for some time.
 
     Args:
         twist: body twists [m/s, m/s, rad/s], shape (T, 3).

@@ -23,7 +23,7 @@ SENSOR = ("feedback=velocity_sensor", "simulation.render_lines=false")
 
 
 def _kept(work: Callable[[], object], times: int) -> int:
-    """Return the number of arrays of kernels that remain after repeated work."""
+    """Do some work `times` times; return the number of kernel arrays that are not freed."""
     work()  # arrays that are created once are no leak
     _nrt_python.memsys_enable_stats()
     try:

@@ -388,8 +388,9 @@ def _doubles(values: FloatArray) -> array[float]:
 def _spatial(covariance: FloatArray) -> FloatArray:
     """Return a planar covariance, shape (3, 3), as the 6 x 6 covariance of a message, shape (36,).
 
-    The planar axes are x, y and rotation about z. The other three axes get the variance of unmeasured values. A node that fuses the message, such
-    as `robot_localization`, would treat a variance of zero as an exact measurement.
+    The planar axes are x, y and rotation about z. The other three axes get the variance of
+    unmeasured values, because a node that fuses the message, such as `robot_localization`, would
+    treat a variance of zero as an exact measurement.
     """
     values = _UNMEASURED.flatten()
     values[_PLANAR] = covariance

@@ -111,7 +111,10 @@ def filled(template: str, study: str, numbers: Numbers) -> str:
 
 
 def templates(workspace: Path) -> Iterator[tuple[Path, str, str]]:
-    """Yield page, study and template of each block; then the dissertation's table without study."""
+    """Yield the path of the page, the study and the template of each block.
+
+    The last item is the table of the dissertation, whose references all name their study.
+    """
     for page in (path for pattern in _PAGES for path in sorted(workspace.glob(pattern))):
         for block in _BLOCK.finditer(page.read_text(encoding="utf-8")):
             yield page, block[2], block[3]

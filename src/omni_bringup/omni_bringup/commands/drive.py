@@ -128,7 +128,7 @@ def _is_local(host: str) -> bool:
 def _choices(
     library: ExperimentLibrary, options: Options, configuration: ExperimentConfiguration
 ) -> dict[str, Any]:
-    """Return the parameters of the driver node for the choices that its page offers, keyed by name."""
+    """Return the parameters of the driver node that define the choices on its page."""
     from omni_brake_assist.configuration import LAWS
 
     offered = {

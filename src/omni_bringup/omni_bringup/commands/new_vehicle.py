@@ -113,7 +113,7 @@ def _answers(options: Options) -> dict[str, Any]:
 
 
 def _entered(flag: str, words: str, kind: Any, choices: Sequence[str] | None, usual: Any) -> Any:
-    """Return a value that the user enters on the terminal, or the usual value if nothing is entered.
+    """Return a value that the user enters on the terminal; without an entry, the usual value.
 
     Args:
         flag: option for this value, for error messages.

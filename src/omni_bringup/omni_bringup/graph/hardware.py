@@ -135,7 +135,7 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether a node is restarted after this exit code, with the launch arguments `given`."""
+    """Return whether a node with this exit code is restarted; `given` are the launch arguments."""
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 

@@ -67,7 +67,7 @@ def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
 
 
 def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
-    """Yield violations that any node can commit: in publishers, rate, age or stamps of its messages.
+    """Yield violations in publishers, rate, age or stamps of the answers, which any node may have.
 
     Args:
         exchange: sent inputs and received answers.

@@ -112,8 +112,14 @@ def _bound(
 ) -> tuple[float, float]:
     """Return a bound and its tolerance [m].
 
-    If no distance is below an upper estimate of the bound, this estimate is returned with the
-    tolerance NaN.
+    If all runs are at least as long as an upper estimate of the bound, the slow computation of the
+    bound is omitted, and the estimate is returned with the tolerance NaN.
+
+    Args:
+        sketch: function that returns the upper estimate [m].
+        solve: function that returns the bound.
+        question: arguments of both functions.
+        distances: distances of the runs [m]; NaN for a run to which the bound does not apply.
     """
     estimate = sketch(*question)
     if np.nanmin(distances) >= estimate:
@@ -138,7 +144,7 @@ def _maneuver(run: FastRun, experiment: ExperimentConfiguration) -> limit.Maneuv
 
 
 def _path(run: FastRun, experiment: ExperimentConfiguration) -> float:
-    """Return the path of the center of gravity while braking [m]."""
+    """Return the length of the path of the center of gravity while braking [m]."""
     center = MassProperties.of(experiment.vehicle.body, experiment.vehicle.load).center
     pose = _braking(run, experiment)
     moved = np.diff(pose[:, :2] + turned(np.asarray(center), pose[:, 2]), axis=0)

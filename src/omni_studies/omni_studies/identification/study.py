@@ -81,7 +81,17 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _change_assumptions(study: StudyRun, parameters: Mapping[str, float]) -> dict[str, Metric]:
-    """Write the numbers for all vehicles and assumptions; return ranges of the first vehicle."""
+    """Compute the numbers of Table 2 under all assumptions, for a candidate and other vehicles.
+
+    The tables ``assumptions.csv`` and ``vehicles.csv`` are written.
+
+    Args:
+        study: context of the study.
+        parameters: the candidate, keyed by the names in `identification.QUANTITIES`.
+
+    Returns:
+        Lowest and highest value of each number for the candidate.
+    """
     vehicles = {"identified": parameters, **sensitivity.OTHERS}
     names, changed = list(table_2.REFERENCES), [each.name for each in sensitivity.ASSUMPTIONS]
     found = np.empty((len(vehicles), len(changed), len(names)))

@@ -226,7 +226,16 @@ class _Exposed(NamedTuple):
 def _exposed(
     ground: Ground, seed: int, motion: Motion, number: int, batches: int, repeats: bool
 ) -> _Exposed:
-    """Render a drive from a random start; the result is reused for all faults."""
+    """Render the lines of one drive, which is the same for all faults.
+
+    Args:
+        ground: the ground.
+        seed: seed of start and noise.
+        motion: motion of the cameras.
+        number: index of the drive; each drive has another random start.
+        batches: number of batches of each camera.
+        repeats: whether the ground repeats within the field of view.
+    """
     line_rate = SENSORS["left"].line_rate
     generator = np.random.default_rng((seed, 7, number))
     time = np.arange(rig.batch_lines(line_rate) * batches + 1) / line_rate
@@ -264,9 +273,19 @@ def _measure(
     motion: Motion,
     settings: Mapping[str, Any],
 ) -> list[tuple[float, float, str]]:
-    """Return normalized error, error and reason of rejection of each batch.
+    """Return the errors of all batches of one drive; the odometry is reset before the first one.
 
-    The odometry is reset before the first batch.
+    Args:
+        fault: fault of stamps, order or number of the lines, which is applied here.
+        lines: lines of the faulty cameras, keyed by camera, shape (t, pixels) each.
+        drive: true times and path of the lines.
+        motion: motion of the cameras.
+        settings: parameters of the odometry.
+
+    Returns:
+        For each batch: error of the velocity along the axis divided by the stated standard
+        deviation [1], error [m/s], and reason of a rejection or remark. Errors are NaN if the batch
+        is unmeasured.
     """
     configured = {
         n: dataclasses.replace(s, line_rate=s.line_rate * fault.rate) for n, s in SENSORS.items()

@@ -154,7 +154,12 @@ def locking(fraction: FloatArray, error: FloatArray) -> float:
 
 
 def _pull(fraction: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return fractional parts of displacements, and the fitted bias at each of them [px]."""
+    """Return a range of fractional displacements [px], and the fitted bias at each of them [px].
+
+    Args:
+        fraction: fractional part of the true displacements [px], evenly distributed, shape (m,).
+        error: error of the measured displacements [px], shape (m,).
+    """
     # By symmetry, the bias is an odd function of the fraction and vanishes at 0 and 1/2 px.
     place = np.linspace(0.0, 1.0, 201)
     curve = np.zeros_like(place)
@@ -345,7 +350,15 @@ def _leave_one_out(cases: list[DriveCase]) -> dict[str, tuple[float, float, floa
 def _drive(
     name: str, kind: str, options: _Drives, radius: float = 0.6, batches: int = 8
 ) -> list[DriveCase]:
-    """Simulate all motions of three equal cameras, mounted on a circle of `radius` [m]."""
+    """Simulate all motions of three equal cameras over one ground.
+
+    Args:
+        name: name of the camera type.
+        kind: kind of the ground.
+        options: number of starts, noise and seed.
+        radius: radius of the circle on which the cameras are mounted [m].
+        batches: number of batches from each start.
+    """
     camera = _CAMERAS[name]
     sensors = tangential(radius, camera)
     configuration = OdometryConfiguration(sensors=sensors)

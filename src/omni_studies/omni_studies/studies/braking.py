@@ -274,7 +274,7 @@ def _draw_stops(comparisons: Comparisons, metrics: Mapping[str, Metric]) -> Figu
 
 
 def _draw_orientations(comparisons: Comparisons, most: int = 4) -> Figure:
-    """Draw the orientation over time, for all cases with both sources of feedback."""
+    """Draw the orientation over time, with both sources of feedback in one panel for each case."""
     columns = min(most, len(comparisons))
     rows = -(-len(comparisons) // columns)
     figure, grid = style.panels("", rows, columns, size=(3.3 * columns + 0.6, 2.7 * rows + 0.7))
@@ -303,14 +303,14 @@ Drawing = Callable[[ExperimentRuns], Figure]
 
 
 def _over_time(variant: str) -> Drawing:
-    """Draw velocity, yaw rate and errors of one variant over time."""
+    """Return a function that draws velocity, yaw rate and errors s_i of one variant over time."""
     return lambda runs: time_series(
         {variant: runs.histories[variant]}, title=runs.configurations[variant].description
     )
 
 
 def _from_above(*variants: str) -> Drawing:
-    """Draw snapshots of some variants, seen from above."""
+    """Return a function that draws snapshots of the given variants from above."""
 
     def drawing(runs: ExperimentRuns) -> Figure:
         configuration = runs.configurations[variants[0]]
@@ -352,9 +352,13 @@ def _over_one_another(
     labels: Sequence[str],
     before: float = 0.2,
 ) -> Figure:
-    """Draw values (T, K) of two runs over time, one row of axes for each of the K labels.
+    """Draw the values of two runs over time, one below the other for each of K quantities.
 
-    The time axis starts at `before` [s] before braking.
+    Args:
+        runs: history and values, shape (T, K), of each run, keyed by label.
+        title: title of the figure.
+        labels: labels of the K quantities.
+        before: time that is shown before the start of braking [s].
     """
     size, x = (9.0, 1.0 + 2.6 * len(labels)), "time since braking [s]"
     figure, grid = style.panels(title, len(labels), size=size, x=x, y=labels, sharex=True)

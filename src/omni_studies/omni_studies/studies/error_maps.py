@@ -99,7 +99,13 @@ OPTIONS = {
 
 @dataclasses.dataclass(frozen=True)
 class _Condition:
-    """Condition besides the ground: title of the maps, axis [rad], noise [gray levels]."""
+    """Condition under which the camera moves over every ground.
+
+    Attributes:
+        title: title of the maps.
+        axis: direction of the camera's axis on the ground [rad].
+        noise: standard deviation of the noise [gray levels]; None for the value in the options.
+    """
 
     title: str = ""
     axis: float = 0.0
@@ -220,7 +226,10 @@ def _straight_metrics(case: str, found: Found) -> dict[str, Metric]:
 
 
 def _line_rates() -> tuple[Figure, dict[str, Metric]]:
-    """Draw the displacement of a vehicle between two lines; return some values as metrics."""
+    """Draw the displacement of a vehicle between two lines versus the line rate (Figure 54).
+
+    Some displacements are also returned as metrics.
+    """
     rates, speeds = np.geomspace(100.0, 1e5, 61), (1.0, 3.0, 10.0, 30.0, 70.0)
     title = "From one line to the next, over the line rate (Figure 54)"
     x, y = "lines per second", "displacement [mm]"
@@ -307,7 +316,17 @@ def _odometry(
     library: ExperimentLibrary,
     key: tuple[str, ...],
 ) -> dict[str, Metric]:
-    """Return the share of measured batches, and the share of batches with an undetected error."""
+    """Return the shares of measured batches and of batches with an undetected error.
+
+    The camera of the standard experiment moves sideways over the ground.
+
+    Args:
+        texture: the ground.
+        axis: direction of the camera's axis on the ground [rad].
+        options: noise and seed.
+        library: library that contains the experiment.
+        key: parts of the name of the case.
+    """
     configuration = library.load("straight_line").odometry
     sensor = View.of(next(iter(configuration.sensors.values()))).mounted()
     odometry = SensorOdometry(sensor, configuration)

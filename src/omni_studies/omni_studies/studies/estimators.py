@@ -178,7 +178,7 @@ def _phase(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 
 
 def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
-    """Return the velocity along the axis from seven frames of a patch [m/s]."""
+    """Return the velocity along the axis from `_FRAMES` frames of an optical-flow patch [m/s]."""
     generator = np.random.default_rng(0)
     frames = [
         _frame(cv2, scene.texture, pose, generator)
@@ -191,7 +191,10 @@ def _patch(cv2: Any, scene: Scene, twist: FloatArray) -> float:
 
 
 def _moved(cv2: Any, old: Frame, new: Frame) -> float:
-    """Return the displacement along the axis [px] by phase correlation, then Lucas-Kanade."""
+    """Return the displacement along the axis between two frames [px].
+
+    The result of a phase correlation is refined by the method of Lucas and Kanade.
+    """
     window = cv2.createHanningWindow((_PIXELS, _PIXELS), cv2.CV_32F)
     # Copies are needed because OpenCV multiplies its arguments by the window.
     d = np.array(cv2.phaseCorrelate(old.copy(), new.copy(), window)[0])
@@ -212,7 +215,14 @@ def _moved(cv2: Any, old: Frame, new: Frame) -> float:
 def _frame(
     cv2: Any, texture: GroundTexture, pose: FloatArray, generator: np.random.Generator
 ) -> Frame:
-    """Return the noisy picture of the patch at a pose, with its columns along the axis."""
+    """Return the noisy picture that an optical-flow patch takes at a pose.
+
+    Args:
+        cv2: the module of OpenCV.
+        texture: the ground.
+        pose: x, y [m] and yaw [rad] of the patch; the rows of the picture are along its x axis.
+        generator: random generator of the noise.
+    """
     count = _PIXELS * _FINE
     place = ((np.arange(count) + 0.5) / count - 0.5) * _EYE.length
     along, across = np.meshgrid(place, place)

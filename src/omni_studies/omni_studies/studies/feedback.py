@@ -133,7 +133,7 @@ class Cases:
 
     @property
     def _each(self) -> list[tuple[str, str]]:
-        """Law and source of each run of a stop: without assistance, then all combinations."""
+        """Law and source of the twist of each run of a stop: unassisted, then all combinations."""
         sources = self.options.source
         return [(_UNASSISTED, "ideal"), *((law, one) for law in _LAWS for one in sources)]
 
@@ -176,7 +176,13 @@ class Cases:
 
 
 def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> ExperimentConfiguration:
-    """Return a random stop of a vehicle: motion, friction and load."""
+    """Return an experiment with a random motion, friction and load.
+
+    Args:
+        base: experiment with the vehicle.
+        stop: number of the stop, which is the seed.
+        speed: limit on the initial speed [m/s].
+    """
     random = np.random.default_rng([7, stop])
     vehicle = base.vehicle
     reach = 0.3 * vehicle.chassis_length, 0.3 * vehicle.chassis_width
@@ -251,7 +257,11 @@ def run(options: Options, study: StudyRun) -> StudyResult:
 
 
 def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[str, float]:
-    """Return statistics of distance and rotation with and without the assistant."""
+    """Return statistics of the stops with one vehicle, law and source, keyed by name.
+
+    Distances are divided by those of the same stops without the assistant [1]; rotations are in
+    degrees.
+    """
     own = {row.stop: row for row in rows if (row.vehicle, row.law) == (vehicle, _UNASSISTED)}
     stops = [
         (row, own[row.stop])
@@ -277,12 +287,15 @@ def _results(rows: Sequence[Stop], vehicle: str, law: str, source: str) -> dict[
 def _harms(
     found: Mapping[str, float], longer: float = 1.05, worst: float = 1.5, turn: float = 2.0
 ) -> bool:
-    """Return whether assistance increases rotation, or lengthens stops without reducing rotation.
+    """Return whether assistance does more harm than good.
+
+    This is the case if it increases the largest rotations or distances too much, or if it lengthens
+    most stops without reducing the largest rotations.
 
     Args:
         found: statistics from `_results` of a source.
-        longer: limit on the median of the distance, divided by the distance without the assistant
-            [1].
+        longer: limit on the median distance, divided by the distance without the assistant [1],
+            unless the rotation decreases.
         worst: limit on the 95th percentile of this ratio [1].
         turn: limit on the increase of the 95th percentile of the rotation due to the assistant
             [deg].

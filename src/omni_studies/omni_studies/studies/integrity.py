@@ -142,7 +142,7 @@ class _Drives:
         ]
 
     def faults_over(self, ground: str) -> tuple[str, ...]:
-        """Return the faults to inject on a ground: chosen faults, or the default for the ground."""
+        """Return the faults to inject on a ground: those chosen, or the default for this ground."""
         if self.chosen:
             return self.faults
         if ground in _ORIENTED:

@@ -206,7 +206,13 @@ def _sensor(library: ExperimentLibrary, preset: str) -> LineSensor:
 
 
 def _highest(speeds: FloatArray, share: FloatArray, needed: float) -> float:
-    """Return the highest speed up to which all shares are sufficient [m/s]; otherwise 0."""
+    """Return the highest speed up to which all shares are sufficient [m/s]; 0 if none is.
+
+    Args:
+        speeds: tested speeds [m/s], increasing, shape (V,).
+        share: share of correct measurements at each speed, 0 to 1, shape (V,).
+        needed: required share, 0 to 1.
+    """
     failing = np.flatnonzero(share < needed)
     count = int(failing[0]) if len(failing) else len(speeds)
     return float(speeds[count - 1]) if count else 0.0

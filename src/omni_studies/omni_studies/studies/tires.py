@@ -231,7 +231,7 @@ _PERIOD = SimulationConfiguration.control_period  # period of the drive's comman
 
 
 def stopping_distance_change(vehicle: VehicleConfiguration, speed: float = 4.0) -> float:
-    """Return how much halving the physics step changes a stopping distance at most [1].
+    """Return the largest relative change of a stopping distance if the physics step is halved [1].
 
     Args:
         vehicle: the vehicle.

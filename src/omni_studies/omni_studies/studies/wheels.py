@@ -385,7 +385,10 @@ def _engine_differences(metrics: Mapping[str, Metric]) -> dict[str, Metric]:
 
 
 def _mismounted(vehicle: VehicleConfiguration, higher: float = 0.001) -> dict[str, Metric]:
-    """Return the load change if the first wheel is mounted `higher` [m], in both engines."""
+    """Return the largest change of a wheel load if the first wheel is mounted `higher` [m].
+
+    It is computed with soft and with stiff springs, in MuJoCo and in the simulator.
+    """
     offsets = np.zeros(len(vehicle.wheels))
     offsets[0] = higher
     metrics = {}

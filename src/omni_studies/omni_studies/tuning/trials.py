@@ -263,8 +263,8 @@ def recommended(
 ) -> tuple[Trial | None, str]:
     """Choose a setting that meets the limits in every situation.
 
-    If the rotation is limited, this is the setting with the shortest stop, otherwise the one with
-    the smallest rotation. Among settings that are about equally good, the one with the fewest
+    If the rotation is limited, the setting with the shortest stop is chosen, otherwise the setting
+    with the smallest rotation. Among settings that are about equally good, the one with the fewest
     switching operations is chosen.
 
     Args:

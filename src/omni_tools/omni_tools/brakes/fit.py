@@ -172,7 +172,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
     begins, changes = stop.data.command_time[1:][news] + dead_time, changes[news]
 
     def risen(time: FloatArray) -> FloatArray:
-        """Integrate the response to all commands from 0 to the given times [s], shape (K, N)."""
+        """Return the integral of the added pressure shares up to K times [s], shape (K, N)."""
         since = np.maximum(time[:, np.newaxis] - begins, 0.0)
         return np.asarray((since + tau * np.expm1(-since / tau)) @ changes)
 
@@ -182,7 +182,7 @@ def mean_shares(stop: StopEquations, dead_time: float, time_constant: float) -> 
 
 
 def _commanded(stop: StopEquations) -> NDArray[np.bool_]:
-    """Return whether any brake was commanded a torque in each interval, shape (K,)."""
+    """Return whether the torque command of any brake is positive in each interval, shape (K,)."""
     row = np.searchsorted(stop.data.command_time, stop.time, side="right") - 1
     return np.asarray(np.any(stop.data.command[np.maximum(row, 0)] > 0.0, axis=1) & (row >= 0))
 
@@ -241,7 +241,12 @@ def _pedal_down(stop: BrakeData) -> float:
 
 
 def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> FloatArray:
-    """Return fitted minus measured impulses per mass [m/s] of all stops, after `_summed`."""
+    """Return the residuals of all equations: predicted minus measured impulses per mass [m/s].
+
+    Args:
+        equations: equations of the stops, which are summed as in `_summed`.
+        unknowns: torque [N m], dead time [s] and time constant [s], shape (3,).
+    """
     torque, dead_time, time_constant = unknowns
     parts = []
     for e in equations:
@@ -252,9 +257,15 @@ def _differences(equations: Sequence[StopEquations], unknowns: FloatArray) -> Fl
 
 
 def _summed(stop: StopEquations, rows: FloatArray) -> FloatArray:
-    """Return the cumulative sums of rows (K, ...) in each segment, minus the mean of these sums.
+    """Return the cumulative sums of rows within each segment, minus the mean of these sums.
 
-    The mean is subtracted because the error of the speed at the start of a segment is unknown.
+    Args:
+        stop: equations of a stop with K intervals, which gives the segments.
+        rows: one row for each interval, shape (K, ...).
+
+    Returns:
+        Sums, with one row more than intervals in each segment. Their mean is subtracted because the
+        error of the speed at the start of a segment is unknown.
     """
     sums = []
     for number in np.unique(stop.segment):
@@ -287,7 +298,7 @@ def _search(equations: Sequence[StopEquations]) -> Any:
     from scipy.optimize import least_squares
 
     def start(times: tuple[float, float]) -> tuple[float, float, float, float]:
-        """Return the smallest sum of squares for given times, with its torque and the times."""
+        """Return the smallest sum of squares for fixed times, the best torque, and the times."""
         nothing = _differences(equations, np.array([0.0, *times]))
         one = _differences(equations, np.array([1.0, *times])) - nothing
         torque = max(-float(one @ nothing) / max(float(one @ one), 1e-300), 0.0)
@@ -334,7 +345,17 @@ def _standard_errors(jacobian: FloatArray, left: FloatArray) -> FloatArray:
 def _wheel_torques(
     equations: Sequence[StopEquations], dead_time: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torque of each wheel's brake and the standard error [N m], shape (N,) each."""
+    """Return a separate torque for the brake of each wheel, for fixed times.
+
+    Args:
+        equations: equations of the stops.
+        dead_time: dead time of all brakes [s].
+        time_constant: time constant of all brakes [s].
+
+    Returns:
+        Torques [N m], shape (N,); standard errors [N m], shape (N,). All are NaN if the stops do
+        not determine a torque for each wheel.
+    """
     columns = np.concatenate(
         [
             _summed(e, e.per_torque * mean_shares(e, dead_time, time_constant)[:, np.newaxis])

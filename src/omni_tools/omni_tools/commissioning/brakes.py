@@ -95,22 +95,19 @@ class Response(NamedTuple):
         return self.brake.limited(self.demand * self.brake.max_torque, self.rolling)
 
     def measured(self) -> FloatArray:
-        """Return the part of each wheel's torque that only the wheel's own brake affects [N m].
+        """Return the measured torque that a brake determines [N m], shape (T, N).
 
-        A velocity drive overcomes the inertia of the wheel, so the drive determines only the slip.
-
-        Returns:
-            Torques, shape (T, N).
-
+        It is the torque of the ground for velocity drives, because such a drive provides the torque
+        that accelerates the wheel. For all other brakes, it is the torque of the brake.
         """
         return self.slip if self.brake.kind == VELOCITY else self.torque
 
     def predicted(self) -> FloatArray:
-        """Return the torques that `measured` should give for the demands [N m], shape (T, N)."""
+        """Return the value of `measured` that follows from the demands [N m], shape (T, N)."""
         return self._slip_of_command() if self.brake.kind == VELOCITY else self.action()
 
     def _slip_of_command(self) -> FloatArray:
-        """Return the torque of the ground on wheels that follow their speed commands [N m].
+        """Return the torque of the ground on wheels that follow their speed commands [N m], (T, N).
 
         The speed command of a braked wheel decreases along the ramp. The speed command of a
         released wheel equals the measured speed.
@@ -160,7 +157,13 @@ def response_of(
 
 
 def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> FloatArray:
-    """Return the demand of each brake after delays and lag of the vehicle's file, shape (T, N)."""
+    """Return the demand that acts on each brake after delays and lag [1], shape (T, N).
+
+    Args:
+        demand: demanded share of the full torque of each brake [1], shape (T, N).
+        period: time between two rows [s].
+        brake: brake as described in the vehicle's file, which gives delays and lag.
+    """
     applied, released = (round(time / period) for time in (brake.dead_time, brake.release_time))
     if brake.kind == ON_OFF:
         demand = np.round(demand)
@@ -174,10 +177,14 @@ def _acting(demand: FloatArray, period: float, brake: BrakeConfiguration) -> Flo
 
 
 def _late(response: Response) -> int:
-    """Return the delay of the wheels' response to the predicted torque when stops begin, in rows.
+    """Return how many rows the measured torques are later than `Response.action`.
 
-    The mean of all wheels depends neither on the order of the brakes nor on a single brake. If no
-    stop begins while a wheel moves, this is the delay in the vehicle's file.
+    The delay is that with the largest correlation near the starts of the stops. The torques are
+    means over all wheels, which depend neither on the order of the brakes nor on a single brake.
+
+    Returns:
+        Number of rows; 1 if the dead time in the vehicle's file is correct, or if no stop begins
+        while a wheel moves.
     """
     torque, action = (
         np.ma.masked_array(values, ~response.moving).mean(axis=1, keepdims=True).filled(0.0)
@@ -203,7 +210,7 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     braking = np.flatnonzero(response.braking & np.any(response.moving, axis=1, keepdims=True))
 
     def score(assumed: Response) -> float:
-        """Return the sum of correlations between measured and predicted torque, over the wheels."""
+        """Return the sum over all wheels of the correlation of measured and predicted torques."""
         predicted = _without_mean(assumed.predicted(), response.moving)
         return float(np.trace(_correlation(torque[braking], _earlier(predicted, braking, late))))
 
@@ -212,18 +219,21 @@ def exchanged(response: Response) -> tuple[int, int] | None:
     best, described = max(scores, key=lambda pair: scores[pair]), score(response)
     if scores[best] <= max(described, 0.0) + _ALLOWED.gain:
         return None
-    # A brake that acts in neither order is idle, and not exchanged.
+    # A brake without effect in both orders is idle, and not exchanged.
     return best if idle(response.exchanged(*best)) is None else None
 
 
 def undistinguished(response: Response) -> list[tuple[int, int]]:
-    """Return the pairs of indices of brakes whose exchange the stops could not reveal."""
+    """Return the index pairs of brakes that `exchanged` would not find if they were exchanged."""
     pairs = itertools.combinations(range(response.torque.shape[1]), 2)
     return [pair for pair in pairs if exchanged(response.exchanged(*pair)) != pair]
 
 
 def idle(response: Response) -> int | None:
-    """Return the index of a brake that does not act; None if all act or demands are too small."""
+    """Return the index of a brake that does not act.
+
+    The result is None if all brakes act, or if the demands are too small for a test.
+    """
     demand = np.where(response.moving, response.demand, 0.0)
     braked, longest = (
         response.period * np.sum(values, axis=0)
@@ -244,18 +254,21 @@ def dead_time(response: Response) -> float | None:
 
 
 def _earlier(values: FloatArray, rows: IntArray, by: int) -> FloatArray:
-    """Return the values `by` rows before the given rows."""
+    """Return the rows of `values`, shape (T, K), that are `by` rows earlier than the given rows."""
     return np.asarray(values[np.clip(rows - by, 0, len(values) - 1)])
 
 
 def _without_mean(values: FloatArray, used: BoolArray) -> FloatArray:
-    """Subtract from each row the mean of its used values; unused values become 0."""
+    """Return values (T, N) minus the mean of the used values in each row; 0 for unused values."""
     chosen = np.ma.masked_array(values, ~used)
     return np.asarray((chosen - chosen.mean(axis=1, keepdims=True)).filled(0.0))
 
 
 def _correlation(rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return the correlations of all pairs of columns, 0 for a constant column or without rows."""
+    """Return the correlation of each column of `rows` with each column of `columns`.
+
+    It is 0 for a constant column, or if there are no rows.
+    """
     if not len(rows):
         return np.zeros((rows.shape[1], columns.shape[1]))
     a, b = rows - rows.mean(axis=0), columns - columns.mean(axis=0)

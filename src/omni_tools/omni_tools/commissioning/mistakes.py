@@ -214,7 +214,14 @@ def _twist_mistakes(twist: FloatArray, known: FloatArray) -> Iterator[Mistake]:
 
 
 def _scale_mistakes(quantity: str, of_sign: str, of_scale: str, scale: float) -> Iterator[Mistake]:
-    """Yield the sign or scale error of a quantity; `scale` is the ratio of measured to true [1]."""
+    """Yield the error of a quantity if its sign or scale is wrong.
+
+    Args:
+        quantity: name of the quantity.
+        of_sign: remedy for a wrong sign.
+        of_scale: remedy for a wrong scale.
+        scale: ratio of the measured to the true quantity [1].
+    """
     if scale < 0.0:
         yield Mistake(f"{quantity} has the wrong sign", of_sign)
     elif abs(scale - 1.0) > _ALLOWED.scale:

@@ -181,7 +181,7 @@ class OptimalStop:
         )
 
     def _start_from(self, guess: RunHistory) -> None:
-        """Use a run as the initial value of the optimization."""
+        """Use a run as the initial value of the optimization; it begins at the start of braking."""
         opti, first = self._opti, guess.brake_start or 0
         ends = np.linspace(0.0, 1.0, self._intervals + 1)
         points = np.sort(np.concatenate((ends[1:], ends[:-1] + np.diff(ends) / 3.0)))
@@ -202,7 +202,12 @@ class OptimalStop:
         opti.set_initial(self._duration, duration)
 
     def _at_center(self, body: FloatArray) -> FloatArray:
-        """Return pose and twist of the center of gravity for those of base_link, shape (6, K)."""
+        """Return pose and twist of the center of gravity, shape (6, K).
+
+        Args:
+            body: pose x, y, yaw of base_link in the world [m, m, rad], and its twist in the body
+                frame [m/s, m/s, rad/s], shape (6, K).
+        """
         x, y, yaw, v_x, v_y, rate = body
         c_x, c_y = self._masses.center
         a_x, a_y = turned(np.array((c_x, c_y)), yaw).T
@@ -236,7 +241,11 @@ class OptimalStop:
         return np.concatenate((body, np.abs(spin)))
 
     def _motion(self) -> Any:
-        """Return the function from (state, torques, loads) to (state rates, load residuals)."""
+        """Return CasADi's function for the equations of motion.
+
+        Its arguments are the state (`Plan.state`), the brake torques [N m] and the wheel loads [N].
+        It returns the rates of the state, and the loads minus those that balance the motion [N].
+        """
         ca, masses = self._casadi, self._masses
         active, arm = self._geometry.active, self._geometry.position - self._masses.center
         swing, wheels = cross(arm, active), len(active)
@@ -262,7 +271,7 @@ class OptimalStop:
         )
 
     def _transcribe(self) -> None:
-        """Build the nonlinear program, with the limit on the rotation as its parameter."""
+        """Build the nonlinear program, whose parameter is the limit on the change of heading."""
         ca, count, start = self._casadi, self._intervals, self._start
         wheels, size = len(self._lever), len(start)
         speed = max(math.hypot(start[3], start[4]), 1.0)
@@ -308,7 +317,7 @@ class OptimalStop:
         opti.minimize(self._distance + self._program.smoothing * ca.sumsqr(change))
 
     def _straight_distance(self, last: Any) -> Any:
-        """Return the straight-line distance of base_link in a state from its start [m]."""
+        """Return the straight-line distance of base_link from its start to a state [m]."""
         ca, (c_x, c_y) = self._casadi, self._masses.center
 
         def base(x: Any) -> tuple[Any, Any]:

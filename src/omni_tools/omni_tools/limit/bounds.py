@@ -190,7 +190,10 @@ def any_heading_sketch(
 
 
 class _Cases:
-    """Largest decelerations at each position and torque of a stop; each case is solved once."""
+    """Largest deceleration of a vehicle at each position and brake torque of a stop.
+
+    A subclass states which stops are admissible. Results for equal friction and torque are stored.
+    """
 
     def __init__(
         self,
@@ -214,7 +217,7 @@ class _Cases:
         self._step = max(math.hypot(*maneuver.twist[:2]) ** 2 / (2.0 * 3.0) / _PLACES, 1e-3)
 
     def distance(self, speed: float) -> float:
-        """Return the distance [m] to rest with the largest deceleration."""
+        """Return the distance to rest from a speed [m/s], with the largest decelerations [m]."""
         enough, final = self._enough_torque, self._final
         distance = time = 0.0
         while speed > 0.0:
@@ -254,7 +257,13 @@ class _Cases:
         return self._final * share
 
     def deceleration(self, start: float, end: float, torque: float) -> float:
-        """Return the strongest deceleration [m/s^2] between two positions along the path [m]."""
+        """Return the largest deceleration on a segment of the path [m/s^2].
+
+        Args:
+            start: position of the start of the segment, as the distance traveled [m].
+            end: position of its end [m].
+            torque: torque of every brake [N m].
+        """
         friction = self.friction(start, end)
         key = (*friction.tolist(), torque)
         if key not in self._solved:
@@ -262,7 +271,7 @@ class _Cases:
         return self._solved[key]
 
     def friction(self, start: float, end: float) -> FloatArray:
-        """Return the largest friction factor of each wheel on a segment [1], shape (N,)."""
+        """Return the largest friction factor under each wheel on a segment of the path [1]."""
         raise NotImplementedError
 
     def _solve(self, friction: FloatArray, torque: float) -> float:

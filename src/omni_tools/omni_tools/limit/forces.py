@@ -136,10 +136,14 @@ class LimitVehicle:
         return slope, offset
 
     def _loads(self, model: int, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return matrix and right-hand side of the equations of wheel loads and forces of a model.
+        """Return matrix and right-hand side of the equations between wheel forces and wheel loads.
 
         The unknowns are the forces along the active directions, the forces along the passive
         directions, and the loads [N], shape (3 N,).
+
+        Args:
+            model: PLANE, BALANCE or SUM.
+            lag: share of the acceleration that does not yet affect the loads [1].
         """
         wheels = len(self.active)
         z = self._zero_moment_point(lag)
@@ -219,7 +223,10 @@ class LimitVehicle:
         return float(-along @ force / self.masses.mass / excess)
 
     def _kinds(self, friction: FloatArray) -> list[tuple[int, int | None]]:
-        """Return the load models to solve, each with the wheel that lifts off, if any."""
+        """Return the models of the loads to solve, each with the index of a wheel that lifts off.
+
+        The index is None if no wheel lifts off.
+        """
         reach = self.masses.height / loads.GRAVITY * self.any_load_bound(friction)
         sides = cross(self._edge, -self._hull) / np.linalg.norm(self._edge, axis=1)
         if reach >= np.min(sides):
@@ -306,7 +313,15 @@ class LimitVehicle:
     def _friction_rows(
         self, friction: FloatArray, chosen: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return ``|f_i| <= mu_i (slope N_i + offset)`` for the chosen tangents."""
+        """Return rows and right-hand sides of ``|f_i| <= mu_i (slope N_i + offset)``.
+
+        Args:
+            friction: friction factor mu_i under each wheel [1], shape (N,).
+            chosen: whether each tangent is used for each wheel, shape (N, number of tangents).
+
+        Returns:
+            Coefficients of the unknowns of `_loads`, shape (R, 3 N); right-hand sides, shape (R,).
+        """
         wheels = len(friction)
         wheel, line = np.nonzero(chosen)
         count = np.arange(len(wheel))
@@ -316,7 +331,10 @@ class LimitVehicle:
         return rows.reshape(-1, 3 * wheels), np.tile(friction[wheel] * self._offset[line], 2)
 
     def _fixed_rows(self, lifted: int | None) -> tuple[FloatArray, FloatArray]:
-        """Return the inequalities for passive losses and for a wheel that lifts off."""
+        """Return the inequalities for passive losses and for a wheel that lifts off.
+
+        The result has the form of `_friction_rows`.
+        """
         wheels = len(self.active)
         rows, right = np.zeros((0, 3 * wheels)), np.zeros(0)
         if self._loss > 0.0:

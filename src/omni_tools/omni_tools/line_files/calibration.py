@@ -195,7 +195,10 @@ def calibrate(
 def _determined(
     twist: FloatArray, pixels: FloatArray, start: FloatArray, prior: FloatArray, seen_below: float
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return coefficients, their covariance, and whether the recordings determine each of them."""
+    """Return the coefficients c, their covariance, and whether the recordings determine each one.
+
+    The arguments are those of `_fit` and `calibrate`.
+    """
     coefficients, covariance = _fit(twist, pixels, start, prior)
     seen = np.sqrt(np.diag(covariance)) < seen_below * prior
     if not seen.all():

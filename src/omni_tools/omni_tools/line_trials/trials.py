@@ -250,7 +250,7 @@ def match(view: View, poses: FloatArray, lines: Lines, metric: str = "pearson") 
 
 
 def every_second(matches: Matches) -> Matches:
-    """Return every second match, beginning with the first."""
+    """Return every second of the matches, which then have no line in common."""
     return Matches._make(values[::2] for values in matches)
 
 

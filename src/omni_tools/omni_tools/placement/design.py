@@ -325,7 +325,7 @@ def _weights(text: str) -> Sequence[float]:
 
 
 def _cases(given: Mapping[str, Mapping[str, LineSensor]]) -> dict[str, Mapping[str, LineSensor]]:
-    """Return placements by the names of their files; duplicate names are made unique."""
+    """Return placements keyed by a unique short name instead of the name of their file."""
     cases: dict[str, Mapping[str, LineSensor]] = {}
     for name, sensors in given.items():
         case = Path(name).stem.replace(".", "_")

@@ -117,7 +117,7 @@ def _norm(
 def _map(
     placement: EvaluatedPlacement, criterion: MeanError, area: MountingArea
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return x, y [m] and error [mm/s] for points of the chassis."""
+    """Return a grid of points on the chassis: x, y [m] and RMS velocity error [mm/s]."""
     half = 0.5 * area.scene.chassis_length, 0.5 * area.scene.chassis_width
     x, y = np.meshgrid(*(np.linspace(-limit, limit, 81) for limit in half))
     return x, y, 1e3 * criterion.point_error(poses_of(placement.sensors), x, y)

@@ -120,7 +120,13 @@ class MountingArea:
 def _overlap(
     a: FloatArray, half_a: tuple[float, float], b: FloatArray, half_b: tuple[float, float]
 ) -> BoolArray:
-    """Return whether rectangles at `a`, shape (..., 3), overlap with those at `b`.
+    """Return whether rectangles overlap, shape (...).
+
+    Args:
+        a: pose (x, y [m], heading [rad]) of the first rectangle of each pair, shape (..., 3).
+        half_a: half the length and width of the first rectangles [m].
+        b: pose of the second rectangle of each pair, shape (..., 3) or (3,).
+        half_b: half the length and width of the second rectangles [m].
 
     Two rectangles are separate if their projections on the direction of any side are separate.
     """

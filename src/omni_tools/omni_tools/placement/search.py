@@ -76,7 +76,11 @@ class _Unit(NamedTuple):
     heading: float = 0.0
 
     def poses(self, first: FloatArray) -> FloatArray:
-        """Return the poses of all cameras of the unit, shape (..., 3) to (..., g, 3)."""
+        """Return the poses of the g cameras of the unit, shape (..., g, 3).
+
+        Args:
+            first: x, y [m] and heading [rad] of the first camera, shape (..., 3).
+        """
         return np.asarray(first[..., None, :] * np.array(self.images))
 
 
@@ -156,7 +160,7 @@ def search(
 
 
 def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
-    """Return the symmetries to try, and for each symmetry the groups of symmetric cameras."""
+    """Return the arrangements of `count` cameras to search, each with its symmetry in words."""
     layouts: list[tuple[str, tuple[_Unit, ...]]] = [("", (_Unit(),) * count)]
     for words, image, free in (
         ("symmetric left to right", _LEFT_RIGHT, (True, False, False)),
@@ -175,7 +179,12 @@ def _layouts(count: int) -> list[tuple[str, tuple[_Unit, ...]]]:
 
 
 def _all(units: Sequence[_Unit], places: FloatArray) -> FloatArray:
-    """Return the poses of all cameras, shape (N, 3)."""
+    """Return the poses of the cameras of all units, shape (N, 3).
+
+    Args:
+        units: units of the placement.
+        places: pose of the first camera of each unit, shape (units, 3).
+    """
     poses = [unit.poses(place) for unit, place in zip(units, places, strict=True)]
     return np.concatenate([np.empty((0, 3)), *poses])
 
@@ -199,7 +208,10 @@ class _Search:
     def exchange(
         self, units: tuple[_Unit, ...], generator: np.random.Generator
     ) -> list[FloatArray]:
-        """Return the best results on the coarse grid, each of shape (units, 3)."""
+        """Return the best results of the exchange algorithm on the coarse grid, best first.
+
+        A result is the pose of the first camera of each unit, shape (units, 3).
+        """
         sets = [self._candidates(unit) for unit in units]
         if not all(len(places) for places, _ in sets):
             return []
@@ -220,7 +232,15 @@ class _Search:
         return [ends[value] for value in sorted(ends)[: self._effort.refined]]
 
     def refine(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Refine with decreasing steps; return the criterion and the positions."""
+        """Improve a placement by moves with decreasing steps.
+
+        Args:
+            units: units of the placement.
+            places: pose of the first camera of each unit, shape (units, 3).
+
+        Returns:
+            Value of the criterion; improved poses, shape (units, 3).
+        """
         current = places.copy()
         step = self._spacing
         turn = math.pi / self._headings / step  # step of the heading per step of the position
@@ -231,7 +251,10 @@ class _Search:
         return value, current
 
     def round(self, units: tuple[_Unit, ...], places: FloatArray) -> tuple[float, FloatArray]:
-        """Round the placement and try neighbors; return the criterion and the best placement."""
+        """Round a placement to `LATTICE`, and search for the best rounded placement near it.
+
+        Arguments and results are those of `refine`.
+        """
         current = np.round(places / LATTICE) * LATTICE
         value = self._walk(units, current, math.inf, LATTICE, 3)
         return value, np.round(current / LATTICE) * LATTICE
@@ -304,7 +327,11 @@ class _Search:
         return float(values[best]), places[best]
 
     def _make_candidates(self, unit: _Unit) -> tuple[FloatArray, FloatArray]:
-        """Return the coarse grid positions that fit, and the information of the cameras there."""
+        """Return the K coarse grid positions at which a unit fits, with the information there.
+
+        Returns:
+            Poses of the first camera, shape (K, 3); information matrices, shape (K, g, M, 6).
+        """
         reach = self._area.reach
         turns = np.arange(self._headings) * math.pi / self._headings
         axes = [_grid(limit, self._spacing) for limit in reach] + [turns]

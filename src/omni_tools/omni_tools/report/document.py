@@ -105,7 +105,12 @@ def _run(run: recording.ReportedRun) -> dict[str, Any]:
 
 
 def _columns(values: ArrayLike, stride: int) -> list[str]:
-    """Return one text per column of values (T,) or (T, K)."""
+    """Return each column of values as a base64 text, with every `stride`-th row.
+
+    Args:
+        values: one or K columns, shape (T,) or (T, K).
+        stride: number of rows from one row of the report to the next.
+    """
     with np.errstate(over="ignore"):  # values too large for 32 bits become infinite
         rows = np.asarray(values, dtype="<f4")[::stride]
     columns = rows.reshape(len(rows), -1).T
@@ -113,7 +118,7 @@ def _columns(values: ArrayLike, stride: int) -> list[str]:
 
 
 def _states(history: RunHistory, stride: int) -> list[tuple[int, str]]:
-    """Return the changes of the assistant's state: row of the report and new state."""
+    """Return the row of the report and the new state for each change of the assistant's state."""
     changes, row = [], 0
     for state, span in itertools.groupby(history.assist_state[::stride]):
         changes.append((row, state.replace("_", " ")))

@@ -139,7 +139,7 @@ def _search(data: TireData, recipe: FitRecipe, largest_load: float) -> Any:
 
 
 def _landmarks(data: TireData, largest_load: float) -> Landmarks:
-    """Estimate slope and peak at two loads.
+    """Return slope and peak of the force at half the largest load and at the largest load [N].
 
     The data are divided into a half with smaller and a half with larger loads. Slope and peak of
     each half are interpolated or extrapolated to the two loads.
@@ -147,7 +147,9 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
     middle = 0.5 * (float(np.min(data.load)) + float(np.max(data.load)))
     heavy = data.load >= middle
     halves = [half for half in (~heavy, heavy) if np.count_nonzero(half) >= 3]
-    seen = np.array([_see(data, half) for half in halves])  # columns as returned by `_see`
+    seen = np.array(
+        [_slope_and_peak(data, half) for half in halves]
+    )  # columns as returned by `_slope_and_peak`
     load = np.array([0.5 * largest_load, largest_load])
     at = np.array([np.interp(load, seen[:, 0], column) for column in seen[:, 1:].T])
     if len(seen) > 1:  # extrapolate linearly beyond the two mean loads
@@ -157,8 +159,8 @@ def _landmarks(data: TireData, largest_load: float) -> Landmarks:
     return Landmarks(load, at[0] * load, at[1] * load, at[2])
 
 
-def _see(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, float]:
-    """Return mean load [N], slope and peak of the force per load [1], and slip of the peak [1]."""
+def _slope_and_peak(data: TireData, rows: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """Return mean load [N], slope and peak of force / load [1], and slip at the peak [1]."""
     slip, share = np.abs(data.slip[rows]), np.abs(data.force[rows]) / data.load[rows]
     order = np.argsort(slip, kind="stable")
     bins = np.array_split(order, min(30, max(3, len(order) // 3)))

@@ -24,7 +24,7 @@ CONFIG = Path(__file__).parents[4] / "config"
 def stop(
     torque: float, dead_time: float, time_constant: float, variant: str, *more: str
 ) -> tuple[BrakeData, VehicleConfiguration]:
-    """Return a recording of a stop, and the vehicle with nominal instead of true brakes."""
+    """Return the data of a simulated stop, and the vehicle with wrong parameters of the brakes."""
     brake = {"max_torque": torque, "dead_time": dead_time, "time_constant": time_constant}
     overrides = [f"vehicle.brake.{key}={value}" for key, value in brake.items()]
     overrides += ["feedback=velocity_sensor", *more]
@@ -39,14 +39,14 @@ def stop(
 
 
 def unmeasured() -> SimpleNamespace:
-    """Return a twist with covariance of which no component was measured."""
+    """Return a `TwistWithCovariance` without any measured component."""
     zero = SimpleNamespace(x=0.0, y=0.0, z=0.0)
     twist = SimpleNamespace(linear=zero, angular=zero)
     return SimpleNamespace(twist=twist, covariance=1e6 * np.eye(6).ravel())
 
 
 def noisy(data: BrakeData, seed: int, size: float = 0.01) -> BrakeData:
-    """Return the stop with noise of the twist [m/s, m/s, half of it in rad/s]."""
+    """Return the stop with noise of the twist: `size` [m/s], and half of this number in rad/s."""
     noise = np.random.default_rng(seed).normal(0.0, size, data.twist.shape)
     return data._replace(twist=data.twist + noise * [1.0, 1.0, 0.5])
 

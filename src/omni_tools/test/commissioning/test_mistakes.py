@@ -72,7 +72,7 @@ def delayed_by_60_ms(wheels: Wheels, signals: Signals) -> tuple[Wheels, Signals]
 
 
 def mistakes() -> Iterator[tuple[str, Change]]:
-    """Yield 47 errors: a word in the expected name of the result, and the change that makes it."""
+    """Yield 47 errors: part of the expected name of the mistake, and the change that causes it."""
     for one, other in itertools.combinations(range(4), 2):
         words = f"wheels {FORKLIFT[one]} and {FORKLIFT[other]} are exchanged"
         yield words, of_signal("wheel_speed", exchanged(one, other))
