@@ -6,13 +6,29 @@ import json
 import shlex
 import subprocess
 import sys
+import time
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from bystander import Bystander
 from omni_process import omni_command, omni_environment
+from rclpy.duration import Duration
+
+from omni_bringup.graph.domain import reserved_domain
+from omni_bringup.node_check.contract import CONTRACT, simulator_breaches
+from omni_bringup.node_check.enables_node import Enables
+from omni_bringup.node_check.exchange_node import Partner
+from omni_platform import topics
+from omni_ros.messages import joint_state, message_class, planar_twist_with_covariance, to_time
+from omni_ros.qos import RELIABLE
 
 ROOT = Path(__file__).resolve().parents[1]
+PERIOD_NS = 10_000_000
+# Subscriptions of a check: `Enables` subscribes to the pedal twice, `BusyPartner` to the clock.
+READERS = {topics.CLOCK: 2, topics.WHEEL_STATES: 1, topics.PEDAL: 2, topics.TWIST: 1}
 WRONG = """
 import sys
 
@@ -149,6 +165,70 @@ def test_the_simulator_of_a_run_keeps_its_contract(tmp_path: Path) -> None:
     code, document = check("simulator", "--start", start, "--duration", "5")
     assert document["breaches"] == []
     assert code == 0
+
+
+class Simulator(Bystander):
+    """Publishes messages that meet the contract of a simulator without an IMU."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__("simulator", domain)
+        self.publishers = {
+            topic: self.node.create_publisher(message_class(topic.type), topic.path, RELIABLE)
+            for topic in READERS
+        }
+
+    def description(self) -> str:
+        return f"{[p.get_subscription_count() for p in self.publishers.values()]} subscriptions"
+
+    def drive(self, steps: int) -> None:
+        """Publish steps in quick succession, with two ticks of the clock in each."""
+        found = self.publishers.items()
+        self.wait(lambda: all(p.get_subscription_count() == READERS[t] for t, p in found))
+        clock = message_class(topics.CLOCK.type)
+        for stamp_ns in range(0, steps * PERIOD_NS, PERIOD_NS):
+            for topic, message in (
+                (topics.CLOCK, clock(clock=to_time(stamp_ns))),
+                (topics.WHEEL_STATES, joint_state(stamp_ns, ("left",), velocity=np.ones(1))),
+                (topics.PEDAL, joint_state(stamp_ns, ("brake_pedal",), position=np.zeros(1))),
+                (topics.TWIST, planar_twist_with_covariance(stamp_ns, np.ones(3), np.eye(3))),
+                (topics.CLOCK, clock(clock=to_time(stamp_ns + PERIOD_NS // 2))),
+            ):
+                self.publishers[topic].publish(message)
+        for publisher in self.publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=30))
+
+
+class BusyPartner(Partner):
+    """A receiver that processes no message until the simulator has published all of them."""
+
+    steps = 90  # with two ticks each, they fit into the queue of the clock
+
+    def __init__(self, domain: int, simulator: Simulator) -> None:
+        super().__init__(domain)
+        self.simulator = simulator
+        self.ticks: list[Any] = []
+        kind = message_class(topics.CLOCK.type)
+        self.node.create_subscription(kind, topics.CLOCK.path, self.ticks.append, RELIABLE)
+
+    def spin(self, until: float) -> None:
+        if not self.ticks:
+            self.simulator.drive(self.steps)
+        while len(self.ticks) < 2 * self.steps:  # one message of each topic at a time
+            super().spin(time.monotonic() + 0.01)
+        super().spin(until)
+
+
+def test_waiting_messages_of_a_simulator_are_no_difference_from_its_clock() -> None:
+    with (
+        reserved_domain() as domain,
+        closing(Simulator(domain)) as simulator,
+        closing(BusyPartner(domain, simulator)) as partner,
+    ):
+        seen = Enables(partner.node, ("left",)).watch(partner, CONTRACT.longest_gap)
+    assert len(seen["clock"].messages) == 2 * partner.steps
+    assert len(seen["twist"].messages) == partner.steps
+    found = simulator_breaches(seen, ("left",))
+    assert [one for one in found if "no message in the last" not in one] == []
 
 
 def test_a_run_with_its_own_assistant_is_refused_as_a_simulator(tmp_path: Path) -> None:
