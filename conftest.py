@@ -12,6 +12,7 @@ import math
 from collections import defaultdict
 from pathlib import Path
 
+import hypothesis
 import pytest
 
 from omni_ros.start import start_lightly
@@ -20,6 +21,12 @@ ROOT = Path(__file__).parent
 SOURCES = ROOT / "src"
 DURATIONS = ROOT / "tests" / "durations.json"
 """Durations [s] of test files of a second or more, from ``./omni test --store-durations``."""
+
+# A busy machine may take any time for an example, and the first one compiles kernels.
+hypothesis.settings.register_profile(
+    "any_duration", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
+hypothesis.settings.load_profile("any_duration")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

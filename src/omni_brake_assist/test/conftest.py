@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import math
 
-import hypothesis
 import pytest
 
 from omni_platform.geometry import WheelMount
-
-# The duration of an example does not matter.
-hypothesis.settings.register_profile("omni_brake_assist", deadline=None)
-hypothesis.settings.load_profile("omni_brake_assist")
 
 
 @pytest.fixture(scope="session")

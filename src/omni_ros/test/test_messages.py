@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message, serialize_message
@@ -118,7 +118,6 @@ def test_joint_state_keeps_what_is_not_given_empty() -> None:
     assert not received.velocity
 
 
-@settings(deadline=None)
 @given(
     st.integers(0, 2**31 * 10**9 - 1),
     st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=9),

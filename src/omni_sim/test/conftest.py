@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import hypothesis
 import pytest
 import yaml
 
 from omni_platform.configuration import from_mapping
 from omni_sim.vehicle.configuration import VehicleConfiguration
-
-# The first example compiles the kernels; the duration of an example does not matter.
-hypothesis.settings.register_profile("omni_sim", deadline=None)
-hypothesis.settings.load_profile("omni_sim")
 
 CONFIG = Path(__file__).parents[3] / "config"
 
