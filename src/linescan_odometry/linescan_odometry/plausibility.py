@@ -62,7 +62,13 @@ class Plausibility:
         return plausible
 
     def accept(self, stamp_ns: int, lines: int, displacement: float) -> None:
-        """Store the mean displacement [px] over `lines` line pairs as the last measurement."""
+        """Store a measurement, with which later displacements are compared.
+
+        Args:
+            stamp_ns: time of exposure of the newest line [ns].
+            lines: number of line pairs that were measured.
+            displacement: mean displacement per line [px].
+        """
         self._displacement = displacement
         self._stamp_ns = stamp_ns - 0.5 * self._period_ns * (lines - 1)
 

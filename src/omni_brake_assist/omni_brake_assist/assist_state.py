@@ -181,7 +181,7 @@ def make_constants(
 
 
 def new_memory(wheels: int) -> Memory:
-    """Return the initial memory for N wheels, without any received message."""
+    """Return the state of an assistant for N wheels that has received no message yet."""
     return Memory(
         fail_safe.new_gate(),
         np.zeros(1, _STEP),

@@ -186,7 +186,10 @@ class BrakeAssist:
         return outcome, enable, error
 
     def _samples(self, demand: BrakeDemand) -> tuple[TwistSample, WheelSample, ImuSample]:
-        """Return the samples of a demand, checked and in the form that the kernel expects."""
+        """Return twist, wheel speeds and IMU reading of a demand for the kernel.
+
+        The field `validity` of each sample states whether the sample is missing or malformed.
+        """
         twist = self._read(
             demand.feedback, {"value": (3,), "covariance": (3, 3)}, {"value": "twist"}
         )
@@ -242,7 +245,13 @@ class BrakeAssist:
         return 1.0
 
     def _fault_in_words(self, code: int) -> Fault:
-        """Return the fault of a condition; the reason includes the progress of recovery."""
+        """Return state and reason of a fault.
+
+        During recovery, the reason begins with the number of valid twists since the fault.
+
+        Args:
+            code: row of `conditions.CONDITIONS`.
+        """
         gate, row = self._memory.gate[0], CONDITIONS[code]
         values = {name: float(gate[name]) for name in ("value", "limit", "within")}
         fault = self._faults.get(code) or Fault(
@@ -258,7 +267,12 @@ class BrakeAssist:
         return self.geometry.names[int(self._memory.step["dead"][0]) - 1]
 
     def _reason(self, outcome: int, fault: Fault | None) -> str:
-        """Return the text that describes the condition of the assistant."""
+        """Return the reason for the state of the assistant, as one line of text.
+
+        Args:
+            outcome: row of `conditions.CONDITIONS` that determines the state.
+            fault: present fault of an input, or None.
+        """
         if fault is not None and INACTIVE < outcome < SLOW:
             return fault.reason
         configuration = self.configuration

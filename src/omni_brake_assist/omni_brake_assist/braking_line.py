@@ -29,7 +29,7 @@ _LINE = np.dtype(
 
 
 def new_line() -> NDArray[np.void]:
-    """Return an initial record without a stored line, shape (1,)."""
+    """Return a record in which no line of motion is stored, shape (1,)."""
     return np.zeros(1, _LINE)
 
 

@@ -105,7 +105,7 @@ def make_limits(configuration: BrakeAssistConfiguration, reach: float) -> Limits
 
 
 def new_gate() -> NDArray[np.void]:
-    """Return the initial memory of the gate, shape (1,)."""
+    """Return the initial state of the gate, a record of `GATE_STATE`, shape (1,)."""
     gate = np.zeros(1, GATE_STATE)
     gate["cause"] = conditions.NOTHING_YET
     return gate

@@ -43,7 +43,7 @@ def run_end(simulation: SimulationConfiguration, earliest: float = 0.0) -> End:
 
 
 def rest_memory() -> NDArray[np.void]:
-    """Return the initial memory of `run_outcome`, shape (1,)."""
+    """Return the memory of `run_outcome` at the start of a run, shape (1,)."""
     return np.zeros(1, _REST)
 
 

@@ -95,7 +95,7 @@ def sensor_constants(configuration: VelocitySensorConfiguration) -> SensorConsta
 
 
 def sensor_memory() -> NDArray[np.void]:
-    """Return the initial memory of a sensor, shape (1,)."""
+    """Return the memory of a sensor that has taken no sample, `SENSOR_MEMORY`, shape (1,)."""
     memory = np.zeros(1, SENSOR_MEMORY)
     memory["sample"] = -1
     return memory

@@ -270,7 +270,7 @@ def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
 
 @kernel
 def against_noise(rest: Remainder, layout: Layout) -> Remainder:
-    """Return the correlations with all pairs counted as independent, as is true for noise."""
+    """Return the same correlations with all pairs counted as independent, as they are in noise."""
     pairs = np.maximum(layout.lines - lags(layout.lines), 1).astype(np.float32)
     return Remainder(rest.lagged, rest.power, np.ones_like(rest.number) * pairs.reshape(-1, 1))
 

@@ -208,7 +208,7 @@ def _mix(memory: BankMemory, best: int) -> None:
 def _keep_precise(
     constants: BankConstants, memory: BankMemory, best: int, twist: bank.Twist, answer: FloatArray
 ) -> None:
-    """Replace each component of the estimate whose variance is larger than that of the twist.
+    """Replace each component of the estimate by that of the twist if the latter has less variance.
 
     Both variances describe the motion of base_link. A precise twist is better used directly, as the
     filter would only add its model errors. The twist is used directly only if its innovations are

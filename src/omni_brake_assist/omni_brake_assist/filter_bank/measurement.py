@@ -291,7 +291,11 @@ def _mixture(
 def _fuse_wheel(
     constants: BankConstants, memory: BankMemory, i: int, k: int, wheel: _Wheel
 ) -> float:
-    """Correct filter `k` with wheel `i`; return the likelihood of a fault-free encoder [s/m]."""
+    """Correct filter `k` with the speed of wheel `i` if the wheel rolls.
+
+    Returns:
+        Likelihood of the reading if the encoder is fault-free [s/m].
+    """
     rolls, slides, locked, own, excess, span = wheel
     h, state, rim = memory.h, memory.state[k], memory.rim[i]
     n_x, n_y, lever = constants.n_x[i], constants.n_y[i], constants.lever[i]

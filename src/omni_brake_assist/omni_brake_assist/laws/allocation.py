@@ -54,7 +54,7 @@ def make_constants(
 
 
 def new_memory(wheels: int) -> Memory:
-    """Return the initial memory of the law for N wheels."""
+    """Return the initial state of the law for N wheels."""
     return Memory(
         body=np.zeros(1, BODY),
         wheel=np.zeros(wheels, WHEEL),

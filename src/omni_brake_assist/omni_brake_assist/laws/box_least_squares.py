@@ -160,7 +160,7 @@ def _find_step(box: Box) -> None:
 
 @lean
 def _solve(matrix: FloatArray, y: FloatArray) -> None:
-    """Solve ``matrix x = y`` in place by Cholesky factorization of the lower triangle."""
+    """Solve ``matrix x = y`` by Cholesky factorization of the lower triangle; x replaces y."""
     n = y.size
     for r in range(n):
         for s in range(r + 1):

@@ -110,7 +110,7 @@ def effect_constants(
 
 
 def effect_memory() -> NDArray[np.void]:
-    """Return the initial memory of the effect monitor, shape (1,)."""
+    """Return the initial state of the effect monitor, shape (1,)."""
     return np.zeros(1, _LEDGER)
 
 

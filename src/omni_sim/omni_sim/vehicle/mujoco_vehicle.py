@@ -372,7 +372,12 @@ def _chassis(vehicle: VehicleConfiguration, wheel_mass: float) -> Iterator[str]:
 
 
 def _drives(n: int, limit: float) -> str:
-    """Return the disengaged velocity servos of the wheels; `limit` is the torque limit [N m]."""
+    """Return the XML elements of the wheels' velocity servos, which are disengaged at first.
+
+    Args:
+        n: number of wheels.
+        limit: limit on the torque of a servo [N m].
+    """
     return "".join(
         f"<velocity joint='wheel_{i}' kv='0' forcerange='{-limit} {limit}'/>" for i in range(n)
     )

@@ -169,7 +169,10 @@ def static_loads(plant: state.Plant) -> FloatArray:
 
 
 def structured(kind: np.dtype[np.void], *columns: FloatArray) -> state.Structured:
-    """Return a structured array, shape (N,), made of columns of shape (N,) or (N, k)."""
+    """Return a structured array of the type `kind`, shape (N,).
+
+    Its fields are filled, in their order, from columns of shape (N,) or (N, k).
+    """
     rows = np.concatenate([column.reshape(len(column), -1) for column in columns], axis=1)
     return rows.view(kind)[:, 0]
 

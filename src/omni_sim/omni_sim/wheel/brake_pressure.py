@@ -93,7 +93,7 @@ def release(pressure: BrakePressure) -> None:
 
 @lean
 def passed(pressure: BrakePressure, share: float) -> float:
-    """Return the share of the pressure that a valve passes for a given command [1]."""
+    """Return the share of the pressure that a valve passes if `share` is commanded [1]."""
     if pressure.pressure_step > 0.0:
         return min(math.floor(share / pressure.pressure_step + 0.5) * pressure.pressure_step, 1.0)
     return share

@@ -41,7 +41,7 @@ Intrinsic = tuple[Any, Callable[[Any, Any, Any, Any], Any]]
 
 @intrinsic
 def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) -> Intrinsic:
-    """Add all columns of a block for four rows."""
+    """Add the 32 columns of a block that begins at `column`, from each of four rows."""
     return _adding(sums, texture, [offsets])
 
 
@@ -49,7 +49,10 @@ def add_four(_context: Any, sums: Any, column: Any, texture: Any, offsets: Any) 
 def add_four_between(
     _context: Any, sums: Any, column: Any, texture: Any, offsets: Any, bounds: Any
 ) -> Intrinsic:
-    """Add the columns ``bounds[0][r]`` to ``bounds[1][r] - 1`` of a block, from each row r."""
+    """Add the columns ``bounds[0][r]`` to ``bounds[1][r] - 1`` of a block, from each row r.
+
+    The block begins at `column`.
+    """
     return _adding(sums, texture, [offsets, bounds])
 
 
