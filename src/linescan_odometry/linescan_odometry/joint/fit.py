@@ -171,15 +171,21 @@ def _sandwich(parts: Doubles, inverse: Doubles) -> float:
 def _places(here: Expansion, weight: Doubles, pixels: int) -> Doubles:
     """Return five properties of each of the p ground segments, shape (p, 5).
 
-    The properties are the derivatives of the log-likelihood with respect to the displacement d per
-    line and its change a, the coherent and the total energy, and the derivative with respect to d
-    computed from neighboring lines alone.
+    Columns 0 and 1 are the derivatives of the log-likelihood with respect to the displacement d per
+    line and its change a. Columns 2 and 3 are the coherent and the total energy. Column 4 is the
+    derivative with respect to d, computed from neighboring lines alone.
 
-    The products of lines are summed over positions, on a grid as coarse as the highest frequency
-    allows. The energy is the information ``f^2 gamma^2 / (1 - gamma^2)`` of a coherence gamma. Its
-    coherent part is computed from products of neighboring lines, which only the ground correlates.
-    The derivatives of the paths are taken relative to their mean over a block. A constant in them
-    would not change the derivative of the whole line, but it would change that of each segment.
+    Each property is a sum of products of lines over the positions in a segment, on a grid as coarse
+    as the highest frequency allows. The energy is the information ``f^2 gamma^2 / (1 - gamma^2)``
+    of a coherence gamma. Its coherent part is computed from products of neighboring lines, in which
+    only the ground is correlated. The derivatives of the paths are taken relative to their mean
+    over a block: a constant in them would not change the derivative of the whole line, but it would
+    change that of each segment.
+
+    Args:
+        here: expansion of the log-likelihood near its maximum.
+        weight: weight of each frequency in the energies, shape (F,).
+        pixels: number of pixels n of a line.
     """
     cut, model = here.cut, here.model
     rows, count = cut.spectra.shape

@@ -147,7 +147,7 @@ def observe(
 
 @kernel
 def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], spectra.Floats]:
-    """Return the pixels whose mean is far from the median of the pixels within 2 px.
+    """Return the pixels whose mean over all lines is far from the median of the means within 2 px.
 
     Returns:
         Indices of these pixels, shape (d,); mean minus median of every pixel, shape (n,).
@@ -171,7 +171,11 @@ def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], spectra.Floats]:
 
 
 def _defects(lines: Lines) -> NDArray[np.int64]:
-    """Return the pixels that differ from the median of the pixels within 2 px, in every line."""
+    """Return the indices of the defective pixels, shape (d,), in lines of shape (m, n).
+
+    In the mean and in every line, a defective pixel differs in the same direction from the median
+    of the pixels within 2 px.
+    """
     found, excess = _outstanding(lines)
     if len(found) == 0:
         return np.asarray(found)

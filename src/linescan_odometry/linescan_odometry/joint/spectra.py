@@ -294,13 +294,17 @@ def independent(square: Floats, distances: NDArray[np.int64], lines: int) -> Flo
 
 @_fast
 def pivots(band: Doubles, inverse: Floats | Doubles) -> float:
-    """Write the inverse pivots of ``1 + N A^-1`` for one band; return its off-diagonal element.
+    """Write the inverse pivots of the tridiagonal matrix ``1 + N A^-1`` of one frequency band.
 
-    A is the autoregressive part of the covariance, ``A_kj = S rho^|k - j|``.
+    The pivots are those of Gaussian elimination. A is the autoregressive part of the covariance,
+    ``A_kj = S rho^|k - j|``.
 
     Args:
         band: texture power S, coherence rho and noise power N.
         inverse: output, the inverse pivots, shape (m,).
+
+    Returns:
+        Off-diagonal element of the matrix.
     """
     texture, rho, noise = band[0], band[1], band[2]
     m = len(inverse)

@@ -202,10 +202,10 @@ class TwistSolver:
     def leverage(
         self, variance: FloatArray, measured: tuple[bool, ...], covariance: FloatArray
     ) -> float:
-        """Return the largest normalized squared error that one faulty velocity can cause [1].
+        """Return the largest squared error of the twist that one faulty velocity can cause [1].
 
-        If the error of a velocity with leverage h gives a normalized residual of 1, the squared
-        error of the twist, normalized by its covariance, is ``h / (1 - h)``.
+        The error is normalized by the covariance of the twist, for a velocity whose normalized
+        residual is 1. If this velocity has the leverage h, the squared error is ``h / (1 - h)``.
 
         Args:
             variance: as in `solve`.

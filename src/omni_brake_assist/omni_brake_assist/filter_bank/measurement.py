@@ -237,8 +237,8 @@ def fuse_wheels(
 def _slip(constants: BankConstants, memory: BankMemory, push: float) -> float:
     """Return the standard deviation of the slip of driven wheels [m/s].
 
-    It is 0 once no wheel is driven, because the driver brakes. The argument `push` is that of
-    `fuse_wheels`.
+    It is 0 in a stop after the clutch has opened, when no wheel is driven any more. The argument
+    `push` is that of `fuse_wheels`.
     """
     # After the clutch has opened, a driven wheel takes as long to roll as a released one.
     if memory.record[0].braked >= constants.spin_up:

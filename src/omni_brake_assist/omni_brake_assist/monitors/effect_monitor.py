@@ -171,11 +171,11 @@ def watch_effect(
 def _share_of_wheels(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, felt: bool
 ) -> float:
-    """Return the achieved share of the possible deceleration, measured by the fastest rim.
+    """Return the deceleration of the speed ``v``, divided by the possible deceleration, 0 to 1.
 
     Args:
         constants: constants of the vehicle.
-        ledger: memory, changed in place.
+        ledger: memory of the monitor, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
         felt: whether the specific force is known. Without it, the speed ``v`` may be that of a
@@ -196,11 +196,11 @@ def _share_of_wheels(
 def _share_of_force(
     constants: EffectConstants, ledger: Record, dt: float, pedal: float, force: FloatArray
 ) -> float:
-    """Return the achieved share of the possible deceleration, measured by the specific force.
+    """Return the low-passed specific force, divided by the possible deceleration, 0 to 1.
 
     Args:
         constants: constants of the vehicle.
-        ledger: memory, changed in place.
+        ledger: memory of the monitor, changed in place.
         dt: length of the step [s].
         pedal: the driver's brake demand, 0 to 1.
         force: specific force along x and y [m/s^2], shape (2,).

@@ -76,6 +76,8 @@ def _newton_step(
 ) -> tuple[float, float, float, float, bool]:
     """Return the change of the load plane that balances the wheels in contact.
 
+    The argument `contact` is the mask of these wheels from `_contact_set`.
+
     Returns:
         Changes of a, b, c; derivative of the energy along this change; whether the contact points
         span a plane, so that the change gives the exact balance.

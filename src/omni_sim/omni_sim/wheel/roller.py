@@ -67,7 +67,8 @@ class RollerPatch(NamedTuple):
         deflection: deflection ``e`` of the tread along the axis and across it [m].
         speed: speed ``V`` of the rubber through the contact [m/s].
         sliding: whether the patch slid in the previous step.
-        direction: unit vector of the friction in the previous step, the initial value of this step.
+        direction: unit vector of the friction in the previous step, with which the iteration of
+            this step begins.
     """
 
     deflection: Pair
