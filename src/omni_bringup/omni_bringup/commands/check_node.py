@@ -42,7 +42,7 @@ class Options(CommandOptions):
     """command that starts the node in a separate ROS domain (default: the node already runs, in
     the domain of ROS_DOMAIN_ID)"""
     duration: float = option(10.0, unit="s", above=1.0, maximum=600.0)
-    """duration for which messages of a simulator are checked"""
+    """duration for which messages of a simulator are checked, unless it ends before"""
 
 
 def run(options: Options, workspace: Workspace) -> Report:
@@ -149,6 +149,6 @@ def _check_simulator(
     wheels = list(configuration.vehicle.wheels)
     partner.await_node(topics.PEDAL.path, alive, sent=[topics.ENABLE.path])
     enables = Enables(partner.node, wheels)
-    seen = enables.watch(partner, duration)
+    seen = enables.watch(partner, duration, alive)
     breaches = [*contract.simulator_breaches(seen, wheels), *enables.breaches(seen)]
     return {f"messages.{key}": (len(found.messages), "1") for key, found in seen.items()}, breaches

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from rclpy.node import Node
@@ -33,10 +33,17 @@ class Enables:
         self._publisher = node.create_publisher(JointState, topics.ENABLE.path, qos.RELIABLE)
         node.create_subscription(JointState, topics.PEDAL.path, self._answer, qos.RELIABLE)
 
-    def watch(self, partner: Partner, duration: float) -> dict[str, Received]:
-        """Receive messages of the simulator for `duration` [s]; return them keyed by topic.
+    def watch(
+        self, partner: Partner, duration: float, alive: Callable[[], bool]
+    ) -> dict[str, Received]:
+        """Receive messages of the simulator until it ends; return them keyed by topic.
 
         The key ``twist`` has the messages of the first source of the twist that publishes any.
+
+        Args:
+            partner: node of this process.
+            duration: limit on the time of reception [s].
+            alive: function that returns whether the simulator's process still runs.
         """
         watched = {
             "clock": topics.CLOCK,
@@ -52,13 +59,14 @@ class Enables:
             publishers = partner.publishers(topic.path)
             profile = qos.RELIABLE if all(publishers) else qos.BEST_EFFORT
             seen[key] = Received(subscribe(partner, {key: topic}, profile)[key], publishers)
-        end = time.monotonic() + duration
-        partner.spin(end - CONTRACT.longest_gap)
+        last_gap = time.monotonic() + duration - CONTRACT.longest_gap
+        while alive() and (now := time.monotonic()) < last_gap:
+            partner.spin(min(last_gap, now + 0.1))
         before = {key: len(received.messages) for key, received in seen.items()}
-        partner.spin(end)
+        partner.spin(time.monotonic() + CONTRACT.longest_gap)
         for key, topic in watched.items():
             publishers = partner.publishers(topic.path)
-            if seen[key].messages and publishers:  # a simulator that has ended is not silent
+            if seen[key].messages and publishers and alive():  # one that has ended is not silent
                 seen[key].publishers = publishers
                 seen[key].silent = len(seen[key].messages) == before[key]
         sources = [seen.pop(key) for key in ("twist", "velocity_sensor", "lines")]

@@ -5,6 +5,7 @@ with unusable values in this input, and cut off in the middle. The stamps contin
 phases.
 """
 
+import itertools
 import os
 import struct
 import time
@@ -19,6 +20,7 @@ from rclpy.context import Context
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import (
     QoSCompatibility,
     QoSProfile,
@@ -44,6 +46,9 @@ GAP = 0.3
 _STAMP = struct.Struct("<iI")  # the message follows the four bytes of the CDR header
 _PAUSE_NS = 2 * SECOND_NS  # time between two phases; longer than any timeout of a node
 _LISTEN = 0.5  # s; time of reception after the last input
+# s; if a busy machine delays this process for longer, it sends the rest later, because the waiting
+# messages at once would fill the queues of the checked node
+_LARGEST_LAG = 0.02
 _START = 60.0  # s; time within which the node must appear
 
 
@@ -54,8 +59,9 @@ class Answer:
     Attributes:
         phase: phase in which the message was received, one of `PHASES`.
         stamp_ns: time stamp of the message [ns].
-        age: time since the newest input whose stamp is not later than the stamp of the message [s].
-        silence: time since the last input of any kind [s].
+        age: time from the newest input whose stamp is not later than the stamp of the message to
+            the publication of the message [s].
+        silence: time from the last input of any kind to the publication of the message [s].
         message: the message.
     """
 
@@ -103,20 +109,25 @@ class Exchange:
         self.incompatible: list[tuple[str, str]] = []
         self.kind = message_class(output.type)
         self._phase = PHASES[0]
-        self._arrivals: dict[int, float] = {}  # send time on a monotonic clock [s] by stamp
-        self._last = 0.0  # send time of the last input on this clock [s]
+        self._departures: dict[int, int] = {}  # send time on the system's clock [ns] by stamp
+        self._last = 0  # send time of the last input on this clock [ns]
 
-    def keep(self, data: bytes) -> None:
-        """Store a serialized answer of the node with its time of arrival."""
-        now, stamp = time.monotonic(), leading_stamp(data) or 0
-        known = max((sent for sent in self._arrivals if sent <= stamp), default=None)
-        age = now - self._arrivals[known] if known is not None else 0.0
+    def keep(self, data: bytes, info: Mapping[str, int]) -> None:
+        """Store a serialized answer of the node and its time of publication on this machine.
+
+        Unlike the time of reception, it does not depend on how long the answer waits in this
+        process.
+        """
+        published, stamp = info["source_timestamp"], leading_stamp(data) or 0
+        known = max((sent for sent in self._departures if sent <= stamp), default=None)
+        age = (published - self._departures[known]) / SECOND_NS if known is not None else 0.0
+        silence = (published - self._last) / SECOND_NS
         message = deserialize_message(data, self.kind)
-        self.answers.append(Answer(self._phase, stamp, age, now - self._last, message))
+        self.answers.append(Answer(self._phase, stamp, age, silence, message))
 
     def note(self, stamp: int) -> None:
         """Store the present time as the time at which the input with this stamp [ns] was sent."""
-        self._last = self._arrivals[stamp] = time.monotonic()
+        self._last = self._departures[stamp] = time.time_ns()
 
     def begin(self, phase: str, fault: tuple[int, int]) -> list[int]:
         """Start a phase; return an empty list for the stamps of the inputs that require an answer.
@@ -126,7 +137,7 @@ class Exchange:
             fault: first and last stamp of the fault of this phase [ns].
         """
         self._phase = phase
-        self._arrivals.clear()
+        self._departures.clear()
         self.faults[phase] = fault
         return self.sent.setdefault(phase, [])
 
@@ -247,31 +258,40 @@ def feed(
             spoilt = at_fault and phase == "unusable"
             data = _unusable(faulty, message.data) if spoilt else message.data
             stamp = (leading_stamp(data) or 0) + shift
-            partner.spin(start + (message.log_ns - begin) / SECOND_NS)
+            due = start + (message.log_ns - begin) / SECOND_NS
+            partner.spin(due)
+            start += max(0.0, time.monotonic() - due - _LARGEST_LAG)
             clock.publish(Clock(clock=to_time(message.log_ns + shift)))
             publishers[path].publish(data[:4] + _STAMP.pack(*divmod(stamp, SECOND_NS)) + data[12:])
             exchange.note(stamp)
             if path == paced.path:
                 sent.append(stamp)
         partner.spin(time.monotonic() + _LISTEN)
+    exchange.incompatible = list(_incompatible(partner.node, publishers))
     if not alive():
         raise WorkError("the node ended while it was checked; see its output")
     return exchange
 
 
 def _exchange(
-    partner: Partner, output: Topic, sent: Iterable[str], alive: Callable[[], bool]
+    partner: Partner,
+    output: Topic,
+    publishers: Mapping[str, Publisher],
+    alive: Callable[[], bool],
 ) -> Exchange:
-    """Return an exchange that stores the answers of the checked node.
+    """Return an exchange that stores the answers of the checked node, which receives the inputs.
 
-    `sent` and `alive` are the arguments of `await_node`.
+    `publishers` has the publishers of the inputs, keyed by topic; `feed` explains the others.
     """
-    node = partner.node
-    exchange = Exchange(output, partner.await_node(output.path, alive, sent))
-    exchange.incompatible = [found for path in sent for found in _incompatible(node, path)]
+    exchange = Exchange(output, partner.await_node(output.path, alive, publishers))
     qos = RELIABLE if all(exchange.publishers) else qos_profile_sensor_data
-    node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
+    partner.node.create_subscription(exchange.kind, output.path, exchange.keep, qos, raw=True)
     partner.spin(time.monotonic() + _LISTEN)  # until the node has discovered the subscription
+    deadline = time.monotonic() + _START
+    while not any(publisher.get_subscription_count() for publisher in publishers.values()):
+        if time.monotonic() > deadline:
+            break  # the node subscribes to no input, so it will answer none
+        partner.spin(time.monotonic() + 0.1)
     return exchange
 
 
@@ -299,12 +319,13 @@ def subscribe(
     return seen
 
 
-def _incompatible(node: Node, topic: str) -> Iterator[tuple[str, str]]:
+def _incompatible(node: Node, topics: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield topic and reason for each subscription whose QoS does not match that of a publisher."""
-    for publisher in node.get_publishers_info_by_topic(topic):
-        for subscription in node.get_subscriptions_info_by_topic(topic):
-            pair = publisher.qos_profile, subscription.qos_profile
-            fits, reason = qos_check_compatible(*pair)
+    for topic in topics:
+        publishers = node.get_publishers_info_by_topic(topic)
+        subscriptions = node.get_subscriptions_info_by_topic(topic)
+        for publisher, subscription in itertools.product(publishers, subscriptions):
+            fits, reason = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
             if fits == QoSCompatibility.ERROR:
                 yield topic, reason.removeprefix("ERROR: ").rstrip("; ")
 
