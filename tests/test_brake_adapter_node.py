@@ -112,7 +112,7 @@ def test_torque_drives_brake_by_sign_and_drive_again() -> None:
         rest.commanded = 0.0
         rest.enables = (1.0, 0.0)
         rest.until(-8.0, 0.0)
-        rest.wait(lambda: rest.pedals[-1] == 1.0)
+        rest.wait(lambda: rest.pedals[-1:] == [1.0])
         rest.names, rest.enables = ("left", "right", "right"), (0.0, 1.0, 0.0)
         rest.until(0.0, 8.0)  # a repeated name is ambiguous
         rest.names = WHEELS
@@ -167,7 +167,7 @@ def test_proportional_brakes_follow_the_demand_of_the_pedal_and_the_shares() -> 
         rest.until(0.8, 0.8)
         rest.enables = (0.5, 0.0)
         rest.until(0.4, 0.0)
-        rest.wait(lambda: rest.pedals[-1] == 0.8)
+        rest.wait(lambda: rest.pedals[-1:] == [0.8])
         demand.data = 1.5  # no demand is beyond the full one
         rest.until(0.5, 0.0)
         rest.enables = None

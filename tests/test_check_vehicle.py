@@ -42,12 +42,11 @@ class Vehicle(Bystander):
     def description(self) -> str:
         return "no node subscribed"
 
-    def drive(self, signs: FloatArray, *, acknowledged: bool = False) -> FloatArray:
+    def drive(self, signs: FloatArray) -> FloatArray:
         """Publish the drive; return the published wheel speeds [rad/s].
 
         Args:
             signs: sign with which each wheel speed is published, shape (4,).
-            acknowledged: whether the full queue of a publisher waits for its receiver.
         """
         demands = EXPERIMENT.maneuver.demands
         assert demands is not None
@@ -63,7 +62,7 @@ class Vehicle(Bystander):
             stamp_ns = step * PERIOD_NS
             self.states.publish(joint_state(stamp_ns, WHEELS, velocity=speed))
             self.pedal.publish(joint_state(stamp_ns, ("pedal",), position=np.array([pedal])))
-            if acknowledged and step % 100 == 0:
+            if step % 100 == 0:  # before the queue of a publisher is full
                 self.states.wait_for_all_acked(Duration(seconds=30))
                 self.pedal.wait_for_all_acked(Duration(seconds=30))
             time.sleep(0.003)  # paced, so that a subscriber keeps up
@@ -109,7 +108,7 @@ class BusyPartner(Partner):
         count = self.vehicle.node.count_subscribers
         subscribed = count("robot1/wheel_states") and count("robot1/brake/pedal")
         if self.published is None and subscribed:
-            self.published = self.vehicle.drive(np.ones(4), acknowledged=True)
+            self.published = self.vehicle.drive(np.ones(4))
         super().spin(until)
 
 

@@ -95,6 +95,16 @@ class Page:
         self.demand = {"pedal": 0.0, "stick": FORWARD}
         self.until(lambda state: state["twist"][0] > speed)
 
+    def brake_until(self, condition: Callable[[dict[str, Any]], bool]) -> None:
+        """Accelerate and brake, again if a busy machine misses it, until a state meets it."""
+        for _ in range(10):
+            self.drive_to(2.5)
+            self.demand = {"pedal": 1.0, "stick": REST}
+            self.until(lambda state: condition(state) or abs(state["twist"][0]) < 0.05)
+            if condition(self.state):
+                return
+        pytest.fail(f"no stop met the condition; the last state is {self.state}")
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -193,16 +203,12 @@ def test_a_page_that_falls_silent_brakes(page: Page) -> None:
 
 
 def test_the_assistant_is_switched_from_the_page(page: Page) -> None:
-    page.drive_to(2.5)
-    page.demand = {"pedal": 1.0, "stick": REST}
-    page.until(lambda state: 0.0 in state["enable"] and 1.0 in state["enable"])
+    page.brake_until(lambda state: 0.0 in state["enable"] and 1.0 in state["enable"])
     page.until(lambda state: state["assist_state"] != "inactive")
     page.demand = {"pedal": 0.0, "stick": REST}
     page.say(pedal=0.0, stick=REST, assist=False)
     page.until(lambda state: not state["assist"])
-    page.drive_to(2.5)
-    page.demand = {"pedal": 1.0, "stick": REST}
-    page.until(lambda state: state["assist_state"] == "disabled" and state["pedal"] == 1.0)
+    page.brake_until(lambda state: state["assist_state"] == "disabled" and state["pedal"] == 1.0)
     assert page.state["enable"] == [1.0] * 4
     page.until(lambda state: abs(state["twist"][0]) < 0.05)
     page.say(pedal=1.0, stick=REST, assist=True)
@@ -275,11 +281,14 @@ def test_a_driver_who_hangs_brakes_and_one_who_dies_ends_the_drive(
     assert drive.process.wait(PATIENCE) == 1
     with AnyReader([recording]) as reader:
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
-    steps = counts["/ground_truth/odom"]
-    assert steps > 100
-    assert 0 <= steps - counts["/clock"] < 100  # waits for the discovery of publishers
+        stamps: dict[str, list[int]] = {"/clock": [], "/ground_truth/odom": []}
+        for connection, stamp, _ in reader.messages():
+            stamps.get(connection.topic, []).append(stamp)
+    steps, ticks = stamps["/ground_truth/odom"], stamps["/clock"]
+    assert len(steps) > 100
+    assert ticks == steps[-len(ticks) :]  # it waits for the discovery of other publishers
     for topic in ("/tf", "/brake/pedal", "/driver/command"):
-        assert counts[topic] == steps
+        assert counts[topic] == len(steps)
     assert (recording / "configuration.yaml").exists()
 
 

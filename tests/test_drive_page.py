@@ -35,6 +35,18 @@ def stop_from(browser: Chromium, speed: float, number: int) -> str:
     return str(browser.run("document.querySelector('#stops li').textContent"))
 
 
+def assisted_stops(browser: Chromium, speed: float) -> list[str]:
+    """Stop from a speed [m/s] until a stop is assisted; return the cards of all stops.
+
+    On a busy machine, enables are late, and late enables mean all brakes on.
+    """
+    cards: list[str] = []
+    while not cards or "unassisted" in cards[-1]:
+        assert len(cards) < 5, cards
+        cards.append(stop_from(browser, speed, len(cards) + 1))
+    return cards
+
+
 @contextlib.contextmanager
 def page_of(process: subprocess.Popen[str], width: int) -> Iterator[Chromium]:
     """Show the page of a drive in a window of a given width [px] once the vehicle responds."""
@@ -50,20 +62,19 @@ def page_of(process: subprocess.Popen[str], width: int) -> Iterator[Chromium]:
 def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path) -> None:
     recording = tmp_path / "drive"
     with drive_process(recording) as process, page_of(process, 1280) as browser:
-        cards = [stop_from(browser, 1.5, 1)]
+        cards = assisted_stops(browser, 1.5)
         assert browser.run("document.getElementById('ice-legend').hidden") is False
         hold(browser, "KeyB", down=True)  # the assistant is switched off
         hold(browser, "KeyB", down=False)
         browser.wait("document.getElementById('banner').textContent.includes('OFF')")
-        cards.append(stop_from(browser, 1.5, 2))
+        cards.append(stop_from(browser, 1.5, len(cards) + 1))
         assert browser.complaints == []
-    assert "Stop 1: assisted" in cards[0]
-    assert "Stop 2: unassisted" in cards[1]
+    assert f"Stop {len(cards)}: unassisted" in cards[-1]
 
     finished = omni(["compare", str(recording), "--json"])
     assert finished.returncode == 0, finished.stderr
     metrics = json.loads(finished.stdout)["metrics"]
-    assert metrics["stops.drive"]["value"] == 2
+    assert metrics["stops.drive"]["value"] == len(cards)
     for number, card in enumerate(cards, 1):
         shown = re.search(r"([\d.]+) (c?)m, [\d.]+°", card)
         assert shown is not None, card
@@ -72,7 +83,7 @@ def test_a_drive_with_keys_shows_its_stops_and_so_does_its_report(tmp_path: Path
         # Both begin at the stamp of the pedal and end half a second after the first stamp at rest,
         # on the page up to a thirtieth of a second later.
         assert distance == pytest.approx(measured, abs=0.02)
-    assert metrics["assisting_share.drive/stop_2"]["value"] == 0.0
+    assert metrics[f"assisting_share.drive/stop_{len(cards)}"]["value"] == 0.0
     page = tmp_path / "report.html"
     finished = omni(["report", str(recording), "--out", str(page)])
     assert finished.returncode == 0, finished.stderr
@@ -121,9 +132,7 @@ def test_the_page_chooses_what_is_driven() -> None:
             assert browser.run("vehicle.wheels.length") == 3
             choose(browser, "law", "allocation")
             assert browser.run("vehicle.wheels.length") == 3  # what was chosen before stays
-            # On a busy machine, enables are late, and late enables mean all brakes on.
-            cards = (stop_from(browser, 2.0, number) for number in range(1, 6))
-            assert any("assisted by allocation" in card for card in cards)
+            assert "assisted by allocation" in assisted_stops(browser, 2.0)[-1]
             for dark in (False, True):
                 browser.show(400, 800, dark=dark)
                 assert browser.run("document.documentElement.scrollWidth") <= 400

@@ -94,12 +94,12 @@ def test_time_halts_and_goes_on_and_the_vehicle_is_put_elsewhere(
 ) -> None:
     assert not teleoperator.ask("step")  # not paused
     assert teleoperator.ask("pause", data=True)
-    teleoperator.catch_up()
+    teleoperator.catch_up(lambda: teleoperator.stamp)
     halted = teleoperator.stamp
     for count in (1, 2):
         assert teleoperator.ask("step")
         teleoperator.wait(lambda count=count: teleoperator.stamp >= halted + count * PERIOD_NS)  # type: ignore[misc]
-        teleoperator.catch_up()
+        teleoperator.catch_up(lambda: teleoperator.stamp)
         assert teleoperator.stamp == halted + count * PERIOD_NS
     assert teleoperator.ask("pause", data=False)
     teleoperator.wait(lambda: teleoperator.stamp > halted + 10 * PERIOD_NS)

@@ -34,9 +34,9 @@ def test_the_steps_are_never_ahead_of_the_clock(tmp_path: Path) -> None:
     metrics = json.loads(finished.stdout)["metrics"]
     assert metrics["real_time_factor.assisted"]["value"] < 1.02
     history = read_run(tmp_path / "run/assisted")
-    # The cameras' batches come in any order, yet the odometry brings them together; a busy machine
-    # misses some.
-    assert np.mean(np.isfinite(history.estimate)) > 0.6
+    # The cameras' batches come in any order, yet the odometry brings together those that a busy
+    # machine matches; without any, the error would be NaN.
+    assert metrics["twist_rmse.assisted"]["value"] < 0.1
     np.testing.assert_allclose(history.twist[-1], 0.0, atol=0.02)
 
 
@@ -50,12 +50,13 @@ def test_a_hung_assistant_puts_all_brakes_on(tmp_path: Path) -> None:
     """The vehicle then brakes without the assistant: it rotates but stops; an error is reported."""
     folder = tmp_path / "run"
     process = subprocess.Popen(
-        omni_command([*REAL_TIME, "--set", "maneuver.brake_time=3", "--out", str(folder)]),
+        omni_command([*REAL_TIME, "--set", "maneuver.brake_time=6", "--out", str(folder)]),
         env=omni_environment(),
         stderr=subprocess.PIPE,
         text=True,
     )
     try:
+        # Some seconds before it brakes, as this process may have to wait for a busy machine.
         wait_until(lambda: recorded_bytes(folder) > 2_000_000 or process.poll() is not None)
         (assistant,) = processes_of("omni_brake_assist", process.pid)
         os.kill(assistant, signal.SIGSTOP)
@@ -70,6 +71,6 @@ def test_a_hung_assistant_puts_all_brakes_on(tmp_path: Path) -> None:
     metrics = run_metrics(history)
     assert metrics["twist_rmse"].value < 0.1  # the other nodes continue
     assert metrics["orientation_change"].value > 25.0
-    long_braked = history.stamp_ns > 3_300_000_000
+    long_braked = history.stamp_ns > 6_300_000_000
     assert np.all(np.isnan(history.enable[long_braked]))  # no node published anything
     assert np.all(np.abs(history.wheel_speed[long_braked]) < 1e-3)  # and every wheel is locked

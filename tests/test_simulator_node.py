@@ -38,6 +38,7 @@ class Assistant(Bystander):
         self.wheels = wheels
         self.torque = np.zeros(len(wheels))
         self.stamp = 0
+        self.released = 0  # newest stamp at which not every brake acted [ns]
         self.answers = True
         self.names = wheels[::-1]  # in any order: the names count
         self.efforts = np.zeros(len(wheels))
@@ -50,13 +51,18 @@ class Assistant(Bystander):
     def _on_wheels(self, message: JointState) -> None:
         self.torque = np.array(message.effort)
         self.stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        if not self.torque.all():
+            self.released = self.stamp
         if self.answers:
             self._enable.publish(joint_state(self.stamp, self.names, effort=self.efforts))
 
 
 @pytest.fixture
 def assistant(tmp_path: Path) -> Iterator[Assistant]:
-    """A simulator in real time, in a separate domain, at 10 m/s just before braking."""
+    """A simulator in real time, in a separate domain, just before braking.
+
+    It is so fast that it does not stop while a busy machine delays the answers.
+    """
     configuration = ExperimentLibrary(WORKSPACE / "config").load(
         "straight_line",
         "assisted",
@@ -64,6 +70,7 @@ def assistant(tmp_path: Path) -> Iterator[Assistant]:
             "feedback=velocity_sensor",
             "simulation.render_lines=false",
             "simulation.duration_limit=60",
+            "maneuver.speed=40",
         ],
     )
     process = graph.Nodes(configuration, tmp_path).simulator(listeners=0)
@@ -128,7 +135,7 @@ def test_missing_enables_apply_all_brakes(assistant: Assistant) -> None:
     assistant.wait(lambda: assistant.stamp > 1.5e9 and not assistant.torque.any())
     assistant.answers, last = False, assistant.stamp
     assistant.wait(lambda: bool(assistant.torque.all()))
-    assert assistant.stamp - last <= 80_000_000  # 50 ms, rounded up to whole steps
+    assert assistant.released - last < 80_000_000  # 50 ms, rounded up to whole steps
 
 
 def test_invalid_enables_release_no_brake(assistant: Assistant) -> None:

@@ -64,9 +64,9 @@ def test_an_odometry_without_covariance_gets_the_one_that_is_configured() -> Non
                 np.testing.assert_allclose(covariance, np.diag([0.01, 0.01, 0.04]))
                 vehicle.frame = "camera_link"
                 vehicle.wait(lambda: "'camera_link', not in 'base_link'" in vehicle.status)
-                vehicle.catch_up()
+                vehicle.catch_up(lambda: len(vehicle.twists))
                 vehicle.twists.clear()
-                vehicle.catch_up()
+                vehicle.catch_up(lambda: len(vehicle.twists))
                 assert not vehicle.twists
         finally:
             process.terminate()
