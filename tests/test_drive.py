@@ -44,12 +44,11 @@ class Drive:
         assert process.stdout is not None
         assert process.stderr is not None
         self.url = process.stdout.readline().strip()
-        match = re.search(r"ROS_DOMAIN_ID=(\d+)", process.stderr.readline())
-        assert match is not None
-        self.domain = int(match.group(1))
-        found = re.fullmatch(r"http://(127\.0\.0\.1:\d+)(/[\w-]{32}/)", self.url)
-        assert found is not None, self.url
-        self.address, self.path = found.groups()
+        found = (re.search(r"ROS_DOMAIN_ID=(\d+)", line) for line in process.stderr)
+        self.domain = int(next(match.group(1) for match in found if match))
+        parts = re.fullmatch(r"http://(127\.0\.0\.1:\d+)(/[\w-]{32}/)", self.url)
+        assert parts is not None, self.url
+        self.address, self.path = parts.groups()
         self.origin = Origin(f"http://{self.address}")
 
     def get(self, path: str, **headers: str) -> http.client.HTTPResponse:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import sys
 from pathlib import Path
@@ -42,7 +43,9 @@ def benchmark() -> Any:
 def test_no_disturbed_run_ends_without_an_error(
     node: str, action: str, real_time: bool, words: str, tmp_path: Path
 ) -> None:
-    found = benchmark().trial(tmp_path / "run", node, action, 0.1, real_time=real_time)
+    trial = functools.partial(benchmark().trial, real_time=real_time)
+    # On a busy machine, a run may end before this process disturbs it.
+    found = trial(tmp_path / "run", node, action, 0.1) or trial(tmp_path / "again", node, action, 0)
     assert found is not None
     assert found.returncode == 1
     assert words in found.complaint
