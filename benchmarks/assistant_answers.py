@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import output
 import rclpy
-from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState
@@ -24,10 +23,11 @@ from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.compiled import FastRun, run_fast_loop
+from omni_platform import topics
 from omni_platform.quantities import FloatArray
 from omni_ros import messages
 from omni_ros.environment import node_environment
-from omni_ros.qos import RECENT
+from omni_ros.qos import RECENT, advertise, subscribe
 
 PERIOD = 0.01  # [s]
 SPEED_UP = 3.0  # [s] duration of the acceleration between two stops
@@ -45,11 +45,11 @@ class Vehicle(Node):
     def __init__(self, wheels: tuple[str, ...], frames: FloatArray) -> None:
         super().__init__("vehicle")
         self._wheels, self._frames = wheels, frames
-        self.pedal = self.create_publisher(JointState, "brake/pedal", RECENT)
-        self._states = self.create_publisher(JointState, "wheel_states", RECENT)
-        self._imu = self.create_publisher(Imu, "imu", RECENT)
-        self._twist = self.create_publisher(TwistWithCovarianceStamped, "odometry/twist", RECENT)
-        self.create_subscription(JointState, "brake/enable", self._on_enable, RECENT)
+        self.pedal = advertise(self, topics.PEDAL)
+        self._states = advertise(self, topics.WHEEL_STATES)
+        self._imu = advertise(self, topics.IMU)
+        self._twist = advertise(self, topics.TWIST)
+        subscribe(self, topics.ENABLE, self._on_enable, RECENT)
         self._due: dict[int, float] = {}
         self.answers: list[float] = []
         self.released = 0
@@ -125,7 +125,9 @@ def drive(vehicle: Vehicle, duration: float) -> None:
     """Publish one step of signals every `PERIOD` for a duration [s], and receive the answers."""
     executor = EventsExecutor()
     executor.add_node(vehicle)
-    while vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers("imu") < 1:
+    while (
+        vehicle.pedal.get_subscription_count() < 1 or vehicle.count_publishers(topics.IMU.name) < 1
+    ):
         executor.spin_once(timeout_sec=0.05)
     end = time.monotonic() + duration
     due = time.monotonic() + 1.0  # time for the discovery of all topics

@@ -20,6 +20,7 @@ from sensor_msgs.msg import JointState
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import NodeProcess, find_executable
+from omni_platform import topics
 from omni_ros.environment import node_environment
 
 SETTLING = 6.0  # [s] from the appearance of a node until it is ready
@@ -73,8 +74,8 @@ def stop_time(name: str, scratch: Path, *, subscribed: bool) -> float:
         rclpy.init(context=context, domain_id=domain)
         watcher = Node("watcher", context=context)
         if subscribed:
-            for topic in ("wheel_states", "brake/enable", "joint_states"):
-                watcher.create_subscription(JointState, topic, lambda _: None, 10)
+            for topic in (topics.WHEEL_STATES, topics.ENABLE, topics.JOINT_STATES):
+                watcher.create_subscription(JointState, topic.name, lambda _: None, 10)
         command = [str(find_executable(node.package, node.executable)), *node.arguments]
         process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
         try:

@@ -10,9 +10,8 @@ from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo
 
 from linescan_odometry.measurements import FlowReading, SensorReading
 from linescan_odometry.messages import contradiction_of, estimate_messages, flow_of, line_batch_of
@@ -61,9 +60,9 @@ class OdometryNode(Node):
         self._prefix = declare_configuration(self, FrameConfiguration).frame_prefix
         self._odometry = OdometryPort(interface.own_odometry, configuration)
         self._odometry.warm_up()
-        twist = advertise(self, TwistWithCovarianceStamped, topics.TWIST.name)
+        twist = advertise(self, topics.TWIST)
         self._estimates = {topics.TWIST.name: twist}
-        self._odom = advertise(self, Odometry, "odom")
+        self._odom = advertise(self, topics.ODOM)
         self._pose = PoseIntegrator(configuration.maximum_speed, configuration.maximum_yaw_rate)
         self._transforms = None
         if interface.publish_tf:
@@ -74,26 +73,24 @@ class OdometryNode(Node):
         )
         self.outputs, self.further_outputs = (twist,), [self._odom]
         if configuration.sideslip:
-            angles = advertise(self, JointState, topics.SIDESLIP.name)
+            angles = advertise(self, topics.SIDESLIP)
             self._estimates[topics.SIDESLIP.name] = angles
             self.further_outputs.append(angles)
         qos = BEST_EFFORT if interface.best_effort_cameras else RELIABLE
         self._contradictions: dict[str, str] = {}
         for name, sensor in configuration.sensors.items():
-            topic, taken = f"line_scan/{name}/lines", partial(self._on_lines, name)
-            subscribe(self, Image, topic, taken, qos, raw=True)
+            subscribe(self, topics.lines(name), partial(self._on_lines, name), qos, raw=True)
             received = partial(self._on_camera_info, name, sensor)
-            subscribe(self, CameraInfo, f"line_scan/{name}/camera_info", received, LATCHED)
+            subscribe(self, topics.camera_info(name), received, LATCHED)
         for name in configuration.flow_sensors:
-            taken = partial(self._on_flow, name)
-            subscribe(self, TwistWithCovarianceStamped, f"flow/{name}/twist", taken, qos)
+            subscribe(self, topics.flow(name), partial(self._on_flow, name), qos)
 
     def _on_lines(self, sensor: str, wire: bytes) -> None:
         try:
             batch = line_batch_of(messages.read_line_image(wire))
         except (ValueError, RuntimeError) as error:
             self.get_logger().warning(
-                f"line_scan/{sensor}/lines: ignored an invalid image: {error}",
+                f"{topics.lines(sensor).name}: ignored an invalid image: {error}",
                 throttle_duration_sec=1.0,
             )
             return

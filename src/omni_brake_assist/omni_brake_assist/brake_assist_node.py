@@ -118,10 +118,9 @@ class BrakeAssistNode(Node):
         self._running = RunningClock(period)
         self._pedal_received = self._twist_received = self._running.now()
         self._decisions = {
-            topics.ENABLE.name: advertise(self, JointState, topics.ENABLE.name),
-            topics.SLIDING.name: advertise(self, JointState, topics.SLIDING.name),
+            topic.name: advertise(self, topic) for topic in (topics.ENABLE, topics.SLIDING)
         }
-        self._test_ratios = advertise(self, JointState, "brake_assist/test_ratios")
+        self._test_ratios = advertise(self, topics.TEST_RATIOS)
         self._status = StatusReporter(
             self, Status(AssistState.NO_DEMAND.level, "no pedal yet: all brakes on", _NOTHING_YET)
         )
@@ -129,10 +128,10 @@ class BrakeAssistNode(Node):
         # In lockstep no message may be lost. In real time only the newest message is used.
         qos = RELIABLE if self._lockstep else RECENT
         guarded = (
-            subscribe(self, JointState, "brake/pedal", self._on_pedal, qos),
-            subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, qos),
-            subscribe(self, JointState, "wheel_states", self._on_wheel_states, qos),
-            subscribe(self, Imu, "imu", self._on_imu, qos),
+            subscribe(self, topics.PEDAL, self._on_pedal, qos),
+            subscribe(self, topics.TWIST, self._on_twist, qos),
+            subscribe(self, topics.WHEEL_STATES, self._on_wheel_states, qos),
+            subscribe(self, topics.IMU, self._on_imu, qos),
         )
         self._guard = PublisherGuard(self, guarded, (self._decisions[topics.ENABLE.name],))
         if not self._lockstep:

@@ -13,7 +13,8 @@ from omni_platform.text_files import read_text
 from omni_recording.error import BagError
 
 COLUMNS = ("time", "forward", "left", "turn", "pedal")
-_COMMANDS = (topics.COMMAND.path, "/cmd_vel")  # the second one is used in old recordings
+# The second topic is used in old recordings.
+_COMMANDS = (topics.COMMAND.path, topics.cmd_vel(stamped=True).path)
 _PEDAL = topics.PEDAL.path
 
 

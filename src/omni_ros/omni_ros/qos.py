@@ -10,6 +10,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from omni_platform.topics import Topic
+from omni_ros.messages import message_class
+
 # All profiles keep the newest messages and are reliable unless stated otherwise. At 100 Hz, a
 # recorder may stall for two seconds without a loss.
 RELIABLE = policies.QoSProfile(depth=200)
@@ -30,22 +33,23 @@ _OVERRIDABLE = (
 )
 
 
-def advertise(node: Node, kind: Any, topic: str, qos: policies.QoSProfile = RELIABLE) -> Publisher:
+def advertise(node: Node, topic: Topic) -> Publisher:
     """Return a publisher whose quality of service can be overridden by parameters.
 
     The names of the parameters are those of ROS, such as ``qos_overrides./TOPIC.publisher.depth``.
     The policies are history, depth, reliability, liveliness, deadline [ns] and
     liveliness_lease_duration [ns].
     """
-    overridable = QoSOverridingOptions(_OVERRIDABLE)
     # rclpy writes the parameters into the profile, which other topics share.
-    return node.create_publisher(kind, topic, copy(qos), qos_overriding_options=overridable)
+    profile = copy(LATCHED if topic.latched else RELIABLE)
+    options = QoSOverridingOptions(_OVERRIDABLE)
+    kind = message_class(topic.type)
+    return node.create_publisher(kind, topic.ros_name, profile, qos_overriding_options=options)
 
 
 def subscribe(
     node: Node,
-    kind: Any,
-    topic: str,
+    topic: Topic,
     take: Callable[[Any], None],
     qos: policies.QoSProfile = RELIABLE,
     *,
@@ -55,7 +59,7 @@ def subscribe(
 
     With `raw`, messages are received in serialized form.
     """
-    overridable = QoSOverridingOptions(_OVERRIDABLE)
+    options, kind = QoSOverridingOptions(_OVERRIDABLE), message_class(topic.type)
     return node.create_subscription(
-        kind, topic, take, copy(qos), qos_overriding_options=overridable, raw=raw
+        kind, topic.ros_name, take, copy(qos), qos_overriding_options=options, raw=raw
     )

@@ -4,11 +4,9 @@ import time
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rosgraph_msgs.msg import Clock
 
+from omni_platform.topics import CLOCK
 from omni_ros.qos import advertise
-
-_TOPIC = "/clock"
 
 
 class SharedClock:
@@ -28,7 +26,7 @@ class SharedClock:
         self, node: Node, alone: bool, discovery: float = 0.5, period: float = 0.1
     ) -> None:
         self._node, self._period = node, period
-        self._publisher: Publisher | None = advertise(node, Clock, _TOPIC) if alone else None
+        self._publisher: Publisher | None = advertise(node, CLOCK) if alone else None
         self._due = time.monotonic() + (0.0 if alone else discovery)
 
     def publisher(self) -> Publisher | None:
@@ -43,10 +41,10 @@ class SharedClock:
         own = (self._node.get_namespace(), self._node.get_name())
         others = sorted(
             (tuple(other.endpoint_gid), other.node_namespace, other.node_name)
-            for other in self._node.get_publishers_info_by_topic(_TOPIC)
+            for other in self._node.get_publishers_info_by_topic(CLOCK.path)
         )
         if self._publisher is None and not others:
-            self._publisher = advertise(self._node, Clock, _TOPIC)
+            self._publisher = advertise(self._node, CLOCK)
         elif others and others[0][1:] != own:
             # Two simulators that start at once see the same order and select the same publisher.
             if self._publisher is not None:
@@ -54,7 +52,7 @@ class SharedClock:
                 self._publisher = None
             _, namespace, name = others[0]
             self._node.get_logger().warning(
-                f"{_TOPIC} is published by {namespace.rstrip('/')}/{name}, so this "
+                f"{CLOCK.path} is published by {namespace.rstrip('/')}/{name}, so this "
                 "simulator does not publish it",
                 once=True,
             )

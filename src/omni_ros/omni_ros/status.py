@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.quantities import SECOND_NS
+from omni_platform.topics import DIAGNOSTICS
 from omni_ros import messages, parameters, qos
 
 OK, WARN, ERROR = range(3)  # levels
@@ -58,7 +59,7 @@ class StatusReporter:
 
     def __init__(self, node: Node, first: Status) -> None:
         self._node = node
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", qos.RELIABLE)
+        self._publisher = node.create_publisher(DiagnosticArray, DIAGNOSTICS.path, qos.RELIABLE)
         self._name = node.get_fully_qualified_name().removeprefix("/")
         self._status = first
         self._key: Hashable = None

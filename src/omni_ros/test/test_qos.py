@@ -6,10 +6,11 @@ import pytest
 import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64
 
+from omni_platform.topics import Topic
 from omni_ros.qos import advertise, subscribe
 
+TOPICS = [Topic(name, "std_msgs/msg/Float64", "test_qos") for name in ("overridden", "other")]
 OTHER_DEPTH = 200
 """Depth of a topic without an override."""
 
@@ -30,12 +31,10 @@ def node() -> Iterator[Node]:
 
 
 def test_an_override_of_one_topic_leaves_the_others_unchanged(node: Node) -> None:
-    overridden, other = (advertise(node, Float64, name) for name in ("overridden", "other"))
+    overridden, other = (advertise(node, topic) for topic in TOPICS)
     assert (overridden.qos_profile.depth, other.qos_profile.depth) == (7, OTHER_DEPTH)
 
 
 def test_an_override_of_one_subscription_leaves_the_others_unchanged(node: Node) -> None:
-    overridden, other = (
-        subscribe(node, Float64, name, lambda _: None) for name in ("overridden", "other")
-    )
+    overridden, other = (subscribe(node, topic, lambda _: None) for topic in TOPICS)
     assert (overridden.qos_profile.depth, other.qos_profile.depth) == (8, OTHER_DEPTH)

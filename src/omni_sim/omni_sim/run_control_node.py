@@ -15,10 +15,12 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from omni_platform.quantities import FloatArray
+from omni_platform.topics import Topic
 from omni_ros import process, qos
 from omni_ros.messages import planar_pose_of
 from omni_sim.driver.scripted import FARTHEST
 
+_POSE = Topic("initialpose", "geometry_msgs/msg/PoseWithCovarianceStamped", "user's node")
 _SHOWN = 40  # number of characters of a frame ID that a message shows
 _SCRIPTED = "not possible in a scripted run; restart the node, or start it with driver: "
 
@@ -40,7 +42,7 @@ class RunControl:
         node.create_service(Trigger, "~/step", self._on_step)
         node.create_service(Trigger, "~/reset", self._on_reset)
         if start is not None:
-            qos.subscribe(node, PoseWithCovarianceStamped, "initialpose", self._on_pose)
+            qos.subscribe(node, _POSE, self._on_pose)
 
     def wait(self, spinner: process.Spinner) -> float:
         """Wait while the simulation is paused; return the duration of the pause [s]."""

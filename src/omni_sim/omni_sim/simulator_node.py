@@ -14,22 +14,20 @@ import time
 from functools import partial
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist, TwistStamped, TwistWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, Imu, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 
+from omni_platform import topics
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.description import IMU_FRAME, urdf
 from omni_platform.quantities import SECOND_NS, FloatArray
 from omni_platform.sensors import Mount
 from omni_ros import messages, parameters, process, shared_clock, startup
 from omni_ros.frames import FrameConfiguration, prefix_frames
-from omni_ros.qos import LATCHED, RECENT, RELIABLE, advertise, subscribe
+from omni_ros.qos import RECENT, RELIABLE, advertise, subscribe
 from omni_ros.report import report
 from omni_sim import run_control_node, run_progress
 from omni_sim.configuration import SimulatorConfiguration
@@ -80,9 +78,9 @@ class SimulatorNode(Node):
         if self.loop.driver != "scripted":
             self.manual_driver = ManualDriver(manual, self.configuration.maneuver)
             self._inbox = DemandInbox(manual.driver_timeout, self.loop.driver == "topics")
-            subscribe(self, JointState, "driver/pedal", self._on_driver_pedal)
-            kind = TwistStamped if self.loop.stamped_cmd_vel else Twist
-            subscribe(self, kind, "cmd_vel", self._on_driver_command)
+            subscribe(self, topics.DRIVER_PEDAL, self._on_driver_pedal)
+            command = topics.cmd_vel(stamped=self.loop.stamped_cmd_vel)
+            subscribe(self, command, self._on_driver_command)
         self.simulator = Simulator(self.configuration, driver=self.manual_driver)
         start = self.manual_driver.start_pose if self.manual_driver is not None else None
         self.control = run_control_node.RunControl(self, start, f"{self._prefix}odom")
@@ -96,37 +94,31 @@ class SimulatorNode(Node):
         self.sent: dict[str, int] = {}
         self._make_publishers()
         qos = RELIABLE if self.loop.mode == "lockstep" else RECENT
-        self.enables = subscribe(self, JointState, "brake/enable", self._on_enable, qos)
+        self.enables = subscribe(self, topics.ENABLE, self._on_enable, qos)
         # Only the stamp is used: to wait for the odometry, and to identify a node that does not
         # answer.
-        subscribe(self, TwistWithCovarianceStamped, "odometry/twist", self._on_twist, raw=True)
+        subscribe(self, topics.TWIST, self._on_twist, raw=True)
 
     def _make_publishers(self) -> None:
         create = partial(advertise, self)
         self._shared_clock: shared_clock.SharedClock | None = None
         if self.loop.publish_clock:
             self._shared_clock = shared_clock.SharedClock(self, alone=self.loop.mode == "lockstep")
-        self._wheel_states = create(JointState, "wheel_states")
-        self._joints = create(JointState, "joint_states")  # for robot_state_publisher
-        self._imu = create(Imu, "imu")
-        self._pedal = create(JointState, "brake/pedal")
-        self._command = create(TwistStamped, "driver/command")
-        self._truth = create(Odometry, "ground_truth/odom")
-        self._velocity = create(TwistWithCovarianceStamped, "velocity_sensor/twist")
-        self._markers = create(MarkerArray, "markers")
-        self._diagnostics = create(DiagnosticArray, "/diagnostics")
-        self._description = create(String, "robot_description", LATCHED)
+        self._wheel_states = create(topics.WHEEL_STATES)
+        self._joints = create(topics.JOINT_STATES)  # for robot_state_publisher
+        self._imu = create(topics.IMU)
+        self._pedal = create(topics.PEDAL)
+        self._command = create(topics.COMMAND)
+        self._truth = create(topics.GROUND_TRUTH)
+        self._velocity = create(topics.VELOCITY_SENSOR)
+        self._markers = create(topics.MARKERS)
+        self._diagnostics = create(topics.DIAGNOSTICS)
+        self._description = create(topics.ROBOT_DESCRIPTION)
         self._reported_limits: frozenset[str] = frozenset()
-        self._lines = {}
-        self._camera_infos = {}
-        for name in self.configuration.sensors:
-            self._lines[name] = create(Image, f"line_scan/{name}/lines")
-            info = create(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
-            self._camera_infos[name] = info
-        self._flows = {
-            name: create(TwistWithCovarianceStamped, f"flow/{name}/twist")
-            for name in self.configuration.flow_sensors
-        }
+        cameras, flow_sensors = self.configuration.sensors, self.configuration.flow_sensors
+        self._lines = {name: create(topics.lines(name)) for name in cameras}
+        self._camera_infos = {name: create(topics.camera_info(name)) for name in cameras}
+        self._flows = {name: create(topics.flow(name)) for name in flow_sensors}
         lines, flows = tuple(self._lines.values()), tuple(self._flows.values())
         recorded = self.loop.lines_recorded
         self.outputs = (self._wheel_states, self._pedal, *flows, *(lines if recorded else ()))

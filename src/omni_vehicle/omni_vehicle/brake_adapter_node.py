@@ -12,8 +12,9 @@ import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, Float64MultiArray
+from std_msgs.msg import Bool, Float64MultiArray
 
+from omni_platform import topics
 from omni_platform.brakes import TORQUE
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
@@ -29,14 +30,14 @@ from omni_vehicle.brake_adapter import (
     WheelDemand,
 )
 
+_ARRAY, _BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/Bool"
 _PEDALS = {
-    "joint_state": JointState,
-    "bool": Bool,
-    "float": Float64,
-    "twist": Twist,
-    "twist_stamped": TwistStamped,
+    "joint_state": topics.PEDAL,
+    "bool": topics.Topic("pedal_input", _BOOL, "user's node"),
+    "float": topics.Topic("pedal_input", "std_msgs/msg/Float64", "user's node"),
+    "twist": topics.cmd_vel(stamped=False),
+    "twist_stamped": topics.cmd_vel(stamped=True),
 }
-_PEDAL_TOPICS = {"joint_state": "brake/pedal", "twist": "cmd_vel", "twist_stamped": "cmd_vel"}
 _SHOWN = 12  # number of names in a message about joint_states
 
 
@@ -66,11 +67,11 @@ class BrakeAdapterNode(Node):
     def __init__(self) -> None:
         super().__init__("brake_adapter")
         self._configuration = declare_configuration(self, BrakeAdapterConfiguration)
-        self._topics = topics = declare_configuration(self, TopicsConfiguration)
+        self._topics = given = declare_configuration(self, TopicsConfiguration)
         wheels = self._configuration.wheels
-        if topics.joints and len(topics.joints) != len(wheels):
+        if given.joints and len(given.joints) != len(wheels):
             raise ConfigurationError("joints", f"must be as many as the {len(wheels)} wheels")
-        self._joints = topics.joints or wheels
+        self._joints = given.joints or wheels
         self._adapter = BrakeAdapter(self._configuration)
         self._enable, self._speed, self._drive = (np.full(len(wheels), math.nan) for _ in "123")
         self._pedal = self._estop = math.nan
@@ -78,24 +79,25 @@ class BrakeAdapterNode(Node):
         self._named: dict[str, None] = {}  # first names of messages that did not name all joints
         self._received: dict[str, float] = {}
         self._enable_age = math.inf
-        array = topics.output == "array"
-        self._command = advertise(self, Float64MultiArray if array else JointState, "commands")
-        self._wheel_states = advertise(self, JointState, "wheel_states")
-        if topics.pedal != "joint_state":
-            self._pedal_output = advertise(self, JointState, "brake/pedal")
-        topic = _PEDAL_TOPICS.get(topics.pedal, "pedal_input")
-        guarded = [subscribe(self, JointState, "brake/enable", self._on_enable, RECENT)]
-        subscribe(self, JointState, "joint_states", self._on_joints, RECENT)
-        subscribe(self, Float64MultiArray, "drive_commands", self._on_drive, RECENT)
-        pedal = subscribe(self, _PEDALS[topics.pedal], topic, self._on_pedal, RECENT)
-        if topic != "cmd_vel":  # Nav2 has several publishers of velocity commands
+        output = _ARRAY if given.output == "array" else topics.JOINT_STATE
+        self._command = advertise(self, topics.Topic("commands", output, "brake_adapter"))
+        self._wheel_states = advertise(self, topics.WHEEL_STATES)
+        if given.pedal != "joint_state":
+            self._pedal_output = advertise(self, topics.PEDAL)
+        guarded = [subscribe(self, topics.ENABLE, self._on_enable, RECENT)]
+        subscribe(self, topics.JOINT_STATES, self._on_joints, RECENT)
+        drive = topics.Topic("drive_commands", _ARRAY, "user's node")
+        subscribe(self, drive, self._on_drive, RECENT)
+        pedal = subscribe(self, _PEDALS[given.pedal], self._on_pedal, RECENT)
+        if "twist" not in given.pedal:  # Nav2 has several publishers of velocity commands
             guarded.append(pedal)
-        if topics.estop:
-            guarded.append(subscribe(self, Bool, "estop", self._on_estop, RECENT))
+        if given.estop:
+            estop = topics.Topic("estop", _BOOL, "user's node")
+            guarded.append(subscribe(self, estop, self._on_estop, RECENT))
         self._guard = PublisherGuard(self, guarded, (self._command,))
         self._status = StatusReporter(self, Status(ERROR, "no enables yet: all brakes on"))
         self._stepped = time.monotonic()
-        self.create_timer(topics.period, self._step, clock=steady_clock())
+        self.create_timer(given.period, self._step, clock=steady_clock())
 
     def _on_enable(self, message: JointState) -> None:
         given = dict(zip(message.name, message.effort, strict=False))

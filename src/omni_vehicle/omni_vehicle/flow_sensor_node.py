@@ -11,6 +11,7 @@ import numpy as np
 from geometry_msgs.msg import TwistWithCovarianceStamped
 from rclpy.node import Node
 
+from omni_platform import topics
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.signals import UNMEASURED_VARIANCE
 from omni_ros.messages import planar_twist_with_covariance
@@ -42,7 +43,7 @@ class FlowSensorNode(Node):
         self._frame, self._retry_period = node.sensor, node.retry_period
         self._chip: flow_chips.FlowChip | None = None
         self._attempted = -math.inf
-        self._twist = advertise(self, TwistWithCovarianceStamped, f"flow/{node.sensor}/twist")
+        self._twist = advertise(self, topics.flow(node.sensor))
         self._status = StatusReporter(self, Status(ERROR, "no reading yet"))
         self._step()  # outside of a callback, so that a missing library prevents the start
         self.create_timer(node.period, self._step, clock=steady_clock())

@@ -7,10 +7,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import TwistStamped, TwistWithCovarianceStamped
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
+from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_ros.messages import planar_twist_of, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.parameters import declare_configuration
@@ -19,9 +20,9 @@ from omni_ros.qos import BEST_EFFORT, advertise, subscribe
 from omni_ros.status import ERROR, OK, Status, StatusReporter
 
 _TYPES = {
-    "odometry": Odometry,
-    "twist_stamped": TwistStamped,
-    "twist_with_covariance": TwistWithCovarianceStamped,
+    "odometry": topics.ODOMETRY,
+    "twist_stamped": topics.TWIST_STAMPED,
+    "twist_with_covariance": topics.TWIST_WITH_COVARIANCE,
 }
 
 
@@ -50,10 +51,10 @@ class TwistAdapterNode(Node):
     def __init__(self) -> None:
         super().__init__("twist_adapter")
         self._configuration = declare_configuration(self, TwistAdapterConfiguration)
-        self._twist = advertise(self, TwistWithCovarianceStamped, "odometry/twist")
+        self._twist = advertise(self, topics.TWIST)
         # best effort is compatible with both kinds of publishers
-        kind = _TYPES[self._configuration.input_type]
-        subscribe(self, kind, "input", self._on_input, BEST_EFFORT)
+        source = topics.Topic("input", _TYPES[self._configuration.input_type], "user's node")
+        subscribe(self, source, self._on_input, BEST_EFFORT)
         self._status = StatusReporter(self, Status(ERROR, "no twist yet"))
 
     def _on_input(self, message: Any) -> None:

@@ -9,19 +9,19 @@ from collections import deque
 from functools import partial
 
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
 
 from linescan_odometry.camera.assembler import LineAssembler
 from linescan_odometry.camera.configuration import CameraConfiguration
 from linescan_odometry.camera.cut import FrameError
 from linescan_odometry.camera.sources import CameraError, Frame, open_source
+from omni_platform import topics
 from omni_platform.configuration import ConfigurationError
 from omni_platform.signals import LineBatch
 from omni_ros.frames import FrameConfiguration, prefix_frames
 from omni_ros.messages import camera_info, line_image
 from omni_ros.parameters import declare_configuration
 from omni_ros.process import NodeError, Spinner, run_process
-from omni_ros.qos import LATCHED, advertise
+from omni_ros.qos import advertise
 from omni_ros.startup import StartupConfiguration
 from omni_ros.status import ERROR, OK, WARN, Status, StatusReporter
 
@@ -42,8 +42,8 @@ class CameraNode(Node):
         self._assembler = LineAssembler(configuration)
         self._source = open_source(configuration)
         name = configuration.sensor
-        self._lines = advertise(self, Image, f"line_scan/{name}/lines")
-        self._info = self.create_publisher(CameraInfo, f"line_scan/{name}/camera_info", LATCHED)
+        self._lines = advertise(self, topics.lines(name))
+        self._info = advertise(self, topics.camera_info(name))
         self._status = StatusReporter(
             self, Status(ERROR, f"no frame received from {configuration.source} yet")
         )

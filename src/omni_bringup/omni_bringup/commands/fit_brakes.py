@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from omni_bringup.command_report import Report, estimate, estimate_table, write_text
 from omni_bringup.workspace import Workspace
+from omni_platform import topics
 from omni_platform.command_options import CommandOptions, option
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ class Options(CommandOptions):
     """a file of config/vehicles/, or a path that ends in .yaml (default: the vehicle of the
     configuration next to the first recording)"""
     twist: str = option(
-        "odometry/twist", choices=("odometry/twist", "velocity_sensor/twist", "ground_truth/odom")
+        topics.TWIST.name,
+        choices=(topics.TWIST.name, topics.VELOCITY_SENSOR.name, topics.GROUND_TRUTH.name),
     )
     """topic with the measured twist: odometry/twist, velocity_sensor/twist or ground_truth/odom"""
     out: Path | None = option(None, metavar="DIR")

@@ -25,6 +25,7 @@ from sensor_msgs.msg import JointState
 
 from omni_bringup.drive.demand_source import DemandSource
 from omni_bringup.drive.server import Demand, DriveServer
+from omni_platform import topics
 from omni_platform.configuration import (
     Configuration,
     ConfigurationError,
@@ -35,12 +36,21 @@ from omni_platform.configuration import (
 from omni_platform.geometry import WheelMount
 from omni_ros import parameters, process, qos
 from omni_ros.environment import REPORT_VARIABLE
-from omni_ros.messages import joint_state, planar_pose_of, planar_twist, to_nanoseconds
+from omni_ros.messages import (
+    joint_state,
+    message_class,
+    planar_pose_of,
+    planar_twist,
+    to_nanoseconds,
+)
 from omni_ros.report import report
 from omni_sim.ground.friction import FrictionPatch
 
 _ASSISTANT = "brake_assist"  # in the namespace of this node
 _SWITCH = "enabled"
+_PARAMETER_EVENTS = topics.Topic(
+    "parameter_events", "rcl_interfaces/msg/ParameterEvent", "every node", shared=True
+)
 
 
 class Choice(Configuration):
@@ -117,33 +127,32 @@ class DriverNode(Node):
                 "port", f"cannot be used at {configuration.host}: {error.strerror}"
             ) from None
         self.state: dict[str, Any] = {"assist": configuration.assist}
-        self._pedal = self.create_publisher(JointState, "driver/pedal", qos.RELIABLE)
+        self._pedal = self.create_publisher(JointState, topics.DRIVER_PEDAL.name, qos.RELIABLE)
         self._command = self.create_publisher(TwistStamped, "driver/cmd_vel", qos.RELIABLE)
         self._assistant = f"{self.get_namespace().rstrip('/')}/{_ASSISTANT}"
         self._assist = self.create_client(SetParameters, f"{_ASSISTANT}/set_parameters")
         self.received = 0
-        kind = TwistStamped if configuration.stamped_cmd_vel else Twist
-        self._listen(kind, "cmd_vel", self._on_command)
-        self._listen(Odometry, "ground_truth/odom", self._on_truth)
-        self._listen(JointState, "brake/pedal", self._on_pedal)
-        self._listen(JointState, "brake/enable", partial(self._on_wheels, "enable", "effort"))
-        self._listen(
-            JointState, "brake_assist/error", partial(self._on_wheels, "error", "velocity")
-        )
-        self._listen(DiagnosticArray, "/diagnostics", self._on_diagnostics)
-        self._listen(ParameterEvent, "/parameter_events", self._on_parameters)
+        command = topics.cmd_vel(stamped=configuration.stamped_cmd_vel)
+        self._receive_from(command, self._on_command)
+        self._receive_from(topics.GROUND_TRUTH, self._on_truth)
+        self._receive_from(topics.PEDAL, self._on_pedal)
+        self._receive_from(topics.ENABLE, partial(self._on_wheels, "enable", "effort"))
+        self._receive_from(topics.SLIDING, partial(self._on_wheels, "error", "velocity"))
+        self._receive_from(topics.DIAGNOSTICS, self._on_diagnostics)
+        self._receive_from(_PARAMETER_EVENTS, self._on_parameters)
         self._stamp_ns = 0
         # Poses of the last half second are kept, because a stop begins at the pose with the stamp
         # of the pedal.
         self._poses: deque[tuple[int, list[float], list[float]]] = deque(maxlen=50)
         self._pedal_down_ns: int | None = None
 
-    def _listen(self, kind: Any, topic: str, take: Callable[[Any], None]) -> None:
+    def _receive_from(self, topic: topics.Topic, take: Callable[[Any], None]) -> None:
         def on_message(message: Any) -> None:
             self.received += 1
             take(message)
 
-        self.create_subscription(kind, topic, on_message, qos.RELIABLE)
+        kind = message_class(topic.type)
+        self.create_subscription(kind, topic.ros_name, on_message, qos.RELIABLE)
 
     def publish_demand(self) -> None:
         """Publish the present demand of the selected source."""

@@ -37,7 +37,6 @@ _RECORDED = (topics.WHEEL_STATES, topics.PEDAL, topics.ENABLE, topics.TWIST, top
 WARNING = "feedback_warning"  # parameter of the assistant
 LOG_ONLY = "log_only"  # parameter file that is read after that of the assistant
 ODOMETRY, BRAKE_ASSIST = "linescan_odometry", "brake_assist"
-_TWIST = "odometry/twist"
 _REFUSED = 2  # exit code for an invalid configuration, which a restart cannot correct
 
 # Launch arguments: default (None if the argument is required) and description.
@@ -45,7 +44,10 @@ ARGUMENTS = {
     "parameters": (None, "Folder of the parameter files"),
     "namespace": ("", "Namespace of the vehicle, such as robot1"),
     "frame_prefix": ("", "Prefix of every frame, such as robot1/"),
-    "twist": (_TWIST, "Topic of the body twist; with another topic no odometry is started"),
+    "twist": (
+        topics.TWIST.name,
+        "Topic of the body twist; with another topic no odometry is started",
+    ),
     "log_only": ("true", "true: report decisions, but release no brake; false: assist"),
     "robot_state_publisher": ("false", "true: publish the wheels' frames, from wheel_states"),
     "respawn": ("true", "Restart a node that has died; until then all brakes are on"),
@@ -115,18 +117,18 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
         )
     # launch would write a mapping to a temporary file that is never removed, so -p is used.
     prefix = ("-p", f"frame_prefix:={given['frame_prefix']}") if given["frame_prefix"] else ()
-    own = given["twist"] == _TWIST
+    own = given["twist"] == topics.TWIST.name
     nodes = []
     if own and (folder / f"{ODOMETRY}.yaml").exists():
         file = folder / f"{ODOMETRY}.yaml"
         nodes.append(HardwareNode(ODOMETRY, "odometry", ODOMETRY, (file,), ros_arguments=prefix))
     assistant = [BRAKE_ASSIST, *([LOG_ONLY] if given["log_only"] == "true" else [])]
     files = tuple(folder / f"{name}.yaml" for name in assistant)
-    remappings = () if own else ((_TWIST, given["twist"]),)
+    remappings = () if own else ((topics.TWIST.name, given["twist"]),)
     nodes.append(HardwareNode("omni_brake_assist", BRAKE_ASSIST, BRAKE_ASSIST, files, remappings))
     if given["robot_state_publisher"] == "true":
         files = (folder / f"{FRAMES}.yaml",)
-        joints = (("joint_states", "wheel_states"),)
+        joints = ((topics.JOINT_STATES.name, topics.WHEEL_STATES.name),)
         nodes.append(HardwareNode(FRAMES, FRAMES, FRAMES, files, joints, prefix))
     for path in (path for node in nodes for path in node.files):
         if not path.is_file():
@@ -222,7 +224,7 @@ def write_parameters(hardware: Hardware, folder: Path, warning: str = "") -> lis
     documents[f"{FRAMES}.yaml"] = parameters_text({"robot_description": description})
     documents[f"{LOG_ONLY}.yaml"] = parameters_text({"enabled": False})
     recorded = {
-        "topics": [*(topic.name for topic in _RECORDED), topics.DIAGNOSTICS.path],
+        "topics": [topic.ros_name for topic in (*_RECORDED, topics.DIAGNOSTICS)],
         "types": [topic.type for topic in (*_RECORDED, topics.DIAGNOSTICS)],
     }
     documents[f"{RECORDER}.yaml"] = parameters_text(recorded)

@@ -15,6 +15,7 @@ from pathlib import Path
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
+from omni_platform import topics
 from omni_platform.configuration import Configuration, ConfigurationError, parameter
 from omni_platform.quantities import SECOND_NS
 from omni_recording import folder, mcap
@@ -65,7 +66,7 @@ class PlayerNode(Node):
         super().__init__("player")
         self.startup = parameters.declare_configuration(self, startup.StartupConfiguration)
         self.configuration = parameters.declare_configuration(self, PlayerConfiguration)
-        self.clock = self.create_publisher(Clock, "/clock", qos.RELIABLE)
+        self.clock = self.create_publisher(Clock, topics.CLOCK.path, qos.RELIABLE)
         self.inputs = {
             topic: self.create_publisher(message_class(kind, "input_types"), topic, qos.RELIABLE)
             for topic, kind in zip(
