@@ -1,1 +1,1 @@
-"""Trials of line cameras over grounds, their errors and figures."""
+"""Trials of line cameras over grounds, and their errors."""

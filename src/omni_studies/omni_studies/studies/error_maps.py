@@ -23,10 +23,10 @@ from omni_loop.metrics import Metric
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import OVERLAP
 from omni_sim.texture.texture import GroundTexture
-from omni_studies.line_trials import options as line_options
+from omni_studies import line_options
+from omni_studies.error_map import Scale, draw_error_maps, view_lengths
+from omni_studies.line_options import LineOptions, TextureOptions
 from omni_studies.line_trials import view_grid
-from omni_studies.line_trials.figures import Scale, draw_error_maps, view_lengths
-from omni_studies.line_trials.options import LineOptions, TextureOptions
 from omni_studies.line_trials.view_grid import GROUP, sideways_motions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig, View, ground

@@ -30,8 +30,8 @@ from omni_platform.quantities import FloatArray
 from omni_platform.sensors import OVERLAP, LineSensor
 from omni_sim.camera.camera import CameraConfiguration, LineCameraArray
 from omni_sim.texture.texture import GroundTexture
-from omni_studies.line_trials import options as line_options
-from omni_studies.line_trials.options import LineOptions, TextureOptions
+from omni_studies import line_options
+from omni_studies.line_options import LineOptions, TextureOptions
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import View, camera, cameras, ground
 from omni_tools.line_trials.trials import Motion, every_second, match, path

@@ -24,7 +24,7 @@ from omni_platform.configuration import ConfigurationError, parameter
 from omni_platform.quantities import FloatArray
 from omni_platform.sensors import LineSensor
 from omni_sim.texture.texture import GroundTexture
-from omni_studies.line_trials import options as line_options
+from omni_studies import line_options
 from omni_studies.study import StudyResult, StudyRun
 from omni_tools.line_trials.rig import Rig
 

@@ -65,9 +65,7 @@ class Wheel:
 
 
 def test_a_file_of_one_camera_is_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "omni_studies.line_trials.options.grounds_of", lambda *_: {"fine": {1.0: 1.0}}
-    )
+    monkeypatch.setattr("omni_studies.line_options.grounds_of", lambda *_: {"fine": {1.0: 1.0}})
     monkeypatch.setattr(sideslip, "RollingWheel", Wheel)
 
     def run(text: str) -> StudyResult:

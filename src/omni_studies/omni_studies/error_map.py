@@ -1,4 +1,4 @@
-"""Figures for the studies of one line camera: maps of errors as functions of two parameters."""
+"""Figure of error maps: errors of a line camera as functions of two parameters."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
