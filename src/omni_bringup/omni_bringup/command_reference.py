@@ -30,7 +30,13 @@ def reference() -> str:
 
 
 def _sections(group: Any, above: str, level: int) -> Iterator[str]:
-    """Yield a section for each command of a group and its subgroups."""
+    """Yield a Markdown section for each command of a group and its subgroups.
+
+    Args:
+        group: module with a ``PACKAGE`` of commands.
+        above: words of the command line before the name of a command, such as ``omni bag``.
+        level: level of the headings.
+    """
     for name in commands.commands_of(group.PACKAGE):
         command, program = commands.load_command(group, name), f"{above} {name}"
         words = inspect.cleandoc(command.__doc__ or "")

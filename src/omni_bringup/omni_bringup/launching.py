@@ -87,7 +87,18 @@ def _start(mode: str, context: Any) -> list[Any]:
 
 
 def _on_exit(plan: LaunchPlan, ended: list[str], name: str, event: Any, _context: Any) -> list[Any]:
-    """Handle the end of a node; an exception ends the launch with an error."""
+    """Handle the end of a node.
+
+    Args:
+        plan: processes of the launch.
+        ended: names of the nodes that have ended so far, extended by this one.
+        name: name of the node.
+        event: event of `launch` with the exit code.
+
+    Raises:
+        RuntimeError: the node failed, or the vehicle still moves; the launch ends with an error.
+        WorkError: the run ended early, or data were lost.
+    """
     if event.returncode != 0:
         raise RuntimeError(f"{name} ended with exit code {event.returncode}")
     ended.append(name)

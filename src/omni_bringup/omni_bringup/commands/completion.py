@@ -35,7 +35,13 @@ def run(_options: Options, workspace: Workspace) -> Report:
 
 
 def _cases(group: Any, path: str, names: dict[str, list[str]]) -> Iterator[tuple[str, str]]:
-    """Yield pairs of the words typed so far and the words that may follow."""
+    """Yield pairs of the words typed so far and the words that may follow.
+
+    Args:
+        group: module with a ``PACKAGE`` of commands.
+        path: words of the command line before the name of a command; empty for all commands.
+        names: names of the configuration files, keyed by kind.
+    """
     known = [*commands.commands_of(group.PACKAGE), *(["test"] if not path else [])]
     yield path, " ".join(known)
     for name in known:

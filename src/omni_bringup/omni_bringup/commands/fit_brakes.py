@@ -112,7 +112,14 @@ def _brake_file(fit: BrakeFit, kind: str, names: list[str]) -> str:
 
 
 def _text(entries: dict[str, Any], fit: BrakeFit, stops: int, vague: float = 0.1) -> Iterator[Any]:
-    """Yield table and remarks; warn if the torque's relative standard error exceeds `vague`."""
+    """Yield a table of the estimates, and remarks on them.
+
+    Args:
+        entries: estimates, keyed by name.
+        fit: the fit.
+        stops: number of stops.
+        vague: relative standard error of the torque above which a remark warns [1].
+    """
     yield estimate_table(entries)
     yield (
         f"recordings: {stops}; intervals in which a wheel turned under its brake: {fit.intervals}; "

@@ -197,7 +197,7 @@ class DriveServer:
         self._receive(demand)
 
     def _answer(self, _: ServerConnection, request: Request) -> Response | None:
-        """Return a file or an error; None continues the opening of the WebSocket."""
+        """Return the response to a request, a file or an error; None to open the WebSocket."""
         if request.headers.get_all("Host") != [self._address]:
             return self._response(http.HTTPStatus.MISDIRECTED_REQUEST)
         path = request.path.partition("?")[0]

@@ -123,7 +123,13 @@ def node_module(executable: Path) -> str | None:
 
 
 def _become(request: dict[str, Any], descriptors: Sequence[int], module: str | None) -> None:
-    """Run the requested program in this process."""
+    """Run the requested program in this process, which is a new fork of the server.
+
+    Args:
+        request: command, folder and environment of the program.
+        descriptors: file descriptors for standard input, output, error, and reports.
+        module: module of the node; None to start the command as a new program.
+    """
     os.setpgid(0, 0)
     for number, descriptor in enumerate(descriptors[:3]):
         os.dup2(descriptor, number)

@@ -99,7 +99,10 @@ class HardwareNode:
 
 
 def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
-    """Return the nodes selected by the launch arguments `given`, values keyed by name.
+    """Return the nodes that the launch arguments select.
+
+    Args:
+        given: values of the launch arguments, keyed by name.
 
     Raises:
         ConfigurationError: an argument is invalid, or a required file is not in the folder
@@ -137,7 +140,12 @@ def hardware_nodes(given: Mapping[str, str]) -> list[HardwareNode]:
 
 
 def starts_again(exit_code: int, given: Mapping[str, str]) -> bool:
-    """Return whether a node with this exit code is restarted; `given` are the launch arguments."""
+    """Return whether a node that ended is restarted.
+
+    Args:
+        exit_code: exit code of the node.
+        given: values of the launch arguments, keyed by name.
+    """
     return given["respawn"] == "true" and exit_code not in (0, _REFUSED)
 
 

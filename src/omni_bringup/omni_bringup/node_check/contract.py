@@ -50,7 +50,8 @@ CONTRACT = Contract(
 def metrics(exchange: Exchange) -> dict[str, tuple[float, str]]:
     """Return metrics of the answers as pairs (value, unit), keyed by ``quantity.phase``.
 
-    They are the share of answered inputs, the 99th percentile of the age, and the number.
+    They are the share of answered inputs, the 99th percentile of the answers' age, and the number
+    of answers.
     """
     first = [one for one in exchange.answers if one.phase == "recorded"]
     sent = exchange.sent["recorded"]
@@ -145,7 +146,12 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
 
 
 def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> Iterator[str]:
-    """Yield violations in the messages of a simulator, as received by `enables_node.Enables`."""
+    """Yield violations in the messages of a simulator.
+
+    Args:
+        seen: received messages, keyed as in `enables_node.Enables.watch`.
+        wheels: names of the wheels.
+    """
     if not seen["clock"].messages:
         yield "clock: nothing is published"
     for key in CONTRACT.least_rate:

@@ -161,7 +161,7 @@ def _maneuver(random: np.random.Generator, largest_speed: float) -> Tree:
 
 
 def _patches(random: np.random.Generator, direction_deg: float) -> Tree:
-    """Place patches randomly along the path, in front of and next to the vehicle."""
+    """Return up to three random patches, within 12 m ahead and 2 m beside the line of motion."""
     patches = {}
     for index in range(int(random.integers(0, 4))):
         along, across = random.uniform(0.0, 12.0), random.uniform(-2.0, 2.0)
@@ -273,7 +273,7 @@ class Outcome(NamedTuple):
 
 
 def outcome(braking: RandomBraking, seed: int) -> Outcome:
-    """Run the stop of a seed without and with the assistant; find the causes of violated limits."""
+    """Run the stop of a seed, unassisted and assisted; find the causes of violated limits."""
     drawn = draw(seed)
     result = compare(braking, drawn)
     open_limits = violations(result)

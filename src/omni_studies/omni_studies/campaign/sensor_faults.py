@@ -291,7 +291,7 @@ class FaultyStops:
     def _change(
         self, random: np.random.Generator, setting: Setting, extent: str, fault: Fault
     ) -> Fault:
-        """Return a copy of the fault in which one random entry, or every entry, is drawn again."""
+        """Return the next fault of a search: a copy with one changed entry, or a new fault."""
         other = self._draw(random, setting, extent)
         entry = str(random.choice(["kind", "onset", "amplitude", "period", "all"]))
         if entry == "all" or (extent == "brake" and entry != "onset"):

@@ -43,7 +43,11 @@ class Motion:
     growth: float = 0.0
 
     def traveled(self, time: FloatArray) -> FloatArray:
-        """Return how long the initial twist would take for the paths traveled up to `time` [s]."""
+        """Return the time that a motion with the constant initial twist would need [s], shape (t,).
+
+        Args:
+            time: times up to which the path is traveled [s], shape (t,).
+        """
         return time + 0.5 * self.growth * time**2
 
 
@@ -131,7 +135,7 @@ class Ground:
     texels: int = 8192
 
     def texture(self) -> GroundTexture:
-        """Return the configuration of the ground's texture."""
+        """Return the texture of the ground; a picture is read, and any other ground is rendered."""
         if self.dpi > 0.0:
             return read_picture(self.kind, self.dpi)
         return rig.ground(self.kind, self.texels, self.seed)

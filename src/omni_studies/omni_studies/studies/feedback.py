@@ -212,7 +212,7 @@ def _drawn(base: ExperimentConfiguration, stop: int, speed: float) -> Experiment
 def _rendered(
     configuration: ExperimentConfiguration, cameras: Mapping[str, LineSensor]
 ) -> ExperimentConfiguration:
-    """Return an experiment with rendered cameras, placed in proportion to the chassis."""
+    """Return an experiment with line cameras at positions that are scaled to the chassis."""
     # The positions in the files are for a chassis of the default size.
     along = configuration.vehicle.chassis_length / VehicleConfiguration.chassis_length
     across = configuration.vehicle.chassis_width / VehicleConfiguration.chassis_width

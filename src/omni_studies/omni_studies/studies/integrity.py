@@ -187,7 +187,13 @@ def _added_up(drives: Iterable[Drive]) -> dict[tuple[str, str], Drive]:
 
 
 def _chosen(option: str, words: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in an option; all names if the option is empty."""
+    """Return the names in an option; all names if the option is empty.
+
+    Args:
+        option: name of the option, for error messages.
+        words: value of the option, names separated by commas.
+        names: all valid names.
+    """
     chosen = tuple(word.strip() for word in words.split(",") if word.strip()) or names
     for word in chosen:
         if word not in names:

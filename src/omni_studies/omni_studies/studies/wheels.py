@@ -320,7 +320,7 @@ def _draw_motions(outcomes: Outcomes) -> Figure:
 
 
 def _draw_differences(rows: Sequence[Difference], agreement: float = 0.05) -> Figure:
-    """Draw the differences versus the number of rollers, with the limit of agreement."""
+    """Draw the differences versus the number of rollers; `agreement` is the limit to draw [1]."""
     heading = "Individual rollers compared with the single roller, averaged over the wheel angles"
     x = "number of rollers per wheel"
     y = ("difference of the motion [%]", "difference of the mean force [%]")

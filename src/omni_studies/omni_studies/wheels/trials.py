@@ -153,20 +153,28 @@ def outcome(
 
 
 def _center_velocity(row: FloatArray, center: FloatArray) -> FloatArray:
-    """Return the velocity of the center of gravity [m/s] from a row of a trajectory."""
+    """Return the velocity of the center of gravity in the world [m/s], shape (2,).
+
+    Args:
+        row: pose and velocity of base_link in the world, as in `Outcome.motion`, shape (6,).
+        center: center of gravity in the body frame [m], shape (2,).
+    """
     cos, sin = math.cos(row[2]), math.sin(row[2])
     g_x, g_y = cos * center[0] - sin * center[1], sin * center[0] + cos * center[1]
     return np.array([row[3] - row[5] * g_y, row[4] + row[5] * g_x])
 
 
 def motion_difference(one: Outcome, other: Outcome) -> float:
-    """Return the distance between the mean final positions, relative to the path length [1]."""
+    """Return the distance between the mean final positions of two outcomes [1].
+
+    It is divided by the distance of the second position from the start.
+    """
     a, b = one.motion[:, -1, :2].mean(axis=0), other.motion[:, -1, :2].mean(axis=0)
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
 def force_difference(one: Outcome, other: Outcome) -> float:
-    """Return the size of the difference of the mean forces, divided by `other.force_scale` [1]."""
+    """Return the difference of the mean forces as a share of `other.force_scale` [1]."""
     difference = one.force.mean(axis=0) - other.force.mean(axis=0)
     return float(np.linalg.norm(difference) / other.force_scale)
 

@@ -190,7 +190,13 @@ def _commanded(stop: StopEquations) -> NDArray[np.bool_]:
 def _equations(
     stop: BrakeData, vehicle: configuration.VehicleConfiguration, longest: float = 0.1
 ) -> StopEquations:
-    """Return the equations of a stop; intervals of `longest` [s] or more are omitted."""
+    """Return the momentum equations of a stop.
+
+    Args:
+        stop: data of the stop.
+        vehicle: vehicle, which gives masses, wheels and wheel inertia.
+        longest: length from which on an interval between two samples is omitted [s].
+    """
     masses = loads.MassProperties.of(vehicle.body, vehicle.load)
     geometry = PlatformGeometry.from_wheels(vehicle.wheels)
     arm = geometry.position - masses.center

@@ -174,7 +174,17 @@ def _run(
     options: CampaignOptions,
     take: Callable[[list[Row]], None],
 ) -> None:
-    """Run seeds in this process, on all cores or on a cluster."""
+    """Run seeds on a cluster or on this machine.
+
+    On this machine, the first seeds run in this process. Others run on all cores, if this is worth
+    the time to start the workers.
+
+    Args:
+        work: function that makes one run.
+        seeds: seeds to run.
+        options: number of workers, or address of a cluster.
+        take: function called with the rows of finished runs, in any order.
+    """
     if not seeds:
         return
     workers = options.workers or len(os.sched_getaffinity(0))

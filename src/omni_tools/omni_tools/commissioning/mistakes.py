@@ -116,7 +116,12 @@ def _predicted(wheels: Mapping[str, WheelMount], known: FloatArray) -> FloatArra
 
 
 def _misfit(angle: FloatArray, predicted: FloatArray) -> float:
-    """Return the largest error of the wheels' angles, relative to the predicted angles [1]."""
+    """Return the largest relative error of the angles of a wheel over all motions [1].
+
+    Args:
+        angle: measured angle of each wheel in each motion [rad], shape (3, N).
+        predicted: predicted angles [rad], shape (3, N).
+    """
     error = np.linalg.norm(angle - predicted, axis=0)
     return float(np.max(error / np.maximum(np.linalg.norm(predicted, axis=0), 1e-9)))
 

@@ -161,7 +161,7 @@ def any_heading_bound(
 
 
 def _left_out(vehicle: VehicleConfiguration, ground: GroundConfiguration) -> str:
-    """Return the reason why no bound can be computed; otherwise an empty text."""
+    """Return the reason why no bound can be computed; an empty text if one can be."""
     if len(ground.elevation.table()):
         return _SLOPE
     return _SPRUNG if vehicle.suspension.stiffness > 0.0 else ""
@@ -344,7 +344,7 @@ class _AnyHeading(_Cases):
 
 
 class _OneHeading(_AnyHeading):
-    """Stops with that one of `_SKETCHED` headings that gives the largest deceleration."""
+    """Stops with one heading, that of `_SKETCHED` headings with the largest deceleration."""
 
     _heading: FloatArray | None = None
 
@@ -364,7 +364,13 @@ def _strongest(found: Iterable[Deceleration | None]) -> float:
 
 
 def _largest_friction(friction: FrictionMap, center: FloatArray, radius: float) -> float:
-    """Return the largest friction factor [1] within the distance `radius` of a point [m]."""
+    """Return the largest friction factor of the ground near a point [1].
+
+    Args:
+        friction: friction of the ground.
+        center: x, y of the point in `odom` [m], shape (2,).
+        radius: limit on the distance from the point [m].
+    """
     largest = -math.inf
     for x, y, cos, sin, length, width, factor, ellipse in friction.table[::-1]:
         d_x, d_y = center[0] - x, center[1] - y

@@ -218,7 +218,12 @@ def _mean_rate(drives: Sequence[Drive]) -> tuple[float, float]:
 def _mounting(
     coefficients: FloatArray, covariance: FloatArray
 ) -> tuple[float, float, float, FloatArray]:
-    """Return pitch [m], heading [rad] and lever [m], and their standard errors, shape (3,)."""
+    """Return pitch [m], heading [rad] and lever [m], and the standard errors of these three values.
+
+    Args:
+        coefficients: coefficients c [1/m, 1/m, 1], shape (3,).
+        covariance: covariance of the coefficients, shape (3, 3).
+    """
     c_1, c_2, c_3 = coefficients.tolist()
     size = math.hypot(c_1, c_2)
     # Derivatives of (pitch, heading, lever) with respect to c.

@@ -226,7 +226,7 @@ def design_speed(
 ) -> float:
     """Return the speed for which cameras are placed [m/s].
 
-    Without a given speed, it is the usual speed, or the highest measurable one if this is lower.
+    The default is the usual speed, or the highest measurable speed if that is lower.
 
     Args:
         speed: given speed [m/s], None for the default.

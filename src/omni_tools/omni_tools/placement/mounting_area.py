@@ -99,7 +99,12 @@ class MountingArea:
         return ""
 
     def outline(self, pose: FloatArray, *, housing: bool) -> FloatArray:
-        """Return the corners of a camera's housing or field of view [m], shape (4, 2)."""
+        """Return the corners of a camera's housing or field of view in the body frame [m], (4, 2).
+
+        Args:
+            pose: x, y [m] and heading [rad] of the camera, shape (3,).
+            housing: whether to return the housing.
+        """
         around = 2.0 * self.housing if housing else 0.0
         return placed(rectangle(self.view.length + around, self.view.width + around), pose)
 

@@ -73,7 +73,13 @@ def _metrics(
 def column(
     placement: EvaluatedPlacement, trial: design.PlacementTrial | None, gyration: float
 ) -> dict[str, Metric]:
-    """Return the errors of one placement in mm/s, for a column of the table."""
+    """Return the values of one placement for a column of the table, with velocities in mm/s.
+
+    Args:
+        placement: the placement.
+        trial: errors on rendered lines; None if the placement was not simulated.
+        gyration: RMS distance of the platform's points from base_link [m].
+    """
     metrics = _metrics(placement, trial, gyration)
     shown = {words: metrics[name] for name, words in _COLUMN.items() if name in metrics}
     if placement.singular:

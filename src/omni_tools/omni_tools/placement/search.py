@@ -359,13 +359,21 @@ class _Search:
 
 @functools.cache
 def _cloud(free: tuple[bool, bool, bool], reach: int) -> FloatArray:
-    """Return all combinations of up to `reach` steps in each free coordinate, shape (K, 3)."""
+    """Return all combinations of up to `reach` steps in both directions of each coordinate.
+
+    Args:
+        free: whether x, y and heading are free; other coordinates have no steps.
+        reach: limit on the number of steps.
+
+    Returns:
+        Numbers of steps, shape (K, 3).
+    """
     steps = np.arange(-reach, reach + 1.0)
     axes = [steps if may else np.zeros(1) for may in free]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def _grid(limit: float, spacing: float) -> FloatArray:
-    """Return equally spaced positions around 0 up to a limit [m]."""
+    """Return the multiples of `spacing` from ``-limit`` to ``limit`` [m]."""
     count = math.floor(limit / spacing)
     return spacing * np.arange(-count, count + 1.0)

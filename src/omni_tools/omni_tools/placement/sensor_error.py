@@ -167,7 +167,13 @@ def _most_frequent(reasons: list[str]) -> str:
 
 
 def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
-    """Return the option that causes a rejection for this reason, and a remedy."""
+    """Return the option that causes the rejection of batches, and a remedy.
+
+    Args:
+        reason: reason of the rejection.
+        overlap: overlap of consecutive lines, 0 to 1.
+        noise: standard deviation of the noise [gray levels].
+    """
     if reason.startswith("frozen"):  # impossible with the noise of a real camera
         return "--noise", "more --noise or a higher --speed, so that the lines change"
     choices = ["another --ground", "another --type"]
@@ -179,7 +185,16 @@ def _remedy(reason: str, overlap: float, noise: float) -> tuple[str, str]:
 
 
 def _fit(view: View, along: FloatArray, across: FloatArray, rms: FloatArray) -> SensorError:
-    """Fit a and b to the logarithms of the errors; all errors then have equal relative weights."""
+    """Return the error model, fitted to the logarithms of the errors.
+
+    The logarithms give the relative errors of all motions equal weights.
+
+    Args:
+        view: field of view of the camera.
+        along: velocity along the axis in A motions [m/s], shape (A,).
+        across: velocity across the axis [m/s], shape (A,).
+        rms: measured RMS error of the velocity [m/s], shape (A,).
+    """
     from scipy.optimize import least_squares
 
     straight = float(rms[np.argmin(across)]) ** 2

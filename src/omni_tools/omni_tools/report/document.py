@@ -174,7 +174,10 @@ def _metrics(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
 
 
 def _configuration(runs: Sequence[recording.ReportedRun]) -> list[dict[str, Any]]:
-    """Return every configuration key with the value in each run; None for a run without the key."""
+    """Return a row for each key of a configuration, with its value in each run.
+
+    The value is None if the configuration of a run does not contain the key.
+    """
     keys = dict.fromkeys(key for run in runs for key in run.values)
     return [{"key": key, "values": [run.values.get(key) for run in runs]} for key in keys]
 

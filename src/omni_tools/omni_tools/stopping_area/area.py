@@ -240,7 +240,13 @@ def areas(campaign: StopCampaign, sweeps: Sequence[Sweep]) -> FloatArray:
 def inside(
     campaign: StopCampaign, limits: FloatArray, sweeps: Sequence[Sweep]
 ) -> NDArray[np.bool_]:
-    """Return whether each stop stays within the area of its cell (`Cell`), shape (stops,)."""
+    """Return whether each stop stays within the area of its cell, shape (stops,).
+
+    Args:
+        campaign: campaign of the stops.
+        limits: support function H_k of the area of each cell [m], shape (cells, DIRECTIONS).
+        sweeps: results of the stops.
+    """
     cells = [campaign.cell_of(sweep.seed) for sweep in sweeps]
     return np.asarray(np.all(supports_of(sweeps) <= limits[cells], axis=1))
 

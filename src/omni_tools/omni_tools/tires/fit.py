@@ -82,7 +82,17 @@ def fit_tire(data: TireData, model: str) -> TireFit:
 
 
 def _require_excitation(data: TireData, model: str, recipe: FitRecipe, spread: float = 0.2) -> None:
-    """Check that the data suffice, are in range, and that their loads differ enough."""
+    """Check that the data are in range, and that their number and their loads suffice for a fit.
+
+    Args:
+        data: measured forces.
+        model: name of the tire model.
+        recipe: unknowns of the model.
+        spread: required difference between the loads, relative to the largest load [1].
+
+    Raises:
+        TireDataError: the data do not suffice.
+    """
     needed = 2 * len(recipe.keys)
     if data.slip.size < needed:
         raise TireDataError(
