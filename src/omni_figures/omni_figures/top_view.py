@@ -101,7 +101,18 @@ def draw_snapshot(
 def _draw_wheels(
     axes: Axes, scene: Scene, history: RunHistory, index: int, layer: float, faint: float
 ) -> None:
-    """Draw wheels with their active directions; the share of brake pressure determines the tint."""
+    """Draw the wheels with their active directions at one time stamp.
+
+    The tint of a wheel shows the share of the brake pressure.
+
+    Args:
+        axes: axes to draw on.
+        scene: the vehicle.
+        history: run of the vehicle.
+        index: index of the time stamp in the history.
+        layer: order of drawing; higher layers cover lower ones.
+        faint: opacity, 0 to 1.
+    """
     geometry = PlatformGeometry.from_wheels(scene.wheels)
     pose = history.pose[index]
     for row, (name, outline) in enumerate(zip(geometry.names, scene.wheel_outlines, strict=True)):

@@ -332,7 +332,7 @@ def _run_part(run: _Run, first: int, last: int) -> tuple[int, int]:
 
 @kernel
 def _inputs(run: _Run, stamp: int) -> assist_state.Inputs:
-    """Return the result of `_sense`; Python code can call this function, unlike an inlined one."""
+    """Return the result of `_sense`, which Python code cannot call because it is inlined."""
     return _sense(run, stamp)
 
 

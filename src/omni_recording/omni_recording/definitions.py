@@ -96,7 +96,12 @@ def find_message_definition(
 
 
 def _begins_with_time(current: Mapping[str, Any], nested: Mapping[str, Any]) -> bool:
-    """Return whether the first bytes of a message are a `builtin_interfaces/Time`."""
+    """Return whether the first field of a message is, or begins with, a `builtin_interfaces/Time`.
+
+    Args:
+        current: description of the message type.
+        nested: descriptions of all types that the message contains, keyed by name.
+    """
     while current["type_name"] != _TIME:
         first = current["fields"][0]["type"]
         if first["type_id"] != _FieldType.NESTED:

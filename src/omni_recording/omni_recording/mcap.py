@@ -306,7 +306,13 @@ def _file_records(file: IO[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _framed(file: IO[bytes], size: int, wanted: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-    """Yield the selected records up to the footer or to byte `size`; skip all others."""
+    """Yield opcode and content of the wanted records, up to the footer or to byte `size`.
+
+    Args:
+        file: the file, at the beginning of a record.
+        size: size of the file [B].
+        wanted: opcodes of the records to read; all others are skipped.
+    """
     place = file.tell()
     while True:
         head = file.read(_HEAD.size) if place < size else b""

@@ -156,7 +156,12 @@ def _word(value: Any) -> str:
 
 
 def _copy_notes(path: Path, folder: Path) -> None:
-    """Copy the files that are stored with the recording, such as the run's configuration."""
+    """Copy the YAML and JSON files next to a recording, such as the configuration of its run.
+
+    Args:
+        path: folder of the recording.
+        folder: folder of the new recording.
+    """
     for file in sorted(path.iterdir()):
         try:
             regular = file.is_file() and file.stat().st_size <= LIMITS.note
