@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,14 @@ from omni_process import WORKSPACE
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 
 from omni_brake_assist.brake_assist_node import BrakeAssistNode
 from omni_bringup.graph import nodes as graph
 from omni_bringup.graph.domain import reserved_domain
 from omni_bringup.graph.process_group import ProcessGroup
 from omni_loop.experiment import ExperimentConfiguration, ExperimentLibrary
+from omni_platform.kinematics import PlatformKinematics
 from omni_ros.environment import node_environment
 from omni_ros.messages import joint_state, planar_twist_with_covariance, to_nanoseconds
 from omni_ros.process import Spinner, StopFlag
@@ -114,20 +115,26 @@ class Vehicle(Bystander):
         return enable
 
 
-def straight_line() -> ExperimentConfiguration:
-    return ExperimentLibrary(WORKSPACE / "config").load(
-        # There are no wheel speeds for fault detection.
-        "straight_line",
-        "assisted",
-        ["brake_assist.fault_detection=false"],
-    )
+def straight_line(*changes: str) -> ExperimentConfiguration:
+    return ExperimentLibrary(WORKSPACE / "config").load("straight_line", "assisted", changes)
+
+
+# There are no wheel speeds for fault detection.
+WITHOUT_WHEELS = straight_line("brake_assist.fault_detection=false")
 
 
 @pytest.fixture(params=[True, False], ids=["lockstep", "real_time"])
 def vehicle(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Vehicle]:
     """A vehicle with a brake assistant process, in a separate ROS domain."""
-    configuration = straight_line()
-    process = graph.Nodes(configuration, tmp_path, lockstep=request.param).brake_assist()
+    with running(WITHOUT_WHEELS, tmp_path, lockstep=request.param) as vehicle:
+        yield vehicle
+
+
+@contextmanager
+def running(
+    configuration: ExperimentConfiguration, folder: Path, *, lockstep: bool
+) -> Iterator[Vehicle]:
+    process = graph.Nodes(configuration, folder, lockstep=lockstep).brake_assist()
     with reserved_domain() as domain, ProcessGroup(node_environment(domain)) as group:
         group.start(process)
         with closing(Vehicle(domain, tuple(configuration.vehicle.wheels))) as vehicle:
@@ -271,10 +278,38 @@ def test_the_running_assistant_can_be_switched_and_tuned_while_the_pedal_is_up(
     vehicle.swerve_until_assisted()
 
 
+def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
+    configuration = straight_line()
+    kinematics = PlatformKinematics.of(configuration.vehicle.wheels)
+    speeds = kinematics.wheel_speeds(SWERVING)
+    with running(configuration, tmp_path, lockstep=False) as vehicle:
+        imu = vehicle.node.create_publisher(Imu, "imu", RELIABLE)
+        vehicle.wait(lambda: imu.get_subscription_count() == 1)
+
+        def drive(pedal: float) -> str:
+            vehicle.stamp_ns += STEP_NS
+            stamp_ns = vehicle.stamp_ns
+            vehicle.send_pedal(pedal)
+            # A turn at constant velocity in the body axes needs a centripetal acceleration.
+            reading = Imu(header=joint_state(stamp_ns, ()).header)
+            reading.angular_velocity.z = SWERVING[2]
+            reading.linear_acceleration.y = SWERVING[0] * SWERVING[2]
+            vehicle.wheel_states.publish(joint_state(stamp_ns, vehicle.wheels, velocity=speeds))
+            imu.publish(reading)
+            due = time.monotonic() + 1e-9 * STEP_NS
+            vehicle.wait(lambda: time.monotonic() > due)
+            return vehicle.states[-1] if vehicle.states else ""
+
+        vehicle.wait(lambda: drive(0.0) == "inactive" and vehicle.stamp_ns > 100 * STEP_NS)
+        vehicle.enables.clear()
+        vehicle.wait(lambda: drive(1.0) == "dead_reckoning")
+        assert any(0.0 in enable.effort for enable in vehicle.enables)
+
+
 def test_time_in_which_the_process_does_not_run_is_no_silence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    configuration, timeout = straight_line(), 0.25
+    configuration, timeout = WITHOUT_WHEELS, 0.25
     process = graph.Nodes(configuration, tmp_path, lockstep=False).brake_assist()
     timeouts = (f"demand_timeout:={timeout}", f"feedback_timeout:={timeout}")
     arguments = [*process.arguments, *(word for given in timeouts for word in ("-p", given))]

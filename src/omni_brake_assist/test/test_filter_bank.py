@@ -160,6 +160,28 @@ def test_the_motion_is_known_for_a_second_without_the_twist(drive: Drive) -> Non
 
 
 @pytest.mark.safety(
+    RELEASED, "no twist is ever received", "dead reckoning with IMU and wheels", within=0.0
+)
+def test_the_motion_is_known_without_any_twist(drive: Drive) -> None:
+    drive.run(150, "silence", onset=0)
+    assert set(drive.chosen[2:]) == {ALL}
+    assert drive.error == pytest.approx(0.0, abs=0.05)
+
+
+def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Drive) -> None:
+    twist, wheels, answer = drive.truth(0)[0], drive.memory.rim.size, np.zeros(3)
+    speeds, period_ns = drive.kinematics.wheel_speeds(twist), 5 * PERIOD_NS
+    readings = Readings(0.0, np.ones(wheels), np.zeros(3), speeds)
+    for step in range(60 * 60 * 20):  # an hour
+        missing = Twist(False, 0, np.full(3, np.nan), np.zeros(3))
+        chosen = estimate(
+            drive.constants, drive.memory, step * period_ns, readings, missing, answer
+        )
+    assert chosen == ALL
+    np.testing.assert_allclose(answer, twist, atol=0.01)
+
+
+@pytest.mark.safety(
     "brakes act late",
     "the twist is 50 ms late",
     "the twist is compared with the state at its stamp; the result is propagated to the present",

@@ -38,12 +38,13 @@ def estimate(
     """
     record = memory.record[0]
     elapsed = (now_ns - memory.stamps[memory.newest[0]]) * 1e-9
-    if not record.begun or not 0.0 <= elapsed <= constants.longest:
-        if not twist.received:
+    braking = readings.pedal > 0.0
+    first = twist.received and not (record.received or braking)
+    if first or not record.begun or not 0.0 <= elapsed <= constants.longest:
+        if braking and not twist.received:  # the wheels may slide
             record.begun = False
             return bank.NO_ESTIMATE
-        bank.begin(constants, memory, now_ns, twist.value)
-    braking = readings.pedal > 0.0
+        bank.begin(constants, memory, now_ns, twist)
     if record.pressed and not braking:
         bank.reset_posterior(constants, memory)
     record.pressed = braking
@@ -52,7 +53,7 @@ def estimate(
     memory.evidence[:] = 0.0
     valid_ns = twist.stamp_ns - constants.delay
     fresh = twist.received and valid_ns > record.twist_ns
-    target_ns = max(record.horizon_ns, now_ns - constants.twist_wait)
+    target_ns = max(record.horizon_ns, now_ns - (constants.twist_wait if record.received else 0))
     if fresh:
         target_ns = max(target_ns, valid_ns)
     _advance(constants, memory, target_ns)
@@ -61,7 +62,7 @@ def estimate(
         record.twist_ns = valid_ns
     if record.known:
         _update_posterior(constants, memory)
-    record.known = record.known or fresh  # likelihoods are valid only after the first twist
+    record.known = record.known or fresh
     best = int(record.best)
     if not braking and best != bank.NO_ESTIMATE:
         _mix(memory, best)
@@ -71,6 +72,7 @@ def estimate(
     if not record.equipped:
         return bank.ALL
     best = int(_answer(constants, memory, best, answer))
+    record.known = record.known or best != bank.NO_ESTIMATE
     if fresh and valid_ns == now_ns:
         _keep_precise(constants, memory, best, twist, answer)
     return best

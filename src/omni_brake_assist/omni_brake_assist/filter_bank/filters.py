@@ -72,7 +72,10 @@ def predict(
         covariance[RATE, RATE] += dt * constants.turn**2
         if not braking:
             for j in range(bank.BIAS_RATE, STATES):
-                covariance[j, j] += dt * (constants.drift * constants.initial[j]) ** 2
+                # A vehicle without a twist cannot observe all of these states. The variance
+                # therefore approaches its initial value, and does not grow without limit.
+                missing = constants.initial[j] ** 2 - covariance[j, j]
+                covariance[j, j] += dt * constants.drift**2 * missing
 
 
 @lean

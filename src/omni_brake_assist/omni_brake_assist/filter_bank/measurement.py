@@ -327,8 +327,9 @@ def _fuse_wheel(
         if k == memory.record[0].best:
             memory.wheel_ratio[i] = squared / GATE
         # Driven wheels slip in a turn. They may therefore correct the scale of the wheel radii, but
-        # no bias of another sensor.
-        correct(memory, k, innovation, variance, (SCALE, SCALE))
+        # no bias of another sensor, unless there is no twist, which would correct the biases.
+        first = SCALE if memory.record[0].received else bank.BIAS_RATE
+        correct(memory, k, innovation, variance, (first, SCALE))
     # A reading that sliding could explain is no evidence that the encoder works.
     return rolling + min(sliding, 1.0 / span)
 

@@ -48,7 +48,8 @@ LARGEST_LOSS = 12.0  # largest deceleration that tires allow [m/s^2]
 BANK = np.dtype(
     [
         ("begun", "?"),
-        ("known", "?"),  # whether a twist has been fused
+        ("received", "?"),  # whether a twist has been received since the start
+        ("known", "?"),  # whether readings have determined the motion, so that likelihoods are valid
         ("equipped", "?"),  # whether a complete IMU reading has been received since the start
         ("inertial", "?"),  # whether the last IMU reading is present and complete
         ("pressed", "?"),  # whether the pedal was down in the last step
@@ -130,7 +131,7 @@ class BankConstants(NamedTuple):
         weight: exponent of the likelihoods of a step, below 1 because errors are correlated [1].
         wheel_weight: exponent of the likelihoods of the wheels in a step [1].
         drift: random walk of the constant states (biases, scale, offset) while the pedal is up,
-            per standard deviation at the start [1/sqrt(s)].
+            per standard deviation at the start, which is also its limit [1/sqrt(s)].
         transition: probability of a transition between hypotheses in a step [1].
         velocity_deviation: limit on the standard deviation of the velocity of a valid estimate
             [m/s].
@@ -277,14 +278,19 @@ def bank_memory(wheels: int) -> BankMemory:
 
 
 @lean
-def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: FloatArray) -> None:
-    """Initialize all filters with the velocity of a twist and with large variances."""
+def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Twist) -> None:
+    """Initialize all filters with large variances and, if received, with the velocity of a twist.
+
+    Without a twist, the wheels determine the velocity. They roll, because the pedal is up.
+    """
     memory.record[0] = constants.nothing[0]
     bank = memory.record[0]
     bank.begun = True
     bank.horizon_ns = now_ns
     bank.twist_ns = now_ns - 1
-    bank.twist_x, bank.twist_y, bank.twist_rate = twist[0], twist[1], twist[2]
+    bank.received = twist.received
+    if twist.received:
+        bank.twist_x, bank.twist_y, bank.twist_rate = twist.value[0], twist.value[1], twist.value[2]
     bank.gyro = math.nan
     memory.newest[1] = memory.newest[0]
     memory.released[:] = 0.0
@@ -295,9 +301,9 @@ def begin(constants: BankConstants, memory: BankMemory, now_ns: int, twist: Floa
     memory.state[:] = 0.0
     reset_posterior(constants, memory)
     for k in range(FILTERS):
-        memory.state[k, U_X] = twist[0] - twist[2] * constants.p_y
-        memory.state[k, U_Y] = twist[1] + twist[2] * constants.p_x
-        memory.state[k, RATE] = twist[2]
+        memory.state[k, U_X] = bank.twist_x - bank.twist_rate * constants.p_y
+        memory.state[k, U_Y] = bank.twist_y + bank.twist_rate * constants.p_x
+        memory.state[k, RATE] = bank.twist_rate
         for j in range(STATES):
             memory.covariance[k, j, j] = constants.initial[j] ** 2
 

@@ -2,8 +2,8 @@
 
 A model samples and delays the true twist, and adds white noise and a constant scale error. Above
 its maximum speed, and for lost samples, it gives no measurement. A comment at each model names the
-source of its numbers. Wheel odometry and dead reckoning are not error models: they use the
-simulated encoders and IMU.
+source of its numbers. Wheel odometry is no error model: it uses the simulated encoders. Without a
+twist, the assistant estimates the motion from encoders and IMU.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from omni_platform.kinematics import PlatformKinematics
 from omni_sim.simulator import Observation
 from omni_sim.velocity_sensor import SMALLEST_DEVIATION
 
-MODEL, WHEELS, INERTIAL = "model", "wheels", "inertial"
+MODEL, WHEELS, NOTHING = "model", "wheels", "nothing"
 _UNMEASURED = signals.UNMEASURED_VARIANCE * np.eye(3)
 _NEVER_NS = -(10**18)  # older than any timeout [ns]
 
@@ -28,7 +28,7 @@ class Source:
 
     Attributes:
         label: label for tables.
-        kind: error model, wheel odometry, or wheel odometry that ends at the start of braking.
+        kind: error model, wheel odometry, or no twist.
         linear: standard deviation of v_x and v_y [m/s].
         turning: standard deviation of the yaw rate [rad/s].
         relative: additional standard deviation per speed [1].
@@ -96,7 +96,7 @@ SOURCES = {
         "optical 2-D sensor (Correvit type) and gyro", MODEL, 0.01, 5e-3, 1e-3, 1e-3, latency=6e-3
     ),
     "encoders": Source("wheel encoders alone", WHEELS),
-    "encoders_imu": Source("encoders until braking, then IMU", INERTIAL),
+    "encoders_imu": Source("no twist: encoders and IMU", NOTHING),
     "late_20ms": Source("ideal, 20 ms late", latency=0.02),
     "late_50ms": Source("ideal, 50 ms late", latency=0.05),
     "late_100ms": Source("ideal, 100 ms late", latency=0.1),
@@ -126,7 +126,8 @@ class SourceEstimator:
     def estimate(self, observation: Observation) -> signals.TwistSample:
         """Return the latest received measurement, or an outdated twist before the first one."""
         now_ns, source = observation.stamp_ns, self._source
-        if now_ns - self._sampled_ns >= round(source.period * 1e9):
+        due = now_ns - self._sampled_ns >= round(source.period * 1e9)
+        if due and source.kind != NOTHING:
             self._sampled_ns = now_ns
             arrival_ns = now_ns + round(source.latency * 1e9)
             self._waiting.append((arrival_ns, self._measure(observation)))
@@ -136,8 +137,9 @@ class SourceEstimator:
 
     def _measure(self, observation: Observation) -> signals.TwistSample:
         source, stamp_ns = self._source, observation.stamp_ns
-        if source.kind != MODEL:
-            return self._by_wheels(observation)
+        if source.kind == WHEELS:
+            twist = self._kinematics.twist(observation.encoder_speed)
+            return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)
         speed = math.hypot(*observation.twist[:2])
         lost = self._random.random() < source.lost
         noise = self._random.standard_normal(3)
@@ -150,10 +152,3 @@ class SourceEstimator:
         stated = deviation**2 + np.array([1.0, 1.0, 0.0]) * (source.scale * speed) ** 2
         value: quantities.FloatArray = scale * observation.twist + deviation * noise
         return signals.TwistSample(stamp_ns, value, np.diag(stated))
-
-    def _by_wheels(self, observation: Observation) -> signals.TwistSample:
-        stamp_ns = observation.stamp_ns
-        if self._source.kind == INERTIAL and observation.pedal > 0.0:
-            return signals.TwistSample(stamp_ns, np.zeros(3), _UNMEASURED)
-        twist = self._kinematics.twist(observation.encoder_speed)
-        return signals.TwistSample(stamp_ns, twist, np.diag([0.02, 0.02, 0.04]) ** 2)

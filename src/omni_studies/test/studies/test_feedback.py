@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,21 +26,21 @@ KINEMATICS = PlatformKinematics.of(WHEELS)
 TWIST = np.array([1.0, -0.4, 0.3])
 
 
-def measured(name: str, steps: int = 400, pedal: float = 0.0, factor: float = 1.0) -> list[Any]:
+def measured(name: str, steps: int = 400, factor: float = 1.0) -> list[Any]:
     estimator = SourceEstimator(SOURCES[name], KINEMATICS, 3)
     twist = factor * TWIST
     speeds = KINEMATICS.wheel_speeds(twist)
     return [
         estimator.estimate(
             SimpleNamespace(  # type: ignore[arg-type]
-                stamp_ns=10_000_000 * step, twist=twist, pedal=pedal, encoder_speed=speeds
+                stamp_ns=10_000_000 * step, twist=twist, encoder_speed=speeds
             )
         )
         for step in range(steps)
     ]
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", SOURCES.keys() - {"encoders_imu"})
 def test_errors_are_as_large_as_stated(name: str) -> None:
     twists = [one for one in measured(name, factor=0.5) if one.covariance[0, 0] < 1.0]
     assert len(twists) > 100
@@ -66,10 +65,19 @@ def test_a_chip_beyond_its_speed_measures_nothing() -> None:
     assert all(one.covariance[0, 0] >= 1e6 for one in measured("pmw3901_2"))
 
 
-def test_wheels_measure_until_the_pedal_goes_down() -> None:
+def test_wheels_that_roll_measure_the_twist() -> None:
     np.testing.assert_allclose(measured("encoders")[-1].value, TWIST, atol=1e-9)
-    assert measured("encoders_imu", pedal=1.0)[-1].covariance[0, 0] >= 1e6
-    assert dataclasses.asdict(SOURCES["encoders"])["kind"] == "wheels"
+
+
+def test_encoders_and_an_imu_assist_without_any_twist() -> None:
+    assert all(one.stamp_ns < -1_000_000_000 for one in measured("encoders_imu"))
+    library = ExperimentLibrary(Path(__file__).parents[4] / "config")
+    options = feedback.Options(vehicle=(), source=("encoders_imu",), named=True)
+    cases = feedback.Cases.of(library, options)
+    unassisted, _, assisted = [cases.run(number) for number in range(3)]  # straight ahead
+    assert assisted.law == "allocation"
+    assert assisted.distance < unassisted.distance
+    assert assisted.rotation < 0.3 * unassisted.rotation
 
 
 def test_with_an_imu_a_late_source_is_as_good_as_its_stamps() -> None:
