@@ -33,8 +33,8 @@ from omni_brake_assist.conditions import CONDITIONS, GOOD, INACTIVE, SLOW, UNREA
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import BrakeDemand, Decision, Fault
 from omni_brake_assist.laws.law import NO_HELP, call_law, own_law
-from omni_brake_assist.sources import Source, sources
-from omni_platform.geometry import PlatformGeometry
+from omni_brake_assist.sources import LONG_NS, REFUSED, REJECTED, Source, sources
+from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import FloatArray
 from omni_platform.signals import INVALID, MISSING, VALID, ImuSample, TwistSample, WheelSample
 
@@ -57,13 +57,15 @@ class BrakeAssist:
 
     def __init__(self, configuration: BrakeAssistConfiguration) -> None:
         self.configuration = configuration
-        self.geometry = PlatformGeometry.from_wheels(configuration.wheels)
+        self._kinematics = PlatformKinematics.of(configuration.wheels)
+        self.geometry = self._kinematics.geometry
         self._wheels = len(self.geometry.names)
         self._constants = assist_state.make_constants(configuration, self.geometry)
         self._law = own_law(configuration, self.geometry)  # None if the law is built in
         self._memory = assist_state.new_memory(self._wheels)
         self._faults: dict[int, Fault] = {}  # reasons for conditions that have no text in the table
         self._stamp_ns = 0
+        self._rejected_ns: dict[str, int] = {}  # stamp since which a source has been rejected
         # Compile the kernel here, so that the first real step is as fast as all others. Its memory
         # must not contain the stamp of this step.
         self._step(Inputs(0, 0.0, True, GOOD, *self._samples(BrakeDemand(0, 0.0, None))))
@@ -100,9 +102,21 @@ class BrakeAssist:
         return self._all_on(codes.get(silence.state, conditions.SILENCE), silence)
 
     def sources(self) -> tuple[Source, ...]:
-        """Return the test ratio and state of each measurement source after the last decision."""
-        detects = self.configuration.fault_detection
-        return sources(self._memory, self.geometry.names, detects)
+        """Return the test ratio and state of each measurement source after the last decision.
+
+        The state REFUSED depends on the previous calls, one of which should follow each decision.
+        """
+        now_ns, since_ns = self._stamp_ns, self._rejected_ns
+        found = sources(self._memory, self._kinematics, self.configuration.fault_detection)
+        self._rejected_ns = {
+            one.name: since_ns.get(one.name, now_ns) for one in found if one.state == REJECTED
+        }
+        return tuple(
+            one._replace(state=REFUSED)
+            if now_ns - self._rejected_ns.get(one.name, now_ns) > LONG_NS
+            else one
+            for one in found
+        )
 
     def switch(self, *, enabled: bool) -> None:
         """Enable or disable the release of brakes, starting with the next decision."""
@@ -276,6 +290,8 @@ class BrakeAssist:
         if fault is not None and INACTIVE < outcome < SLOW:
             return fault.reason
         configuration = self.configuration
+        if outcome == conditions.FAILED_BRAKE and self._constants.laws.replans:
+            outcome = conditions.REPLANNED  # also in steps in which the law releases no brake
         limit = configuration.speed_threshold if outcome == SLOW else configuration.pedal_threshold
         words = CONDITIONS[outcome].words.format(limit=limit, wheel=self._failed_wheel)
         dwell = configuration.minimum_dwell_time

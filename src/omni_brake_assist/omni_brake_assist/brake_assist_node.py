@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
 from omni_brake_assist.brake_assist import BrakeAssist
-from omni_brake_assist.conditions import AssistState
+from omni_brake_assist.conditions import WARNING, AssistState
 from omni_brake_assist.configuration import BrakeAssistConfiguration
 from omni_brake_assist.decision import Decision, Fault
 from omni_brake_assist.messages import (
@@ -26,6 +26,7 @@ from omni_brake_assist.messages import (
     imu_reading_of,
     pedal_of,
     twist_of,
+    upwards_problem,
     wheel_speeds_of,
 )
 from omni_brake_assist.sources import Source, summary
@@ -66,6 +67,7 @@ TUNABLE = frozenset(
         "frozen_time",
     }
 )
+_UPWARDS_SHARE = 0.01  # weight of an IMU reading in the low-passed specific force [1]
 _NOTHING_YET = {"state": AssistState.NO_DEMAND.value, "fault": AssistState.NO_DEMAND.value}
 
 
@@ -107,6 +109,7 @@ class BrakeAssistNode(Node):
         self.add_post_set_parameters_callback(self._on_parameters_set)
         self._wheels = tuple(configuration.wheels)
         self._imu_received = -math.inf
+        self._upwards: float | None = None  # specific force of the IMU, low-passed [m/s^2]
         self._fault_detection = configuration.fault_detection
         self._inputs = StepPairing(
             fault_detection=configuration.fault_detection,
@@ -183,6 +186,9 @@ class BrakeAssistNode(Node):
         if not self._fault_detection:
             return
         self._imu_received = self._running.now()
+        upwards = message.linear_acceleration.z
+        last = upwards if self._upwards is None else self._upwards
+        self._upwards = last + _UPWARDS_SHARE * (upwards - last)
         self._take(imu_reading_of(message))
         silent = self._imu_received - self._twist_received > self._feedback_timeout
         if silent and not self._lockstep:
@@ -244,6 +250,9 @@ class BrakeAssistNode(Node):
     def _report(self, decision: Decision, sources: Sequence[Source]) -> None:
         fault = decision.fault.state if decision.fault is not None else None
         level, words = summary(decision, sources)
+        problem = upwards_problem(self._upwards) if self._upwards is not None else ""
+        if problem:
+            level, words = max(level, WARNING), f"{words}; {problem}"
         status = Status(
             level,
             words,

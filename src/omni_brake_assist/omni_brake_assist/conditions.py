@@ -119,7 +119,8 @@ GOOD = ASSISTING
 """Condition without a fault."""
 
 _S = AssistState
-_FAILED = "the brake of {wheel} does not act"
+_FAILED = "the brake of {wheel} does not act (check brake, valve and wiring)"
+_NO_EFFECT = "braking has too little effect (check brakes and IMU)"
 _DEVIATION = "standard deviation of the "
 _MORE = ", more than {limit:.4g} "
 _LATCHED = ": all brakes on until the pedal is released"
@@ -133,7 +134,9 @@ CONDITIONS: tuple[Condition, ...] = (
     Condition(_S.SECOND_PUBLISHER, ERROR),
     Condition(_S.INTERNAL_ERROR, ERROR),
     Condition(_S.INTERNAL_ERROR, ERROR, "control law returned an enable outside [0, 1]"),
-    Condition(_S.NO_EFFECT, ERROR, "braking has too little effect" + _LATCHED),
+    Condition(
+        _S.NO_EFFECT, ERROR, "braking has too little effect (check brakes and IMU)" + _LATCHED
+    ),
     Condition(_S.STALE_FEEDBACK, ERROR),
     Condition(_S.TIME_JUMP, WARNING, "the stamp of the demand decreased by {value:.4g} s"),
     Condition(

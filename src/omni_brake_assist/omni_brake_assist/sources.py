@@ -21,9 +21,20 @@ from omni_brake_assist.decision import Decision
 from omni_brake_assist.filter_bank import state as bank
 from omni_brake_assist.filter_bank.measurement import GATE
 from omni_brake_assist.filter_bank.state import FAULTY, NO_IMU
+from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 
 FUSED, REJECTED, ISOLATED, MISSING, BRAKED = "fused", "rejected", "isolated", "missing", "braked"
 LOST = "lost"  # missing, although readings are expected: see `sources`
+REFUSED = "rejected for more than 1 s"
+LONG_NS = 1_000_000_000
+"""Time for which a source is rejected before it is `REFUSED` [ns]."""
+_REMEDIES = {
+    LOST: "no plausible reading: check driver, wiring and unit",
+    ISOLATED: "check unit, sign and mounting",
+    REFUSED: "check unit, sign and mounting",
+}
+"""Remedies for the states that require a person to act."""
 _NO_TWIST = (conditions.SILENCE, conditions.ABSENT, conditions.STALE)
 _GATE_SIGMA = math.sqrt(GATE)  # innovation at a test ratio of 1, in standard deviations [1]
 
@@ -34,7 +45,8 @@ class Source(NamedTuple):
     Attributes:
         name: twist, gyro, accelerometer or the name of a wheel.
         test_ratio: normalized innovation squared divided by `GATE` [1], NaN without an innovation.
-        state: FUSED, REJECTED, ISOLATED, MISSING or LOST, or BRAKED for a wheel that does not roll.
+        state: FUSED, REJECTED, REFUSED, ISOLATED, MISSING or LOST, or BRAKED for a wheel that does
+            not roll.
         reason: reason why the source is not fused; empty for a fused source.
     """
 
@@ -49,18 +61,20 @@ class Source(NamedTuple):
         return f"{self.state}: {self.reason}" if self.reason else self.state
 
 
-def sources(memory: Memory, wheels: Sequence[str], detects: bool) -> tuple[Source, ...]:
+def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tuple[Source, ...]:
     """Return the test ratio and state of all sources after a step.
 
     Args:
         memory: memory of the assistant.
-        wheels: names of the wheels in the order of the configuration.
-        detects: whether fault detection is on, which needs at least one wheel speed.
+        kinematics: kinematics of the wheels.
+        detects: whether fault detection is on, which needs all wheel speeds.
     """
     best, gate = int(memory.bank.record[0]["best"]), memory.gate[0]
     force, gyro = map(float, memory.bank.ratio)
     twist = force + gyro  # the same sum as in `fuse_twist`
     found = [_source("twist", twist, isolated=best in (bank.NO_TWIST, bank.NO_ESTIMATE))]
+    if found[0].state == ISOLATED and not memory.bank.record[0]["pressed"]:
+        found[0] = found[0]._replace(reason=_disagreement(gate, kinematics.twist(memory.speeds)))
     if gate["cause"] != GOOD:
         state = LOST if gate["cause"] in _NO_TWIST else REJECTED
         found[0] = Source("twist", twist, state, CONDITIONS[int(gate["cause"])].state.value)
@@ -73,25 +87,39 @@ def sources(memory: Memory, wheels: Sequence[str], detects: bool) -> tuple[Sourc
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
         lost = missing and (partial or bool(memory.bank.record[0]["equipped"]))
         found.append(source._replace(state=LOST) if lost else source)
-    silent = detects and not np.any(np.isfinite(memory.speeds))
-    for i, name in enumerate(wheels):
+    for i, name in enumerate(kinematics.geometry.names):
         ratio = float(memory.bank.wheel_ratio[i])
         missing = not math.isfinite(memory.speeds[i])
         wheel = _source(name, ratio, isolated=memory.bank.faulty[best, i] > FAULTY, missing=missing)
         braked = wheel.state == FUSED and math.isnan(ratio)
-        state = BRAKED if braked else LOST if silent else wheel.state
+        state = BRAKED if braked else LOST if missing and detects else wheel.state
         found.append(wheel._replace(state=state))
     return tuple(found)
 
 
 def summary(decision: Decision, found: Sequence[Source]) -> tuple[int, str]:
-    """Return level and text for `/diagnostics`; a lost or isolated source is at least a warning."""
+    """Return level and text for `/diagnostics`; at least a warning if a person must act."""
     level, text = decision.state.level, decision.reason
-    for state in (LOST, ISOLATED):
-        names = ", ".join(source.name for source in found if source.state == state)
+    for state, remedy in _REMEDIES.items():
+        names = ", ".join(
+            f"{one.name} ({one.reason})" if one.reason else one.name
+            for one in found
+            if one.state == state
+        )
         if names:
-            level, text = max(level, WARNING), f"{text}; {state}: {names}"
+            level, text = max(level, WARNING), f"{text}; {state}: {names}: {remedy}"
     return level, text
+
+
+def _disagreement(gate: np.void, rolling: FloatArray) -> str:
+    """Return the last valid twist and the twist of rolling wheels, in words."""
+    return "; ".join(
+        f"{name} {v_x:.2f}, {v_y:.2f} m/s, {yaw_rate:.2f} rad/s"
+        for name, (v_x, v_y, yaw_rate) in (
+            ("twist", (gate["v_x"], gate["v_y"], gate["yaw_rate"])),
+            ("wheels", rolling),
+        )
+    )
 
 
 def _source(name: str, ratio: float, *, isolated: bool, missing: bool = False) -> Source:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omni_brake_assist.brake_assist import BrakeAssist, BrakeAssistConfiguration, BrakeDemand
-from omni_brake_assist.conditions import ERROR, WARNING, AssistState
+from omni_brake_assist.conditions import ERROR, OK, WARNING, AssistState
 from omni_brake_assist.decision import Decision
 from omni_brake_assist.sources import (
     BRAKED,
@@ -14,15 +14,19 @@ from omni_brake_assist.sources import (
     ISOLATED,
     LOST,
     MISSING,
+    REFUSED,
     REJECTED,
     Source,
     summary,
 )
 from omni_platform.geometry import WheelMount
 from omni_platform.kinematics import PlatformKinematics
+from omni_platform.quantities import FloatArray
 from omni_platform.signals import ImuSample, TwistSample, WheelSample
 
 STEP_NS = 10_000_000
+ONES = np.ones(4)
+NO_READING = "no plausible reading: check driver, wiring and unit"
 
 
 def drive(
@@ -30,18 +34,20 @@ def drive(
     *,
     gyro: float = 0.0,
     force: float = 0.0,
-    twist: bool = True,
-    imu_until: int = 150,
-    wheels_until: int = 150,
+    twist: float | None = 1.0,
+    until: tuple[int, int] = (150, 150),
     pedal: float = 0.0,
+    factor: FloatArray = ONES,
 ) -> dict[str, Source]:
     """Drive at 5 m/s for a second, then for half a second with the changes; return the sources.
 
-    IMU readings and wheel speeds are received until the steps `imu_until` and `wheels_until`.
+    The twist is multiplied by `twist`, or lost if that is None, and the wheel speeds are multiplied
+    by `factor`. IMU readings and wheel speeds are received until the steps `until`.
     """
     assist = BrakeAssist(BrakeAssistConfiguration(wheels=wheels))
     value = np.array([5.0, 0.0, 0.0])
-    speeds = PlatformKinematics(wheels).wheel_speeds(value)
+    reading = value * (1.0 if twist is None else twist)
+    speeds = PlatformKinematics(wheels).wheel_speeds(value) * factor
     for step in range(150):
         stamp_ns, late = step * STEP_NS, step >= 100
         rate, speed = (gyro, speeds * (1.0 - pedal)) if late else (0.0, speeds)
@@ -50,11 +56,14 @@ def drive(
             BrakeDemand(
                 stamp_ns,
                 pedal if late else 0.0,
-                TwistSample(stamp_ns, value, 1e-6 * np.eye(3)) if twist or not late else None,
-                WheelSample(stamp_ns, speed) if step < wheels_until else None,
-                ImuSample(stamp_ns, rate, specific_force) if step < imu_until else None,
+                None
+                if twist is None and late
+                else TwistSample(stamp_ns, reading, 1e-6 * np.eye(3)),
+                WheelSample(stamp_ns, speed) if step < until[1] else None,
+                ImuSample(stamp_ns, rate, specific_force) if step < until[0] else None,
             )
         )
+        assist.sources()
     return {source.name: source for source in assist.sources()}
 
 
@@ -85,8 +94,8 @@ def test_the_twist_is_judged_by_velocity_and_yaw_rate_together(
 
 
 def test_a_missing_source_says_so(mecanum: dict[str, WheelMount]) -> None:
-    assert drive(mecanum, twist=False)["twist"].words == "lost: no_feedback"
-    gyro = drive(mecanum, imu_until=0)["gyro"]
+    assert drive(mecanum, twist=None)["twist"].words == "lost: no_feedback"
+    gyro = drive(mecanum, until=(0, 150))["gyro"]
     assert gyro.state == MISSING
     assert math.isnan(gyro.test_ratio)
 
@@ -99,22 +108,25 @@ def test_a_lost_imu_is_reported_with_a_warning(
     mecanum: dict[str, WheelMount], state: AssistState, level: int
 ) -> None:
     decision = Decision(0, np.ones(4), np.zeros(4), state, "reason")
-    lost = drive(mecanum, imu_until=100)
+    lost = drive(mecanum, until=(100, 150))
     assert lost["gyro"].state == lost["accelerometer"].state == LOST
-    assert summary(decision, [*lost.values()]) == (level, "reason; lost: gyro, accelerometer")
-    for found in (drive(mecanum), drive(mecanum, imu_until=0)):
+    words = f"reason; lost: gyro, accelerometer: {NO_READING}"
+    assert summary(decision, [*lost.values()]) == (level, words)
+    for found in (drive(mecanum), drive(mecanum, until=(0, 150))):
         assert summary(decision, [*found.values()]) == (state.level, "reason")
 
 
 def test_other_lost_sources_are_reported_with_a_warning(mecanum: dict[str, WheelMount]) -> None:
     decision = Decision(0, np.ones(4), np.zeros(4), AssistState.INACTIVE, "reason")
     for lost, found in (
-        ("twist", drive(mecanum, twist=False)),
-        (", ".join(mecanum), drive(mecanum, wheels_until=100)),
-        (", ".join(mecanum), drive(mecanum, wheels_until=0)),
+        ("twist (no_feedback)", drive(mecanum, twist=None)),
+        (", ".join(mecanum), drive(mecanum, until=(150, 100))),
+        (", ".join(mecanum), drive(mecanum, until=(150, 0))),
         ("gyro", drive(mecanum, gyro=math.nan)),
+        ("front_left", drive(mecanum, factor=np.array([1.0, math.nan, 1.0, 1.0]))),
     ):
-        assert summary(decision, [*found.values()]) == (WARNING, f"reason; lost: {lost}")
+        words = f"reason; lost: {lost}: {NO_READING}"
+        assert summary(decision, [*found.values()]) == (WARNING, words)
 
 
 @pytest.mark.parametrize("pedal", [0.0, 1.0])
@@ -128,4 +140,34 @@ def test_a_wheel_that_is_braked_measures_nothing(
 def test_an_isolated_source_is_reported_with_a_warning() -> None:
     decision = Decision(0, np.ones(4), np.zeros(4), AssistState.ASSISTING, "reason")
     found = [Source("twist", 0.1, FUSED), Source("gyro", 3.0, ISOLATED)]
-    assert summary(decision, found) == (WARNING, "reason; isolated: gyro")
+    words = "reason; isolated: gyro: check unit, sign and mounting"
+    assert summary(decision, found) == (WARNING, words)
+
+
+@pytest.mark.parametrize(
+    ("twist", "factor", "words"),
+    [
+        (3.6, 1.0, "twist 18.00, 0.00 m/s, 0.00 rad/s; wheels 5.00, "),
+        (1.0, -1.0, "twist 5.00, 0.00 m/s, 0.00 rad/s; wheels -5.00, "),
+    ],
+)
+def test_twist_and_wheels_that_disagree_in_a_drive_are_reported_with_their_values(
+    mecanum: dict[str, WheelMount], twist: float, factor: float, words: str
+) -> None:
+    decision = Decision(0, np.ones(4), np.zeros(4), AssistState.INACTIVE, "reason")
+    level, text = summary(
+        decision, [*drive(mecanum, twist=twist, factor=np.array(factor)).values()]
+    )
+    assert level == WARNING
+    assert text.startswith(f"reason; isolated: twist ({words}")
+    assert text.endswith("check unit, sign and mounting")
+
+
+@pytest.mark.parametrize(("twist", "state"), [(1.0, FUSED), (20.0, REFUSED)])
+def test_a_twist_that_is_rejected_for_long_is_reported_with_a_warning(
+    mecanum: dict[str, WheelMount], twist: float, state: str
+) -> None:
+    decision = Decision(0, np.ones(4), np.zeros(4), AssistState.INACTIVE, "reason")
+    found = drive(mecanum, twist=twist)
+    assert found["twist"].state == state
+    assert summary(decision, [found["twist"]])[0] == (WARNING if state == REFUSED else OK)

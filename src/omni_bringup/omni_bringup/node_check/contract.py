@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from omni_brake_assist.messages import upwards_problem
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
 from omni_platform.quantities import SECOND_NS
 from omni_ros.messages import planar_twist_of, to_nanoseconds
@@ -177,8 +178,8 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
     values = np.array([(force.x, force.y, force.z, yaw_rate) for force, yaw_rate in forces])
     if not np.all(np.isfinite(values)):
         yield "imu: yaw rate and specific force must be finite"
-    elif forces and abs((upwards := float(np.median(values[:, 2]))) - 9.81) > 2.0:
-        yield f"imu: specific force upwards {upwards:.2f}, must be 9.81 m/s^2 (REP 145)"
+    elif forces and (problem := upwards_problem(float(np.median(values[:, 2])))):
+        yield problem
 
 
 def _publisher_breaches(topic: str, publishers: Sequence[bool]) -> Iterator[str]:
