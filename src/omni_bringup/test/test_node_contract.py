@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +14,9 @@ import pytest
 from omni_bringup.node_check import contract
 from omni_bringup.node_check.enables_node import Enables
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
+from omni_bringup.replay.plan import recorded_configuration
 from omni_platform import topics
+from omni_recording.folder import open_vehicle
 from omni_ros.messages import (
     joint_state,
     message_class,
@@ -22,11 +25,14 @@ from omni_ros.messages import (
 )
 
 PERIOD_NS = 10_000_000
+TURN = np.array([1.0, 1.0, 0.3])
 
 
 def exchange(answers: list[Answer], sent: list[int]) -> Exchange:
     made = Exchange(topics.ENABLE, [True])
-    made.begin("recorded", (0, 0)).extend(sent)
+    for phase in ("unusable", "gap", "recorded"):
+        made.begin(phase, (0, 0))
+    made.sent["recorded"].extend(sent)
     made.answers = answers
     return made
 
@@ -47,7 +53,9 @@ def test_a_negative_variance_is_named_as_such(row: int) -> None:
     covariance = np.eye(3)
     covariance[row, row] = -1.0
     message = planar_twist_with_covariance(0, np.zeros(3), covariance)
-    breaches = contract.twist_breaches(exchange([Answer("recorded", 0, 0.0, 0.0, message)], [0]))
+    breaches = contract.twist_breaches(
+        exchange([Answer("recorded", 0, 0.0, 0.0, message)], [0]), 5.0
+    )
     assert "not positive definite" in next(breaches)
 
 
@@ -90,9 +98,48 @@ def test_a_repeated_stamp_of_an_odometry_is_named() -> None:
     assert found("brake_assist", [1, 3, 2])
 
 
-def imu(now_ns: int, upwards: float = 9.81) -> Any:
+@pytest.mark.parametrize(("speed", "named"), [(2.4, False), (99.0, True)])
+def test_a_speed_that_the_wheels_never_reach_is_named(speed: float, named: bool) -> None:
+    message = planar_twist_with_covariance(0, np.array([0.0, speed, 0.0]), 1e-4 * np.eye(3))
+    answers = [Answer("recorded", 0, 0.0, 0.0, message), Answer("unusable", 1, 0.0, 0.0, message)]
+    found = next(contract.twist_breaches(exchange(answers, [0]), fastest=2.0), "")
+    assert ("speed 99.00 m/s" in found and "reach 2.00 m/s" in found) == named
+
+
+def test_the_speed_of_a_recording_is_that_of_its_wheels() -> None:
+    recording = Path(__file__).parents[3] / "bags" / "small_stop" / "assisted"
+    configuration = recorded_configuration(open_vehicle(recording))
+    assert contract.fastest(recording, configuration) == pytest.approx(
+        configuration.maneuver.speed, rel=0.05
+    )
+
+
+@pytest.mark.parametrize(
+    ("unanswered", "paused", "words"),
+    [
+        (range(0), range(0), ""),
+        (range(100, 104), range(0), "gap of 50 ms between two answers (inputs in between"),
+        (range(100, 103), range(0), ""),  # 40 ms
+        (range(0), range(60, 200, 10), "gap of 60 ms between two answers (1 % are longer)"),
+        (range(0), range(100, 101), ""),  # the computer was busy once
+    ],
+)
+def test_gaps_in_the_enables_are_named(unanswered: range, paused: range, words: str) -> None:
+    sent, delay, answers = [k * PERIOD_NS for k in range(200)], 0, []
+    for k, stamp in enumerate(sent):
+        delay += 5 * PERIOD_NS if k in paused else 0
+        if k not in unanswered:
+            answers.append(Answer("recorded", stamp, 0.0, 0.0, None, stamp + delay))
+    breaches = contract.common_breaches(exchange(answers, sent), "brake_assist", "topic")
+    found = " | ".join(one for one in breaches if "gap" in one)
+    assert words in found
+    assert bool(words) == bool(found)
+
+
+def imu(now_ns: int, upwards: float = 9.81, yaw_rate: float = 0.0) -> Any:
     message = message_class(topics.IMU.type)()
     message.header.stamp = to_time(now_ns)
+    message.angular_velocity.z = yaw_rate
     message.linear_acceleration.z = upwards
     return message
 
@@ -101,7 +148,7 @@ MESSAGES: dict[str, Callable[[int], Any]] = {
     "clock": lambda now_ns: message_class(topics.CLOCK.type)(clock=to_time(now_ns)),
     "wheel_states": lambda now_ns: joint_state(now_ns, ("left",), velocity=np.ones(1)),
     "pedal": lambda now_ns: joint_state(now_ns, ("brake_pedal",), position=np.zeros(1)),
-    "twist": lambda now_ns: planar_twist_with_covariance(now_ns, np.ones(3), np.eye(3)),
+    "twist": lambda now_ns: planar_twist_with_covariance(now_ns, TURN, 0.1 * np.eye(3)),
     "imu": imu,
 }
 
@@ -118,6 +165,10 @@ def simulated(key: str, step: int = 1, lag_ns: int = 0) -> list[tuple[int, Any]]
     return [(stamp_ns, MESSAGES[key](stamp_ns - lag_ns)) for stamp_ns in stamps]
 
 
+def turning(yaw_rate: float, upwards: float = 9.81) -> list[tuple[int, Any]]:
+    return [(now_ns, imu(now_ns, upwards, yaw_rate)) for now_ns, _ in simulated("imu")]
+
+
 @pytest.mark.parametrize(
     ("key", "received", "words"),
     [
@@ -131,7 +182,11 @@ def simulated(key: str, step: int = 1, lag_ns: int = 0) -> list[tuple[int, Any]]
         ("twist", Received(simulated("twist", lag_ns=200_000_000), [True]), "/clock by -0.20 s"),
         ("clock", Received([], []), "clock: nothing"),
         ("imu", Received([(0, imu(0, math.nan))], [True]), "finite"),
-        ("imu", Received(simulated("imu"), [True]), ""),
+        ("imu", Received(turning(0.3), [True]), ""),
+        ("imu", Received(turning(0.05), [True]), ""),  # too slow for a comparison
+        ("imu", Received(turning(0.3, upwards=1.0), [True]), "upwards 1.00, must be 9.81"),
+        ("imu", Received(turning(math.degrees(0.3)), [True]), "0.017 times those of the IMU"),
+        ("imu", Received(turning(-0.3), [True]), "-1 times those of the IMU"),
         ("imu", Received([], []), ""),
     ],
 )

@@ -3,13 +3,19 @@
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omni_brake_assist.messages import upwards_problem
 from omni_bringup.node_check.exchange_node import Answer, Exchange, Received
+from omni_loop.experiment import ExperimentConfiguration
+from omni_loop.recorded_run import ordered, read_streams
+from omni_platform import topics
+from omni_platform.kinematics import PlatformKinematics
 from omni_platform.quantities import SECOND_NS
+from omni_recording.folder import open_vehicle
 from omni_ros.messages import planar_twist_of, to_nanoseconds
 
 
@@ -40,6 +46,9 @@ class Contract:
     longest_gap: float = 1.0
     clock_error: float = 0.05
     largest_variance: float = 1.0
+    speed_excess: tuple[float, float] = (0.2, 0.5)
+    yaw_rate_ratio: tuple[float, float] = (0.5, 2.0)
+    turning: float = 0.1
 
 
 CONTRACT = Contract(
@@ -91,6 +100,7 @@ def common_breaches(exchange: Exchange, node: str, topic: str) -> Iterator[str]:
             f"1 % of the answers are older than {age:.0f} ms; the limit is "
             f"{1e3 * CONTRACT.largest_age[node]:.0f} ms"
         )
+    yield from _gap_breaches(exchange, round(CONTRACT.largest_age[node] * SECOND_NS))
     stamps = [one.stamp_ns for one in exchange.answers]
     repeats = node == "brake_assist"  # an assistant without inputs repeats its last stamp
     for before, after in itertools.pairwise(stamps):
@@ -127,14 +137,24 @@ def enable_breaches(exchange: Exchange, wheels: Sequence[str]) -> Iterator[str]:
             yield f"no enables later than {_recovery(phase)}"
 
 
-def twist_breaches(exchange: Exchange) -> Iterator[str]:
-    """Yield violations in the twists that an odometry node publishes."""
+def twist_breaches(exchange: Exchange, fastest: float) -> Iterator[str]:
+    """Yield violations in the twists of an odometry; `fastest` is the recorded speed [m/s]."""
+    share, amount = CONTRACT.speed_excess
+    for one in exchange.answers:
+        speed = float(np.hypot(*planar_twist_of(one.message)[0][:2]))
+        if _is_measured(one.message) and speed > (1.0 + share) * fastest + amount:
+            yield (
+                f"speed {speed:.2f} m/s (phase {one.phase!r}, stamp "
+                f"{one.stamp_ns / SECOND_NS:.3f} s), although the wheels of the recording reach "
+                f"{fastest:.2f} m/s"
+            )
+            break
     for one in exchange.answers:
         problem = _twist_problem(one.message)
         if problem:
             yield f"{problem} (phase {one.phase!r}, stamp {one.stamp_ns / SECOND_NS:.3f} s)"
             break
-    if not any(_is_measured(one) for one in exchange.answers if one.phase == "recorded"):
+    if not any(_is_measured(one.message) for one in exchange.answers if one.phase == "recorded"):
         largest = CONTRACT.largest_variance
         yield (
             f"no twist has a variance below {largest:g} m^2/s^2: nothing is measured; start the "
@@ -142,8 +162,18 @@ def twist_breaches(exchange: Exchange) -> Iterator[str]:
         )
         return
     for phase in ("gap", "unusable"):
-        if not any(_is_measured(one) for one in _after(exchange, phase)):
+        if not any(_is_measured(one.message) for one in _after(exchange, phase)):
             yield f"no valid twist later than {_recovery(phase)}"
+
+
+def fastest(recording: Path, configuration: ExperimentConfiguration) -> float:
+    """Return the largest speed of a recording by its wheels; without them, the permitted one."""
+    streams = read_streams(open_vehicle(recording), [topics.WHEEL_STATES])
+    if not streams:
+        return configuration.brake_assist.maximum_speed
+    wheels, states = configuration.vehicle.wheels, streams[topics.WHEEL_STATES.name].messages
+    speeds = np.array([ordered(message, "velocity", tuple(wheels)) for message in states])
+    return float(np.max(np.hypot(*PlatformKinematics.of(wheels).twist(speeds)[:, :2].T)))
 
 
 def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> Iterator[str]:
@@ -178,8 +208,57 @@ def simulator_breaches(seen: Mapping[str, Received], wheels: Sequence[str]) -> I
     values = np.array([(force.x, force.y, force.z, yaw_rate) for force, yaw_rate in forces])
     if not np.all(np.isfinite(values)):
         yield "imu: yaw rate and specific force must be finite"
-    elif forces and (problem := upwards_problem(float(np.median(values[:, 2])))):
-        yield problem
+    elif forces:
+        problem = upwards_problem(float(np.median(values[:, 2])))
+        yield from filter(None, (problem, _yaw_rate_problem(seen)))
+
+
+def _gap_breaches(exchange: Exchange, limit_ns: int) -> Iterator[str]:
+    """Yield gaps between the answers to the recorded inputs, by their stamps and publication.
+
+    A gap in the stamps counts only if an input in it remains unanswered. Gaps between publications
+    count only if they are frequent, because a busy computer delays any node.
+    """
+    begun = exchange.sent["recorded"][0] + round(CONTRACT.warm_up * SECOND_NS)
+    sent = np.array([stamp for stamp in exchange.sent["recorded"] if stamp >= begun])
+    first = [one for one in exchange.answers if one.phase == "recorded" and one.stamp_ns >= begun]
+    answered = np.flatnonzero(np.isin(sent, [one.stamp_ns for one in first]))
+    longest = max(
+        (sent[b] - sent[a] for a, b in itertools.pairwise(answered) if b > a + 1), default=0
+    )
+    intervals = np.diff([one.published_ns for one in first])
+    usual = float(np.percentile(intervals, 99)) if len(intervals) else 0.0
+    for gap, words in ((longest, "inputs in between are unanswered"), (usual, "1 % are longer")):
+        if gap >= limit_ns:
+            yield (
+                f"gap of {gap / 1e6:.0f} ms between two answers ({words}); the limit is "
+                f"{limit_ns / 1e6:.0f} ms"
+            )
+            return
+
+
+def _yaw_rate_problem(seen: Mapping[str, Received]) -> str:
+    """Return a description of yaw rates of twist and IMU that disagree; empty if they agree."""
+    imu = [message for _, message in seen["imu"].messages]
+    twists = [message for _, message in seen["twist"].messages if _is_measured(message)]
+    if not twists:
+        return ""
+    stamps, twist_stamps = (
+        [to_nanoseconds(message.header.stamp) for message in messages] for messages in (imu, twists)
+    )
+    rates = np.interp(twist_stamps, stamps, [one.angular_velocity.z for one in imu])
+    square = float(np.mean(rates**2))
+    if square < CONTRACT.turning**2:
+        return ""
+    # The noise of the twist does not bias this ratio.
+    ratio = float(np.mean(rates * [one.twist.twist.angular.z for one in twists])) / square
+    least, most = CONTRACT.yaw_rate_ratio
+    if least <= ratio <= most:
+        return ""
+    return (
+        f"imu: the yaw rates of the twist are {ratio:.2g} times those of the IMU; check the units "
+        "and signs of both"
+    )
 
 
 def _publisher_breaches(topic: str, publishers: Sequence[bool]) -> Iterator[str]:
@@ -230,8 +309,13 @@ def _recovery(phase: str) -> str:
     return f"{CONTRACT.recovery:g} s after a fault of one input ({phase})"
 
 
-def _is_measured(one: Answer) -> bool:
-    return bool(np.max(np.diag(planar_twist_of(one.message)[1])) < CONTRACT.largest_variance)
+def _is_measured(message: Any) -> bool:
+    """Return whether a message is a finite twist with a small variance."""
+    if not hasattr(message, "twist"):  # lines of a camera
+        return False
+    twist, covariance = planar_twist_of(message)
+    finite = bool(np.all(np.isfinite(twist)))
+    return finite and bool(np.max(np.diag(covariance)) < CONTRACT.largest_variance)
 
 
 def _twist_problem(message: Any) -> str:
