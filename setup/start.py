@@ -26,6 +26,12 @@ def main(words: Sequence[str], door: str, usage: str) -> int:
         usage: help text of the program.
     """
     root = Path(door).parent
+    for stream in range(3):
+        # A closed standard stream would be replaced by the next file that is opened: by the lock.
+        try:
+            os.fstat(stream)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
     def end(number: int, _: object) -> None:
         raise SystemExit(128 + number)

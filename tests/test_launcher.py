@@ -72,6 +72,20 @@ def test_an_old_python_gives_way_to_a_supported_one(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- starting
 
 
+def test_a_closed_standard_output_receives_nothing(built_once: Workspace) -> None:
+    lock = built_once.root / ".cache" / "lock"
+    closed = ["sh", "-c", 'exec "$@" >&-', "sh", *built_once.command("run")]
+    finished = subprocess.run(
+        closed,
+        cwd=built_once.root,
+        env={**os.environ, "OMNI_ROS": "wheels", "LD_LIBRARY_PATH": ""},
+        stderr=subprocess.PIPE,
+        check=False,
+    )
+    assert (finished.returncode, finished.stderr) == (0, b"")
+    assert lock.read_bytes() == b""
+
+
 def test_output_arguments_and_exit_code_are_the_commands_own(built_once: Workspace) -> None:
     result = built_once.start("run", "fail", "--set", "a=b c")
     assert result.returncode == 7
