@@ -60,12 +60,17 @@ def to_time(stamp_ns: int) -> Time:
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Return the stamp of a message in [ns].
+    """Return the stamp of a message in [ns]."""
+    return _nanoseconds(int(stamp.sec), int(stamp.nanosec))
 
-    An invalid stamp of a second or more of nanoseconds counts as the end of its second, so that the
+
+def _nanoseconds(seconds: int, nanoseconds: int) -> int:
+    """Return the sum [ns] of the two parts of a stamp.
+
+    An invalid part of a second or more of nanoseconds counts as the end of its second, so that the
     result fits into a message.
     """
-    return int(stamp.sec) * SECOND_NS + min(int(stamp.nanosec), SECOND_NS - 1)
+    return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1)
 
 
 def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
@@ -86,7 +91,7 @@ def leading_stamp(data: bytes, of_list: bool = False) -> int | None:
     # The second byte of the encapsulation header is odd for little endian, in every version.
     layout = _LITTLE_ENDIAN_STAMP if data[1] & 1 else _BIG_ENDIAN_STAMP
     seconds, nanoseconds = layout.unpack_from(data, offset)
-    return seconds * SECOND_NS + min(nanoseconds, SECOND_NS - 1) if seconds >= 0 else None
+    return _nanoseconds(seconds, nanoseconds) if seconds >= 0 else None
 
 
 def stamped(kind: type[_Message], stamp_ns: int, frame: str = "") -> _Message:

@@ -5,6 +5,8 @@ The README of this package describes the contract: topics, types, parameters and
 
 import math
 import time
+from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -100,37 +102,30 @@ class BrakeAdapterNode(Node):
         self.create_timer(given.period, self._step, clock=steady_clock())
 
     def _on_enable(self, message: JointState) -> None:
-        given = dict(zip(message.name, message.effort, strict=False))
-        # A repeated name is ambiguous, and its brake must not be released.
-        once = {name for name in given if message.name.count(name) == 1}
         wheels = self._configuration.wheels
-        self._enable = np.array([given[w] if w in once else math.nan for w in wheels])
+        self._enable = _column(message.effort, _rows(message.name), wheels)
         now_ns = self.get_clock().now().nanoseconds
         self._enable_age = 1e-9 * (now_ns - to_nanoseconds(message.header.stamp))
         self._received["enable"] = time.monotonic()
 
     def _on_joints(self, message: JointState) -> None:
-        # A repeated name is ambiguous, so its joint counts as missing.
-        names = list(message.name)
-        found = {name: row for row, name in enumerate(names) if names.count(name) == 1}
+        found = _rows(message.name)
         if not set(self._joints) <= found.keys():
             self._unnamed -= found.keys()
             self._named = dict.fromkeys([*self._named, *found][:_SHOWN])
             self._received["other joints"] = time.monotonic()
             return
-
-        def column(values: Any) -> FloatArray:
-            rows = [found[name] for name in self._joints]
-            return np.array([values[row] if row < len(values) else math.nan for row in rows])
-
-        self._speed = column(message.velocity)
+        position, self._speed, effort = (
+            _column(values, found, self._joints)
+            for values in (message.position, message.velocity, message.effort)
+        )
         self._received["joints"] = time.monotonic()
         states = joint_state(
             to_nanoseconds(message.header.stamp),
             self._configuration.wheels,
-            position=column(message.position),
+            position=position,
             velocity=self._speed,
-            effort=column(message.effort),
+            effort=effort,
         )
         self._wheel_states.publish(states)
 
@@ -217,6 +212,18 @@ class BrakeAdapterNode(Node):
             self._command.publish(joint_state(stamp_ns, self._joints, effort=command))
         status = Status(ERROR if problem else OK, problem or "follows the enables")
         self._status.update(stamp_ns, problem, status)
+
+
+def _rows(names: Sequence[str]) -> dict[str, int]:
+    """Return the row of each name; a repeated name is ambiguous, so it counts as missing."""
+    counts = Counter(names)
+    return {name: row for row, name in enumerate(names) if counts[name] == 1}
+
+
+def _column(values: Sequence[float], rows: dict[str, int], names: Sequence[str]) -> FloatArray:
+    """Return the values of some names; NaN, which releases no brake, for a missing one."""
+    found = (rows.get(name, len(values)) for name in names)
+    return np.array([values[row] if row < len(values) else math.nan for row in found])
 
 
 main = partial(run_process, BrakeAdapterNode, spin_until_stopped)

@@ -24,6 +24,11 @@ from numpy.typing import ArrayLike
 from omni_platform.configuration import Configuration
 from omni_platform.quantities import FloatArray
 
+LOAD_RANGE = (1.0, 1.0e7)
+"""Smallest and largest wheel load of a tire model [N]."""
+LARGEST_FORCE = 1.0e8
+"""Limit on the forces of a tire model [N]."""
+
 
 class Curve(Protocol):
     """Properties of the force-slip curve of any tire model: slope and forces [N], slip [1]."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from omni_figures import style
 from omni_platform.configuration import ConfigurationError, WorkError, from_mapping
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import FitRecipe, Landmarks
+from omni_sim.tire.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks
 from omni_sim.tire.models import MODELS
 from omni_sim.tire.tire import Tire, TireConfiguration, steady_forces
 from omni_tools.tires.data import TireData, TireDataError
@@ -25,8 +25,8 @@ from omni_tools.tires.data import TireData, TireDataError
 # The slip at the peak is the least certain initial value, so a search starts from each of these
 # multiples of it.
 _PEAK_GUESSES = (1.0, 0.6, 1.7)
-# Range of the largest value in the data [N]; up to the limits of the tire's parameters.
-_RANGES = {"load": (1.0, 1.0e7), "force": (1.0e-3, 1.0e8)}
+_RANGES = {"load": LOAD_RANGE, "force": (1.0e-3, LARGEST_FORCE)}
+"""Range of the largest value in the data [N]."""
 
 
 class TireFit(NamedTuple):

@@ -14,13 +14,13 @@ import numpy as np
 from omni_platform.configuration import Configuration, parameter
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
-from omni_sim.tire.model import FitRecipe, Landmarks, TireModel, plain_mapping
+from omni_sim.tire.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 
 
 class LinearConfiguration(Configuration):
     """Parameters of a linear tire, by default the tire of Table 1 at the first nominal load."""
 
-    largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
+    largest_load: float = parameter(6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1])
     """Largest permissible wheel load"""
     stiffness: float = parameter(50000.0 / 3000.0, above=0.0, maximum=1000.0)
     """Slope dF/ds at zero slip, divided by the wheel load"""

@@ -25,7 +25,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.contact import solve_contact
-from omni_sim.tire.model import FitRecipe, Landmarks, TireModel, plain_mapping
+from omni_sim.tire.model import LOAD_RANGE, FitRecipe, Landmarks, TireModel, plain_mapping
 
 _SHAPE_RANGE = (1.05, 1.95)
 _CURVATURE_RANGE = (-20.0, 0.95)
@@ -34,7 +34,7 @@ _CURVATURE_RANGE = (-20.0, 0.95)
 class MagicFormulaConfiguration(Configuration):
     """Parameters of a Magic Formula tire, by default similar to the tire of Table 1."""
 
-    largest_load: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
+    largest_load: float = parameter(6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1])
     """Largest permissible wheel load"""
     friction: float = parameter(1.25, above=0.0, maximum=10.0)
     """Ratio of the largest force to the wheel load at small loads, a_2"""

@@ -25,7 +25,7 @@ from omni_platform.configuration import Configuration, ConfigurationError, param
 from omni_platform.kernels import lean
 from omni_platform.quantities import FloatArray
 from omni_sim.tire.contact import TOLERANCE, solve_contact
-from omni_sim.tire.model import FitRecipe, Landmarks, TireModel
+from omni_sim.tire.model import LARGEST_FORCE, LOAD_RANGE, FitRecipe, Landmarks, TireModel
 
 _MAXIMUM_ITERATIONS = 60
 
@@ -41,17 +41,17 @@ class TMeasyCurve(Configuration):
     """Slip at which the force is largest, at nominal load 1"""
     peak_slip_2: float = parameter(above=0.0, maximum=10.0)
     """Slip at which the force is largest, at nominal load 2"""
-    peak_force_1: float = parameter(unit="N", above=0.0, maximum=1.0e8)
+    peak_force_1: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
     """Largest force at nominal load 1"""
-    peak_force_2: float = parameter(unit="N", above=0.0, maximum=1.0e8)
+    peak_force_2: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
     """Largest force at nominal load 2"""
     slide_slip_1: float = parameter(above=0.0, maximum=100.0)
     """Slip at which full sliding begins, at nominal load 1"""
     slide_slip_2: float = parameter(above=0.0, maximum=100.0)
     """Slip at which full sliding begins, at nominal load 2"""
-    slide_force_1: float = parameter(unit="N", above=0.0, maximum=1.0e8)
+    slide_force_1: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
     """Force of full sliding at nominal load 1"""
-    slide_force_2: float = parameter(unit="N", above=0.0, maximum=1.0e8)
+    slide_force_2: float = parameter(unit="N", above=0.0, maximum=LARGEST_FORCE)
     """Force of full sliding at nominal load 2"""
 
     def check_consistency(self) -> None:
@@ -90,9 +90,13 @@ class TMeasyConfiguration(Configuration):
     belongs to the rollers of the wheel with individual rollers.
     """
 
-    nominal_load_1: float = parameter(3000.0, unit="N", minimum=1.0, maximum=1.0e7)
+    nominal_load_1: float = parameter(
+        3000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1]
+    )
     """Nominal wheel load F_z1"""
-    nominal_load_2: float = parameter(6000.0, unit="N", minimum=1.0, maximum=1.0e7)
+    nominal_load_2: float = parameter(
+        6000.0, unit="N", minimum=LOAD_RANGE[0], maximum=LOAD_RANGE[1]
+    )
     """Largest permissible wheel load F_z2"""
     x: TMeasyCurve = section(lambda: _table_1("x"))
     """Longitudinal curve"""
