@@ -50,6 +50,7 @@ class Vehicle(Bystander):
         self.wheel_states = self.node.create_publisher(JointState, "wheel_states", RELIABLE)
         self.enables: list[JointState] = []
         self.states: list[str] = []
+        self.texts: list[str] = []
         self.node.create_subscription(JointState, "brake/enable", self.enables.append, RELIABLE)
         self.errors: list[JointState] = []
         self.node.create_subscription(
@@ -60,6 +61,7 @@ class Vehicle(Bystander):
 
     def _on_state(self, message: DiagnosticArray) -> None:
         self.states += [v.value for v in message.status[0].values if v.key == "state"]
+        self.texts.append(message.status[0].message)
 
     def description(self) -> str:
         return f"states so far: {self.states}"
@@ -294,6 +296,7 @@ def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
             reading = Imu(header=joint_state(stamp_ns, ()).header)
             reading.angular_velocity.z = SWERVING[2]
             reading.linear_acceleration.y = SWERVING[0] * SWERVING[2]
+            reading.linear_acceleration.z = 1.0  # in g
             vehicle.wheel_states.publish(joint_state(stamp_ns, vehicle.wheels, velocity=speeds))
             imu.publish(reading)
             due = time.monotonic() + 1e-9 * STEP_NS
@@ -304,6 +307,8 @@ def test_encoders_and_an_imu_assist_without_any_twist(tmp_path: Path) -> None:
         vehicle.enables.clear()
         vehicle.wait(lambda: drive(1.0) == "dead_reckoning")
         assert any(0.0 in enable.effort for enable in vehicle.enables)
+        assert "lost: twist (no_feedback)" in vehicle.texts[-1]
+        assert "upwards 1.00, must be 9.81 m/s^2 (REP 145): check unit" in vehicle.texts[-1]
 
 
 def test_time_in_which_the_process_does_not_run_is_no_silence(

@@ -85,6 +85,8 @@ def sources(memory: Memory, kinematics: PlatformKinematics, detects: bool) -> tu
     ):
         missing = not math.isfinite(reading)
         source = _source(name, ratio, isolated=best in (out, NO_IMU), missing=missing)
+        if source.state == REJECTED and best == bank.NO_TWIST:
+            source = Source(name, ratio, FUSED)  # the innovation is that of the isolated twist
         lost = missing and (partial or bool(memory.bank.record[0]["equipped"]))
         found.append(source._replace(state=LOST) if lost else source)
     for i, name in enumerate(kinematics.geometry.names):
