@@ -24,7 +24,7 @@ from linescan_odometry.joint.spectra import (
     smoothed,
     sum_of,
 )
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, linked
 
 _PEAKS = 2  # number of candidates from each stack
 APART = 8  # px per line; smallest distance between two peaks
@@ -83,6 +83,7 @@ def band_pass(size: int, count: int) -> Floats:
     return weight.astype(np.float32)
 
 
+@linked
 @kernel
 def correlate(spectra: Spectrum) -> Products:
     """Return the correlations between the lines of a batch.
@@ -122,6 +123,7 @@ def correlate(spectra: Spectrum) -> Products:
     return Products(lagged, newer, older, total * np.float32(1.0 / m), power)
 
 
+@linked
 @kernel
 def find(
     products: Products, layout: Layout, pattern: Spectrum, weight: Floats, last: float
@@ -237,6 +239,7 @@ class Remainder(NamedTuple):
     number: Floats
 
 
+@linked
 @kernel
 def subtract(products: Products, layout: Layout, fixed: Spectrum) -> Remainder:
     """Return the correlations without the fixed part of the view.

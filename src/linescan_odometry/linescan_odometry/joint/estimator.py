@@ -21,6 +21,7 @@ from linescan_odometry.joint.likelihood import Precision, expand
 from linescan_odometry.matching.transforms import load_transforms, transform_size
 from linescan_odometry.measurements import Displacement, Unmeasured
 from linescan_odometry.plausibility import Plausibility
+from omni_platform.kernels import kernel
 from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 
@@ -54,6 +55,45 @@ class Estimate(NamedTuple):
     reason: str
     rest: spectra.Floats | Lines
     coherence: float = 0.0
+
+
+class _View(NamedTuple):
+    """A batch of lines in the frequency domain, with the candidates for its displacement.
+
+    Attributes:
+        logs: logarithm of the lines, shape (m, n).
+        spectra: spectra of the logarithm, shape (m, F).
+        products: correlations between the lines.
+        known: spectrum of the fixed pattern before this batch, shape (F,).
+        found: candidates for the displacement per line [px], shape (c,).
+        remainder: correlations without the fixed part of the view.
+    """
+
+    logs: spectra.Floats
+    spectra: spectra.Spectrum
+    products: candidates.Products
+    known: spectra.Spectrum
+    found: spectra.Doubles
+    remainder: candidates.Remainder
+
+
+class _Maximum(NamedTuple):
+    """Maximum of the likelihood near a candidate.
+
+    Attributes:
+        motion: displacement per line in the middle of the batch [px] and its change from line to
+            line [px], shape (2,); not finite if there is no maximum.
+        rest: logarithm of the lines minus the fixed pattern, shape (m, n).
+        information: information of this batch on the pattern, see `observe`, shape (F,).
+        precision: precision of the pattern estimated from this batch alone, shape (F,).
+        fit: variance and quality measures of the displacement.
+    """
+
+    motion: spectra.Doubles
+    rest: spectra.Floats
+    information: spectra.Spectrum
+    precision: spectra.Doubles
+    fit: Fit
 
 
 class _Choice(NamedTuple):
@@ -111,68 +151,36 @@ class JointEstimator:
             lines: lines of the batch, oldest first, shape (m, pixels).
             last: displacement per line in the previous batch [px]; NaN without a previous batch.
         """
-        (m, n), size = lines.shape, self._size
-        layout = candidates.Layout(m, n, size, self._limit)
-        logs = spectra.logarithms(lines, self._tables[lines.itemsize])
-        transformed = spectra.spectra_of(logs, self._taper, size)
-        products = candidates.correlate(transformed)
-        known = shrink(*self.pattern)
-        kappa = np.arange(m) - 0.5 * (m - 1)
-        found = candidates.find(products, layout, known, self._weight, last)
-        if not len(found):
+        m, n = lines.shape
+        layout = candidates.Layout(m, n, self._size, self._limit)
+        table = self._tables[lines.itemsize]
+        view = _transform(lines, table, self._taper, self.pattern, layout, (self._weight, last))
+        if not len(view.found):
             return Estimate(0.0, math.inf, "no peak of the correlation", lines)
-        removed = products.mean if m >= FEWEST_LINES else known
-        remainder = candidates.subtract(products, layout, removed)
-        choice = self._choose(products, remainder, layout, known, found, last)
+        choice = self._choose(view, layout, last)
         d, moves = choice.displacement, choice.moves
         if choice.reason:
             return Estimate(d, math.inf, choice.reason, lines)
-        motion = np.array([d, 0.0])
         # At rest, and with few lines, ground and pattern cannot be separated. The prior of the
         # pattern then determines the split.
         parted = moves and m >= FEWEST_LINES
-        pattern, batch = known, np.zeros(self._bins)
-        before = self.pattern.precision + self._stated
-        information, removed = known, products.mean
-        for number in range(_STEPS):
-            if parted:
-                paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
-                information, batch = observe(transformed, removed, paths, size)
-                together = self.pattern.information + information
-                before = self.pattern.precision + prior(together, self.pattern.precision + batch)
-                pattern = posterior(together, before + batch)
-            rest = spectra.without(logs, pattern, self._taper, size)
-            precision = Precision(before, batch)
-            removed = pattern
-            here = expand(rest, precision, motion, self._limit, self._spread)
-            motion = motion + here.step
-            if not np.isfinite(motion).all():
-                return Estimate(d, math.inf, "no maximum of the likelihood", rest)
-            # Two steps at least, because the pattern of the first one belongs to the candidate.
-            # After a step below one standard deviation, another one would change little.
-            if number > 0 and here.step[0] ** 2 < here.inverse[0, 0]:
-                break
-        best = assess(rest, here)
-        d, variance = float(motion[0]), best.variance
+        deviations = self._stated, self._spread
+        best = _maximize(view, self._taper, self.pattern, layout, (d, parted), deviations)
+        fit, rest = best.fit, best.rest
+        if not np.isfinite(best.motion).all():
+            return Estimate(d, math.inf, "no maximum of the likelihood", rest)
+        d, variance = float(best.motion[0]), fit.variance
         if not moves and not math.isfinite(variance):
-            variance = best.white  # at rest all lines are equal, so few features suffice
-        reason = _flaw(best, variance, moves, abs(d) * (m - 1))
+            variance = fit.white  # at rest all lines are equal, so few features suffice
+        reason = _flaw(fit, variance, moves, abs(d) * (m - 1))
         if reason:
             return Estimate(d, variance, reason, rest)
         if parted:
-            self._learn(information, batch)
-            variance += candidates.scatter(remainder, layout, d, (_LIKELY, _RATIO))
-        return Estimate(d, variance, "", rest, best.coherence)
+            self._learn(best.information, best.precision)
+            variance += candidates.scatter(view.remainder, layout, d, (_LIKELY, _RATIO))
+        return Estimate(d, variance, "", rest, fit.coherence)
 
-    def _choose(
-        self,
-        products: candidates.Products,
-        remainder: candidates.Remainder,
-        layout: candidates.Layout,
-        known: spectra.Spectrum,
-        found: spectra.Doubles,
-        last: float,
-    ) -> _Choice:
+    def _choose(self, view: _View, layout: candidates.Layout, last: float) -> _Choice:
         """Return the candidate for the displacement that explains the lines best.
 
         The mean of the batch contains everything that is fixed in the view. Without this mean, the
@@ -180,13 +188,11 @@ class JointEstimator:
         excludes rest.
 
         Args:
-            products: correlations between the lines.
-            remainder: these correlations without the mean of the batch.
+            view: the batch.
             layout: sizes of the batch.
-            known: spectrum of the present estimate of the fixed pattern, shape (F,).
-            found: candidates [px], shape (c,).
             last: displacement per line in the previous batch [px]; NaN without a previous batch.
         """
+        remainder, found = view.remainder, view.found
         evidence = candidates.rate(remainder, layout, found)
         best = int(np.argmax(evidence))
         # If the shift within the batch is below the smallest distance between two peaks, the
@@ -195,7 +201,7 @@ class JointEstimator:
         # Noise alone rarely exceeds half of the log-likelihood that a valid displacement requires.
         if evidence[best] < _RATIO * _LIKELY and len(static):
             c = float(found[static[0]])
-            rest = candidates.subtract(products, layout, known)
+            rest = candidates.subtract(view.products, layout, view.known)
             own = candidates.coherent(candidates.against_noise(rest, layout), layout, c, 1.0, 0)
             return _Choice(c, False, "" if own > _LIKELY else "low texture")
         if evidence[best] < _LIKELY:
@@ -223,6 +229,82 @@ class JointEstimator:
         self.pattern = FixedPattern(
             before.information * kept + information, before.precision * kept + precision
         )
+
+
+# Few long kernels are faster than many short ones: after each of them, a thread waits for Python's
+# global interpreter lock, which the thread of another camera may hold.
+@kernel
+def _transform(
+    lines: Lines,
+    table: spectra.Floats,
+    taper: spectra.Floats,
+    pattern: FixedPattern,
+    layout: candidates.Layout,
+    search: tuple[spectra.Floats, float],
+) -> _View:
+    """Return a batch in the frequency domain, with the candidates for its displacement.
+
+    Args:
+        lines: gray levels, shape (m, n).
+        table: logarithm of each gray level.
+        taper: factor of each pixel, shape (n,).
+        pattern: fixed pattern before this batch.
+        layout: sizes of the batch.
+        search: weight of each frequency and last displacement, see `candidates.find`.
+    """
+    logs = spectra.logarithms(lines, table)
+    transformed = spectra.spectra_of(logs, taper, layout.size)
+    products = candidates.correlate(transformed)
+    known = shrink(pattern.information, pattern.precision)
+    found = candidates.find(products, layout, known, search[0], search[1])
+    removed = products.mean if layout.lines >= FEWEST_LINES else known
+    remainder = candidates.subtract(products, layout, removed)
+    return _View(logs, transformed, products, known, found, remainder)
+
+
+@kernel
+def _maximize(
+    view: _View,
+    taper: spectra.Floats,
+    learned: FixedPattern,
+    layout: candidates.Layout,
+    candidate: tuple[float, bool],
+    deviations: tuple[float, float],
+) -> _Maximum:
+    """Return the maximum of the likelihood near a candidate, found by Newton's method.
+
+    Args:
+        view: the batch.
+        taper: factor of each pixel, shape (n,).
+        learned: fixed pattern before this batch.
+        layout: sizes of the batch.
+        candidate: displacement per line [px], and whether the pattern is estimated together with
+            the displacement.
+        deviations: precision of the pattern before the camera has moved, and prior standard
+            deviation of the displacement's change from line to line [px].
+    """
+    (start, parted), (stated, spread), size = candidate, deviations, layout.size
+    motion, kappa = np.array([start, 0.0]), np.arange(layout.lines) - 0.5 * (layout.lines - 1)
+    pattern, batch = view.known, np.zeros(len(view.known))
+    before = learned.precision + stated
+    information, removed = view.known, view.products.mean
+    for number in range(_STEPS):
+        if parted:
+            paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
+            information, batch = observe(view.spectra, removed, paths, size)
+            together = learned.information + information
+            before = learned.precision + prior(together, learned.precision + batch)
+            pattern = posterior(together, before + batch)
+        rest = spectra.without(view.logs, pattern, taper, size)
+        removed = pattern
+        here = expand(rest, Precision(before, batch), motion, layout.limit, spread)
+        motion = motion + here.step
+        # Two steps at least, because the pattern of the first one belongs to the candidate. After
+        # a step below one standard deviation, another one would change little.
+        small = number > 0 and here.step[0] ** 2 < here.inverse[0, 0]
+        if small or not np.isfinite(motion).all():
+            break
+    return _Maximum(motion, rest, information, batch, assess(rest, here))
 
 
 def _flaw(best: Fit, variance: float, moves: bool, shift: float) -> str:

@@ -22,7 +22,7 @@ from linescan_odometry.joint.spectra import (
     window,
 )
 from linescan_odometry.matching.transforms import transform_size
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, linked
 
 PLACES = 24  # number of ground segments in a line
 _CORRELATED = 2  # segments; largest distance at which the errors of two segments are correlated
@@ -104,6 +104,7 @@ def _noise(lines: Floats) -> float:
     return noise
 
 
+@linked
 @kernel
 def assess(lines: Floats, here: Expansion) -> Fit:
     """Return variance and quality measures of the displacement at a maximum of the likelihood.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from linescan_odometry.joint import spectra
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, linked
 from omni_platform.signals import Lines
 
 FEWEST_LINES = 8
@@ -70,6 +70,7 @@ def _power(mean: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Double
     return power
 
 
+@linked
 @kernel
 def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
     """Return the mean of a pattern, reduced at frequencies where it is mostly noise, shape (F,).
@@ -84,6 +85,7 @@ def shrink(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra
     return shrunk
 
 
+@linked
 @kernel
 def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Doubles:
     """Return the prior precision of a pattern from its power (empirical Bayes), shape (F,).
@@ -103,6 +105,7 @@ def prior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.
     return result
 
 
+@linked
 @kernel
 def posterior(information: spectra.Spectrum, precision: spectra.Doubles) -> spectra.Spectrum:
     """Return the posterior mean of a pattern, which is 0 without information, shape (F,)."""
@@ -113,6 +116,7 @@ def posterior(information: spectra.Spectrum, precision: spectra.Doubles) -> spec
     return mean
 
 
+@linked
 @kernel
 def observe(
     transformed: spectra.Spectrum, removed: spectra.Spectrum, paths: spectra.Doubles, size: int

@@ -30,7 +30,7 @@ from linescan_odometry.joint.spectra import (
     window,
 )
 from linescan_odometry.matching.transforms import transform_size
-from omni_platform.kernels import kernel
+from omni_platform.kernels import kernel, linked
 
 
 class Precision(NamedTuple):
@@ -357,6 +357,7 @@ def _on_grid(precision: Precision, cut: Cut, pixels: int) -> tuple[Doubles, Doub
     return known, contained
 
 
+@linked
 @kernel
 def expand(
     lines: Floats, precision: Precision, motion: Doubles, limit: int, spread: float

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omni_platform.kernels import kernel, njit
+from omni_platform.kernels import kernel, linked, njit
 from omni_platform.signals import Lines
 
 Floats = NDArray[np.float32]
@@ -92,6 +92,7 @@ def log_table(depth: int) -> Floats:
     return np.log(np.maximum(np.arange(1 << depth), 1)).astype(np.float32)
 
 
+@linked
 @kernel
 def logarithms(lines: Lines, table: Floats) -> Floats:
     """Return the logarithm of lines, which converts gains to offsets, shape (m, n).
@@ -107,6 +108,7 @@ def logarithms(lines: Lines, table: Floats) -> Floats:
     return logs
 
 
+@linked
 @kernel
 def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
     """Return the spectra of the logarithm of lines.
@@ -130,6 +132,7 @@ def spectra_of(logs: Floats, taper: Floats, size: int) -> Spectrum:
     return result
 
 
+@linked
 @kernel
 def without(logs: Floats, pattern: Spectrum, taper: Floats, size: int) -> Floats:
     """Return the logarithm of lines minus a pattern, shape (m, n).
