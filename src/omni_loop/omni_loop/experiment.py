@@ -19,7 +19,16 @@ from linescan_odometry.twist.least_squares import check_placement
 from omni_brake_assist.brake_assist import BrakeAssistConfiguration
 from omni_brake_assist.laws.law import own_law
 from omni_loop.demands import read_demands
-from omni_loop.yaml_files import Part, merge, nest, parse_override, plain, read_mapping
+from omni_loop.yaml_files import (
+    Part,
+    check_complete,
+    merge,
+    nest,
+    parse_override,
+    plain,
+    read_mapping,
+    set_default,
+)
 from omni_platform import configuration as declared
 from omni_platform import geometry, plugins
 from omni_platform.configuration import Configuration, ConfigurationError, did_you_mean, parameter
@@ -220,15 +229,15 @@ class ExperimentLibrary:
             tree = merge(tree, self._resolve(layer, near=near))
         # Nodes use the true mounting positions unless the experiment configures others.
         for kind in ("sensors", "flow_sensors"):
-            _set_default(tree, "odometry", kind, tree.get(kind))
+            set_default(tree, "odometry", kind, tree.get(kind))
         vehicle = tree.get("vehicle")
         wheels = vehicle.get("wheels") if isinstance(vehicle, Mapping) else None
-        _set_default(tree, "brake_assist", "wheels", wheels)
+        set_default(tree, "brake_assist", "wheels", wheels)
         if isinstance(vehicle, Mapping):
-            _check_complete(vehicle, "vehicle", experiment)
-            _set_default(tree, "brake_assist", "brake", vehicle.get("brake"))
-            _set_default(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
-        _set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
+            check_complete(vehicle, _REQUIRED, "vehicle", experiment)
+            set_default(tree, "brake_assist", "brake", vehicle.get("brake"))
+            set_default(tree, "brake_assist", "wheel_inertia", vehicle.get("wheel_inertia"))
+        set_default(tree, "brake_assist", "feedback_delay", _twist_delay(tree))
         return declared.from_mapping(ExperimentConfiguration, tree)
 
     def vehicle(self, name: str) -> VehicleConfiguration:
@@ -284,7 +293,7 @@ class ExperimentLibrary:
                 named = _nearest(self.located(kind, value), near)
                 part = self._read(kind, named, path)
                 if kind == "vehicles":
-                    _check_complete(part, path, named)
+                    check_complete(part, _REQUIRED, path, named)
                 beside = Path(named).parent if named.endswith(".yaml") else None
                 resolved[key] = Part(self._resolve(part, path, beside))
             elif isinstance(value, Mapping):
@@ -362,29 +371,6 @@ def _nearest(name: str, near: Path | None) -> str:
     return name
 
 
-def _check_complete(vehicle: Mapping[str, Any], key: str, name: str) -> None:
-    """Check that a vehicle defines all values that have no sensible default (`_REQUIRED`).
-
-    Args:
-        vehicle: nested values of the vehicle.
-        key: dotted key of the vehicle, for the error message.
-        name: name or file of the vehicle, for the error message.
-
-    Raises:
-        ConfigurationError: a value is missing.
-    """
-    for required in _REQUIRED:
-        value: Any = vehicle
-        for part in required.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else vehicle
-        if value is None:
-            raise ConfigurationError(
-                declared.join_key(key, required),
-                f"is missing in {name} and has no default; measure it, or use the estimate of "
-                "./omni new-vehicle",
-            )
-
-
 def _take_names(
     layer: Mapping[str, Any], named: dict[str, str], prefix: str = ""
 ) -> dict[str, Any]:
@@ -427,20 +413,6 @@ def _variants(document: Mapping[str, Any]) -> Mapping[str, Any]:
                 "or '-')",
             )
     return variants
-
-
-def _set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
-    """Set a value of a node to the simulator's value, unless the tree already contains a value.
-
-    Args:
-        tree: experiment, changed in place.
-        node: section of the node, such as ``odometry``.
-        name: key in this section.
-        truth: value of the simulator.
-    """
-    configured = tree.get(node, {})
-    if isinstance(configured, Mapping) and truth is not None:
-        tree[node] = merge({name: truth}, configured)
 
 
 def _twist_delay(tree: Mapping[str, Any]) -> float | None:

@@ -5,13 +5,13 @@ The layers are nested mappings, which come from files and overrides.
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from omni_platform.configuration import ConfigurationError
+from omni_platform.configuration import ConfigurationError, join_key
 from omni_platform.text_files import read_text
 from omni_recording.safe_yaml import LARGEST_YAML, SafeLoader
 
@@ -118,3 +118,43 @@ def merge(base: Mapping[str, Any], layer: Mapping[str, Any]) -> dict[str, Any]:
         else:
             merged[key] = value
     return merged
+
+
+def check_complete(
+    vehicle: Mapping[str, Any], required: Iterable[str], key: str, name: str
+) -> None:
+    """Check that a vehicle defines all values that have no sensible default.
+
+    Args:
+        vehicle: nested values of the vehicle.
+        required: dotted keys of these values.
+        key: dotted key of the vehicle, for the error message.
+        name: name or file of the vehicle, for the error message.
+
+    Raises:
+        ConfigurationError: a value is missing.
+    """
+    for one in required:
+        value: Any = vehicle
+        for part in one.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else vehicle
+        if value is None:
+            raise ConfigurationError(
+                join_key(key, one),
+                f"is missing in {name} and has no default; measure it, or use the estimate of "
+                "./omni new-vehicle",
+            )
+
+
+def set_default(tree: dict[str, Any], node: str, name: str, truth: Any) -> None:
+    """Set a value of a node to the simulator's value, unless the tree already contains a value.
+
+    Args:
+        tree: experiment, changed in place.
+        node: section of the node, such as ``odometry``.
+        name: key in this section.
+        truth: value of the simulator.
+    """
+    configured = tree.get(node, {})
+    if isinstance(configured, Mapping) and truth is not None:
+        tree[node] = merge({name: truth}, configured)
