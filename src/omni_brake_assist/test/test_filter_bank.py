@@ -174,9 +174,8 @@ def test_without_a_twist_the_estimate_stays_valid_during_a_long_drive(drive: Dri
     readings = Readings(0.0, np.ones(wheels), np.zeros(3), speeds)
     for step in range(60 * 60 * 20):  # an hour
         missing = Twist(False, 0, np.full(3, np.nan), np.zeros(3))
-        chosen = estimate(
-            drive.constants, drive.memory, step * period_ns, readings, missing, answer
-        )
+        now_ns = step * period_ns
+        chosen = estimate(drive.constants, drive.memory, now_ns, readings, missing, answer)
     assert chosen == ALL
     np.testing.assert_allclose(answer, twist, atol=0.01)
 
@@ -400,10 +399,9 @@ def drive_and_brake(
         enable = braked if step > PEDAL else np.ones(4)
         speeds = drive.kinematics.wheel_speeds(np.zeros(3) if step > PEDAL else driven)
         readings = Readings(1.0 if braking else 0.0, enable, missing, speeds)
-        taken = Twist(True, step * PERIOD_NS, twist, np.full(3, 1e-6))
-        found.add(
-            estimate(drive.constants, drive.memory, step * PERIOD_NS, readings, taken, answer)
-        )
+        now_ns = step * PERIOD_NS
+        taken = Twist(True, now_ns, twist, np.full(3, 1e-6))
+        found.add(estimate(drive.constants, drive.memory, now_ns, readings, taken, answer))
     return found
 
 
@@ -441,24 +439,11 @@ def test_wheels_contradict_a_fault_that_twist_and_imu_share(
         time = max(k * STEP, 0.0)
         speeds = START * constants.n_x / constants.roll
         speeds[1:] *= 0.9 if k >= 0 else 1.0
-        found = estimate(
-            constants,
-            memory,
-            (k + PEDAL) * PERIOD_NS,
-            Readings(
-                1.0 if k >= 0 else 0.0,
-                np.array([0.0, 1.0, 1.0, 1.0]),
-                np.array([0.0, -9.81 if k > 0 else 0.0, 0.0]),
-                speeds,
-            ),
-            Twist(
-                True,
-                (k + PEDAL) * PERIOD_NS,
-                np.array([START - 9.81 * time, 0.0, 0.0]),
-                np.full(3, 1e-6),
-            ),
-            answer,
-        )
+        stamp = (k + PEDAL) * PERIOD_NS
+        force = np.array([0.0, -9.81 if k > 0 else 0.0, 0.0])
+        readings = Readings(float(k >= 0), np.array([0.0, 1.0, 1.0, 1.0]), force, speeds)
+        twist = Twist(True, stamp, np.array([START - 9.81 * time, 0.0, 0.0]), np.full(3, 1e-6))
+        found = estimate(constants, memory, stamp, readings, twist, answer)
         if time > within:
             errors.append(0.0 if found == NO_ESTIMATE else abs(answer[0] - START))
     assert max(errors) < 0.01
