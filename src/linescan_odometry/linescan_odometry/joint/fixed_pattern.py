@@ -150,11 +150,11 @@ def observe(
 
 
 @kernel
-def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], spectra.Floats]:
-    """Return the pixels whose mean over all lines is far from the median of the means within 2 px.
+def _defects(lines: Lines) -> NDArray[np.int64]:
+    """Return the indices of the defective pixels, shape (d,), in lines of shape (m, n).
 
-    Returns:
-        Indices of these pixels, shape (d,); mean minus median of every pixel, shape (n,).
+    In the mean and in every line, a defective pixel differs in the same direction from the median
+    of the pixels within 2 px. In the mean over all lines, this difference is large.
     """
     m, n = lines.shape
     mean = np.zeros(n, np.float32)
@@ -170,23 +170,18 @@ def _outstanding(lines: Lines) -> tuple[NDArray[np.int64], spectra.Floats]:
         excess[i] = mean[i] - min(max(mean[i], min(low, high)), max(low, high))
     deviation = np.abs(excess)
     limit = max(_OUTSTANDING * np.median(deviation), 1.0)
-    found: NDArray[np.int64] = np.flatnonzero(deviation > limit)
-    return found, excess
-
-
-def _defects(lines: Lines) -> NDArray[np.int64]:
-    """Return the indices of the defective pixels, shape (d,), in lines of shape (m, n).
-
-    In the mean and in every line, a defective pixel differs in the same direction from the median
-    of the pixels within 2 px.
-    """
-    found, excess = _outstanding(lines)
-    if len(found) == 0:
-        return np.asarray(found)
-    near = (found[:, np.newaxis] + np.arange(-2, 3)).clip(0, lines.shape[1] - 1)
-    in_lines = lines[:, found] - np.median(lines[:, near], axis=2)
-    defective = (in_lines * np.sign(excess[found])).min(axis=0) > 0.0
-    return np.asarray(found[defective])
+    defective = deviation > limit
+    for pixel in np.flatnonzero(defective):
+        for line in lines:
+            value, beyond = line[pixel], 0  # neighbors from which the pixel differs
+            for j in range(pixel - 2, pixel + 3):
+                near = line[min(max(j, 0), n - 1)]
+                beyond += value > near if excess[pixel] > 0.0 else value < near
+            if beyond < 3:  # of five pixels, so the median does not differ
+                defective[pixel] = False
+                break
+    found: NDArray[np.int64] = np.flatnonzero(defective)
+    return found
 
 
 def without_defects(lines: Lines) -> Lines:
