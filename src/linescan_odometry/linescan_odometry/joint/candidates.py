@@ -105,12 +105,15 @@ def correlate(spectra: Spectrum) -> Products:
         lag = distances[which]
         if lag >= m:
             continue
-        products, ahead, behind = lagged[which], newer[which], older[which]
-        ahead[:], behind[:], power[which] = total, total, whole
+        products, ahead, behind, own = lagged[which], newer[which], older[which], power[which]
+        ahead[:], behind[:], own[:] = total, total, whole
         for k in range(lag):
-            ahead -= spectra[k]
-            behind -= spectra[m - 1 - k]
-            power[which] -= np.float32(0.5) * (square[k] + square[m - 1 - k])
+            first, last = spectra[k], spectra[m - 1 - k]
+            both = square[k] + square[m - 1 - k]
+            for f in range(count):
+                ahead[f] -= first[f]
+                behind[f] -= last[f]
+                own[f] -= np.float32(0.5) * both[f]
         for k in range(lag, m):
             new, old = spectra[k], spectra[k - lag]
             for f in range(count):
@@ -119,7 +122,7 @@ def correlate(spectra: Spectrum) -> Products:
         products *= scale
         ahead *= scale
         behind *= scale
-        power[which] *= scale
+        own *= scale
     return Products(lagged, newer, older, total * np.float32(1.0 / m), power)
 
 
