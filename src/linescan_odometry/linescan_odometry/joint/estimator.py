@@ -26,7 +26,6 @@ from omni_platform.sensors import LineSensor
 from omni_platform.signals import Lines
 
 _ACCELERATION = 15.0  # m/s^2, standard deviation; a hard stop on a dry road reaches 10
-_STEPS = 4  # limit on the number of Newton steps; the pattern is estimated before each of them
 _MEMORY = 50.0  # batches; time constant with which older batches lose weight in the pattern
 _LIKELY = 25.0  # nats; smallest log-likelihood of a valid displacement
 _RATIO = (
@@ -288,7 +287,8 @@ def _maximize(
     pattern, batch = view.known, np.zeros(len(view.known))
     before = learned.precision + stated
     information, removed = view.known, view.products.mean
-    for number in range(_STEPS):
+    # Steps of at most 1 px do not lead to another peak. The pattern is estimated before each.
+    for number in range(candidates.APART):
         if parted:
             paths = motion[0] * kappa + motion[1] * 0.5 * kappa**2
             information, batch = observe(view.spectra, removed, paths, size)
