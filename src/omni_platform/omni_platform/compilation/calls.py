@@ -59,7 +59,7 @@ def linked(dispatcher: Any) -> Any:
 
 
 def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
-    """If other kernels call a kernel by its address, make the address available to them.
+    """Make the address of a linked kernel available to its callers; ignore all other kernels.
 
     Args:
         kernel: a kernel that was compiled, or loaded from the cache.
@@ -78,7 +78,7 @@ def publish(kernel: Dispatcher, result: CompileResult, digest: str) -> None:
 
 
 def _call_of(result: CompileResult, symbol: str) -> Any:
-    """Return the module that callers of a linked kernel include: a call to its symbol."""
+    """Return the LLVM module that the callers of a linked kernel include: a call of its symbol."""
     module, names = ir.Module(), result.fndesc
     convention = result.target_context.call_conv
     native = convention.get_function_type(names.restype, names.argtypes)
@@ -100,7 +100,7 @@ def _call_of(result: CompileResult, symbol: str) -> Any:
 
 
 class CompiledKernel(CompileResultCacheImpl):
-    """A compiled kernel on disk, with the kernels that it calls by their addresses."""
+    """A compiled kernel on disk, with the list of the linked kernels that it calls."""
 
     def reduce(self, result: CompileResult) -> tuple[list[_Kernel], Any]:
         """Return the data of a compiled kernel that are stored on disk."""
@@ -108,7 +108,7 @@ class CompiledKernel(CompileResultCacheImpl):
         return [_published[name] for name in names if name in _published], super().reduce(result)
 
     def rebuild(self, target_context: Any, payload: tuple[list[_Kernel], Any]) -> CompileResult:
-        """Load a kernel after the kernels that it calls, which it needs for loading."""
+        """Return a kernel from disk, after its linked callees have been loaded or compiled."""
         callees, reduced = payload
         for module, name, types in callees:
             getattr(importlib.import_module(module), name).compile(types)
