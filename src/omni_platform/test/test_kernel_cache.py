@@ -139,7 +139,9 @@ def test_an_edit_reaches_the_kernels_that_use_it(
 def test_kernels_are_kept_otherwise(folder: Path) -> None:
     path = folder / "kernel.py"
     text = path.read_text().replace('"""Kernels', 'import os\n\nUNUSED = 1\n"""Kernels')
-    path.write_text(text.replace("Return a number", "Return the number").replace("x - 1", "x - 2"))
+    path.write_text(
+        text.replace("Return a number", "Return a\n\n    pupil's number").replace("x - 1", "x - 2")
+    )
     # A new line number, docstring or neighbor does not affect `outer`.
     assert call(folder) == ["107.0 -1.0 5.0", "cached", "compiled", "cached"]
 

@@ -149,8 +149,10 @@ def _describe_function(function: FunctionType) -> tuple[str, list[FunctionType]]
     parts += _describe_names(names, function.__globals__, callees)
     # numba reads the fields of a named tuple by their positions.
     parts += map(_describe_fields, _annotations(function))
-    code = _describe(function.__code__, callees).replace(repr(function.__doc__), "")
-    return f"{function.__module__}.{function.__qualname__} {code} {parts}", callees
+    code = function.__code__
+    constants = (one for one in code.co_consts if one is None or one != function.__doc__)
+    described = _describe(code.replace(co_consts=tuple(constants)), callees)
+    return f"{function.__module__}.{function.__qualname__} {described} {parts}", callees
 
 
 def _describe_names(
